@@ -1,0 +1,60 @@
+"""Sums up what the steps of `./run test` left in the results folder; the last line is for machines.
+
+Usage: summary.py FOLDER STEP... where a STEP has a report in the folder (STEP.xml; for ctest also a .json of
+each executable) or is NAME=passed or NAME=failed. A step without its report has failed.
+"""
+
+import json
+import pathlib
+import sys
+import xml.etree.ElementTree as ElementTree
+
+
+def junit_cases(path):
+    """(name, passed) of every case that was not skipped."""
+    for case in ElementTree.parse(path).iter("testcase"):
+        if case.find("skipped") is None:
+            failed = case.find("failure") is not None or case.find("error") is not None
+            yield case.get("name"), not failed
+
+
+def gtest_cases(path):
+    for suite in json.loads(path.read_text(encoding="utf-8"))["testsuites"]:
+        for case in suite["testsuite"]:
+            if case["status"] == "RUN" and case.get("result") != "SKIPPED":
+                yield f"{suite['name']}.{case['name']}", "failures" not in case
+
+
+def ctest_cases(folder):
+    """The cases of each executable; for one that crashed, or failed with all cases passed, one failure."""
+    for name, passed in junit_cases(folder / "ctest.xml"):
+        report = folder / f"{name}.json"
+        cases = list(gtest_cases(report)) if report.exists() else [(name, passed)]
+        if not passed and all(ok for _, ok in cases):
+            cases.append((name, False))
+        for case, ok in cases:
+            yield f"{name}: {case}", ok
+
+
+def step_cases(folder, step):
+    name, told, result = step.partition("=")
+    if told:
+        return [(name, result == "passed")]
+    if not (folder / f"{name}.xml").exists():
+        return [(f"{name}: no report", False)]
+    if name == "ctest":
+        return list(ctest_cases(folder))
+    return [(f"{name}: {case}", ok) for case, ok in junit_cases(folder / f"{name}.xml")]
+
+
+def main(folder, *steps):
+    cases = [case for step in steps for case in step_cases(pathlib.Path(folder), step)]
+    failed = [name for name, passed in cases if not passed]
+    if failed:
+        print("\nFailed:", *failed, sep="\n  ")
+    print(f"\n{len(cases) - len(failed)} passed, {len(failed)} failed")
+    return 1 if failed or not cases else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,36 @@
+// An editor in thirty lines: opens a layer of a served project, adds a prim of its own and follows
+// what others do for a while.
+//     minimal ws://127.0.0.1:7447 shot.usda ada
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/schema.h>
+#include <usdlive/client/usd/Client.h>
+
+#include <chrono>
+#include <iostream>
+#include <thread>
+
+int main(int argc, char** argv) {
+    if (argc != 4) return std::cerr << "minimal URL LAYER USER\n", 2;
+    auto client = usdlive::Client::connect(argv[1], {.user = argv[3], .application = "minimal"});
+    if (!client) return std::cerr << client.error().message << "\n", 1;
+    usdlive::Client& live = **client;
+    live.setEventHandler([](const usdlive::client::Event& event) {
+        if (const auto* committed = std::get_if<usdlive::client::event::Committed>(&event))
+            std::cout << "revision " << committed->commit.revision << " by "
+                      << committed->commit.user.value << "\n";
+    });
+
+    auto opened = live.openLayer({argv[2]});
+    if (!opened) return std::cerr << opened.error().message << "\n", 1;
+    const pxr::SdfLayerRefPtr layer = *opened;  // an ordinary layer: a stage may be opened on it
+
+    const pxr::SdfPath path("/" + std::string(argv[3]));
+    pxr::SdfCreatePrimInLayer(layer, path);
+    for (int frame = 0; frame < 120; ++frame) {
+        layer->SetField(path, pxr::SdfFieldKeys->Comment, "frame " + std::to_string(frame));
+        live.tick(4.0);  // sends what was written, brings what others wrote
+        std::this_thread::sleep_for(std::chrono::milliseconds(16));
+    }
+    return live.flush() ? 0 : 1;
+}

@@ -1,0 +1,190 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/protocol/Control.h"
+#include "usdlive/common/protocol/Frame.h"
+
+namespace usdlive::client {
+
+/// What a session asks of the process around it. Called from within Session's functions.
+class SessionHost {
+public:
+    virtual ~SessionHost() = default;
+    /// Encoded frames, in order. Only between connected() and disconnected().
+    virtual void send(SharedBytes frames) = 0;
+    /// May parts of big values be sent now? False while the line is behind: they wait, others do
+    /// not.
+    [[nodiscard]] virtual bool takesMore() { return true; }
+    /// The bytes of a big value the editor authored; nullptr: not here.
+    [[nodiscard]] virtual SharedBytes localBlob(const Hash& hash) = 0;
+    /// A big value has arrived whole and right. Keep it.
+    virtual void blobArrived(const Hash& hash, SharedBytes bytes) = 0;
+};
+
+/// Where what the editor shall see goes: the stores of its layers. Called from Session::advance()
+/// and Session::author() only.
+class LayerView {
+public:
+    virtual ~LayerView() = default;
+    /// The layer stands at this content now (joined, or joined again). What the editor had is
+    /// replaced.
+    virtual void reset(const LayerId& layer, const LayerDoc& doc) = 0;
+    /// One change of what the editor shall see, absolute path; applies to what it shows now.
+    virtual void apply(const LayerId& layer, const std::string& path, const EditAction& action) = 0;
+};
+
+/// An edit as the editor made it: absolute path in the layer as the editor sees it, each valid
+/// after the ones before.
+struct AuthoredEdit {
+    LayerId layer;
+    std::string path;
+    EditAction action;  ///< MoveSpec::parent absolute, likewise
+};
+
+/// Why work of one's own is not in the project (M12).
+struct LostWork {
+    std::uint64_t sequence = 0;
+    std::uint64_t gesture = 0;  ///< that it was, 0 for none
+    Error reason;
+    bool refused = false;  ///< the whole transaction; otherwise single edits were dropped
+    std::vector<AuthoredEdit> edits;  ///< as the editor made them
+};
+
+struct JoinProgress {
+    LayerId layer;
+    std::uint64_t specs = 0, specsTotal = 0;
+};
+
+/// What has happened, in order, for the editor's callbacks. Fetched by takeEvents().
+namespace event {
+struct Connected {
+    Welcome welcome;
+    bool resumed = false;
+};
+struct Disconnected {
+    Error reason;
+};
+struct Joining {
+    JoinProgress progress;
+};
+struct Joined {
+    LayerId layer;
+    Revision revision = 0;
+};
+struct JoinFailed {
+    LayerId layer;
+    Error reason;
+};
+struct Committed {
+    Commit commit;
+};  ///< anybody's, own ones too, after it was applied
+struct Lost {
+    LostWork work;
+};  ///< refused or dropped work of one's own
+struct PreviewChanged {
+    ClientId author;
+    std::uint64_t gesture = 0;
+    bool withdrawn = false;
+};
+struct Saved {
+    LayersSaved outcome;
+};
+struct ServerError {
+    ErrorMessage message;
+};
+}  // namespace event
+using Event = std::variant<event::Connected, event::Disconnected, event::Joining, event::Joined,
+                           event::JoinFailed, event::Committed, event::Lost, event::PreviewChanged,
+                           event::Saved, event::ServerError>;
+
+/// One client's side of the protocol: the confirmed layers, its pending transactions on top, and
+/// what the editor is to see of both (M7). Decides without I/O, threads or USD; used by one thread.
+///
+/// The confirmed layers change only by commits, in their order. The view is the confirmed layers,
+/// then the previews of others, then one's own pending transactions executed by the very code the
+/// server runs. When nothing of one's own is concerned, a commit goes to the view as it is;
+/// otherwise the view is built anew (LayerDocs share structure) and the difference goes to the
+/// LayerView.
+class Session {
+public:
+    struct Options {
+        ClientId client;  ///< see newClientId()
+        UserName user;
+        std::string application;
+        std::size_t maxUnsentTransactions = 100'000;  ///< offline work kept; then author() refuses
+        std::size_t uploadWindowChunks = 4;  ///< blob chunks handed to the host in one advance()
+        /// Milliseconds of a steady clock, by which advance() keeps its budget. Unset: the
+        /// machine's.
+        std::function<double()> clockMs = {};
+        /// For tests: after every change the prediction is made anew and compared; a difference
+        /// throws.
+        bool checksPrediction = false;
+    };
+
+    Session(Options options, SessionHost& host, LayerView& view);
+    ~Session();
+
+    // The connection, by whoever owns it. Each connection is new; the session resumes by itself.
+    void connected();
+    void disconnected(Error reason);
+    /// A message as it came; cheap (queues it). An error means the connection is to be closed.
+    Result<void> received(SharedBytes message);
+
+    // Layers.
+    void openLayer(const LayerId& layer);
+    void closeLayer(const LayerId& layer);
+    [[nodiscard]] bool isJoined(const LayerId& layer) const;
+    /// What the editor sees; nullptr when not joined. Valid until the next call that changes it.
+    [[nodiscard]] const LayerDoc* view(const LayerId& layer) const;
+    [[nodiscard]] const LayerDoc* confirmed(const LayerId& layer) const;
+    /// A layer as it was at a revision, or is now, without joining; the answer comes by `done`.
+    void peek(const LayerId& layer, Revision revision,
+              std::function<void(Result<LayerDoc>, Revision)> done);
+    void requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
+                    std::function<void(Result<void>)> done);
+    void save(std::vector<LayerId> layers);
+
+    // Editing.
+    /// What the editor has written since the last call, as one transaction. The editor's layers
+    /// show it already, so the LayerView is told only where the model differs from what was written
+    /// (an edit that cannot be: it is then reported as Lost and undone in the view). During a
+    /// gesture it becomes part of the gesture instead.
+    void author(std::vector<AuthoredEdit> edits);
+    /// M11. Gestures do not nest.
+    void beginGesture();
+    void endGesture();
+    [[nodiscard]] bool inGesture() const;
+
+    /// Works off what has arrived and sends what was authored. Returns false when `budgetMs` was
+    /// over before all was applied: call it again next frame. `nowMs`: any steady clock.
+    bool advance(double budgetMs, std::int64_t nowMs);
+
+    [[nodiscard]] std::vector<Event> takeEvents();
+
+    [[nodiscard]] bool isConnected() const;   ///< greeted
+    [[nodiscard]] Revision revision() const;  ///< of the confirmed layers
+    [[nodiscard]] std::size_t pendingTransactions() const;
+    [[nodiscard]] const std::optional<Welcome>& welcome() const;
+    [[nodiscard]] const ClientId& id() const;
+    /// Big values that the view names and that are not here: asks for them, beside the stream.
+    void requestBlob(const Hash& hash);
+
+private:
+    class Impl;
+    std::unique_ptr<Impl> impl_;
+};
+
+/// 32 hexadecimal digits from the system's random source.
+[[nodiscard]] ClientId newClientId();
+
+}  // namespace usdlive::client

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive::client {
+
+/// Where a project is: `ws://host:port`, `usdlive://host:port` (the same), later `dds://`. A path
+/// after it names a layer: `ws://127.0.0.1:7447/shot.usda`.
+struct ServerAddress {
+    std::string host;
+    std::uint16_t port = 7447;
+    std::string layer;  ///< empty: none named
+
+    [[nodiscard]] std::string url() const;
+};
+/// InvalidArgument says what is wrong with the text.
+[[nodiscard]] Result<ServerAddress> parseServerAddress(const std::string& text);
+
+/// One client's line to a server, kept up: connects, and after a loss connects again with growing
+/// delays (0.1 s to 5 s, full jitter), until closed. Works on a thread of its own; what happened is
+/// fetched by poll() from any one thread, so that nothing of it runs on the editor's.
+class Connection {
+public:
+    struct Opened {};
+    struct Message {
+        SharedBytes bytes;
+    };
+    struct Lost {
+        Error reason;
+    };  ///< also a failed attempt
+    using Happening = std::variant<Opened, Message, Lost>;
+
+    virtual ~Connection() = default;
+    /// In order. Dropped when not open.
+    virtual void send(SharedBytes frames) = 0;
+    /// What has happened since the last call, in order, at most `most`.
+    [[nodiscard]] virtual std::vector<Happening> poll(std::size_t most) = 0;
+    /// Blocks until something is there for poll(), or the time is over. True: something is there.
+    virtual bool wait(std::chrono::milliseconds time) = 0;
+    /// Bytes handed to send() and not yet on their way: beside-the-stream work waits for this.
+    [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
+    /// Drops the connection; a new one is tried at once (for who saw nonsense).
+    virtual void reset() = 0;
+};
+
+/// WebSocket at `/live`. A dead peer is noticed within 15 s by pings.
+[[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(const ServerAddress& address);
+
+}  // namespace usdlive::client

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <condition_variable>
+#include <cstddef>
+#include <deque>
+#include <filesystem>
+#include <list>
+#include <mutex>
+#include <thread>
+#include <unordered_map>
+
+#include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/core/Hash.h"
+#include "usdlive/common/usd/ValueCodec.h"
+
+namespace usdlive::client {
+
+/// Big values by their hash (V9): for good in files `folder/<hash>`, and in memory while they are
+/// new. Files are written by a thread of its own, so that keeping one costs a frame nothing.
+///
+/// Memory holds at most about `memoryBytes`, the ones used last; more only of what could not be
+/// written.
+class BlobCache final : public usd::BlobSource, public usd::BlobSink {
+public:
+    explicit BlobCache(std::filesystem::path folder, std::size_t memoryBytes = 256 * 1024 * 1024);
+    /// Waits until what is kept is written.
+    ~BlobCache() override;
+
+    [[nodiscard]] SharedBytes blob(const Hash& hash) override;
+    void keepBlob(const Hash& hash, SharedBytes bytes) override;
+
+private:
+    struct Entry {
+        SharedBytes bytes;
+        bool written = false;
+        std::list<Hash>::iterator use;
+    };
+
+    void writeFiles();
+    void evict();
+    [[nodiscard]] SharedBytes readFile(const Hash& hash) const;
+    [[nodiscard]] bool writeFile(const Hash& hash, const Bytes& bytes) const;
+    void insert(const Hash& hash, SharedBytes bytes, bool written);
+
+    const std::filesystem::path folder_;
+    const std::size_t memoryBytes_;
+
+    std::mutex mutex_;  // guards all below
+    std::condition_variable changed_;
+    std::unordered_map<Hash, Entry> entries_;
+    std::list<Hash> uses_;  // the latest first
+    std::size_t bytes_ = 0;
+    std::deque<Hash> unwritten_;
+    bool stopping_ = false;
+
+    std::thread writer_;
+};
+
+}  // namespace usdlive::client

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/notice.h>
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "usdlive/client/usd/Capture.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+namespace usdlive::client {
+
+/// One SdfLayer that is live, or on its way there.
+///
+/// It begins without content and closed to the editor (Sdf answers edits with its own clear error).
+/// reset() gives it content, which fill() brings in step by step; then the editor may write, and
+/// what it writes is captured. The layer is kept in memory as long as this lives.
+class LiveLayer final : public pxr::TfWeakBase {
+public:
+    struct Surroundings {
+        usd::BlobSource& source;
+        usd::BlobSink& sink;
+        /// What the session shows of the layer.
+        std::function<const LayerDoc*()> view;
+        /// The layer cannot show what it should; it differs from the project there.
+        std::function<void(Error)> report;
+    };
+
+    LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings);
+    /// The layer keeps its content and its editor's permission.
+    ~LiveLayer();
+
+    [[nodiscard]] const LayerId& id() const { return id_; }
+    [[nodiscard]] const pxr::SdfLayerRefPtr& layer() const { return layer_; }
+    /// All content is in and the editor may write.
+    [[nodiscard]] bool isFilled() const { return store_ && !fill_; }
+
+    /// All content anew. What comes to apply() meanwhile waits for it.
+    void reset(const LayerDoc& doc);
+    void apply(const std::string& path, const EditAction& action);
+    [[nodiscard]] bool isFilling() const { return fill_ != nullptr; }
+    /// True: done.
+    bool fill(double budgetMs);
+
+    [[nodiscard]] bool hasWrites() const;
+    /// Precondition: not within a change block of ours.
+    [[nodiscard]] Capture::Sealed seal();
+
+    void blobArrived(const Hash& hash);
+
+    /// Composition changed what the layer uses, since the last call.
+    [[nodiscard]] bool takeUsesChanged() { return std::exchange(usesChanged_, false); }
+
+private:
+    struct Waiting {
+        std::string path;
+        EditAction action;
+    };
+
+    void close();
+    void open();
+    void startOver();
+    void applyNow(const std::string& path, const EditAction& action);
+    void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
+    void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
+
+    const LayerId id_;
+    const pxr::SdfLayerRefPtr layer_;
+    const Surroundings surroundings_;
+    Capture capture_;
+    std::unique_ptr<usd::SdfLayerStore> store_;  // from the first content on
+    std::unique_ptr<usd::LayerFill> fill_;
+    std::vector<Waiting> waiting_;  // as long as fill_ works
+    bool permitted_;                // what the editor had set; ours is "no" until all is in
+    bool closed_ = false;
+    // Sdf tells of a replaced content at the end of a change block, so that ours has to be known
+    // again.
+    bool expectsReplacement_ = false;
+    bool startOver_ =
+        false;  // the layer was reloaded or muted: its content is not the editor's work
+    bool usesChanged_ = false;
+    pxr::TfNotice::Key replacedKey_;
+    pxr::TfNotice::Key mutenessKey_;
+};
+
+}  // namespace usdlive::client

@@ -1,0 +1,162 @@
+#include "EventDictionary.h"
+
+#include <string>
+#include <variant>
+
+namespace nb = nanobind;
+
+namespace usdlive {
+namespace {
+
+nb::str text(std::string_view value) { return nb::str(value.data(), value.size()); }
+
+nb::dict make(const char* name) {
+    nb::dict dictionary;
+    dictionary["event"] = name;
+    return dictionary;
+}
+
+void put(nb::dict& dictionary, const Error& reason) {
+    dictionary["code"] = text(errorName(reason.code));
+    dictionary["message"] = text(reason.message);
+}
+
+const char* actionName(const EditAction& action) {
+    constexpr const char* names[] = {"create", "delete", "move", "place", "set", "erase"};
+    return names[action.index()];
+}
+
+/// What of a field is meant: nothing for all of it.
+nb::object part(const FieldPart& part) {
+    if (const auto* key = std::get_if<DictionaryKey>(&part)) {
+        std::string joined;
+        for (const std::string& step : key->path) joined += (joined.empty() ? "" : ":") + step;
+        return text(joined);
+    }
+    if (const auto* sample = std::get_if<SampleTime>(&part)) return nb::float_(sample->time);
+    if (const auto* item = std::get_if<ListItem>(&part))
+        return text(textOf(itemKey(item->item)).value_or("item"));
+    if (const auto* key = std::get_if<MapKey>(&part)) return text(textOf(key->key).value_or("key"));
+    return nb::none();
+}
+
+nb::dict toDictionary(const LayerId& layer, const std::string& path, const EditAction& action) {
+    nb::dict edit;
+    edit["kind"] = actionName(action);
+    edit["layer"] = text(layer.value);
+    edit["path"] = text(path);
+    if (const auto* set = std::get_if<SetField>(&action)) {
+        edit["field"] = text(set->field);
+        edit["part"] = part(set->part);
+    } else if (const auto* erase = std::get_if<EraseField>(&action)) {
+        edit["field"] = text(erase->field);
+        edit["part"] = part(erase->part);
+    } else if (const auto* move = std::get_if<MoveSpec>(&action)) {
+        const auto list = specpath::last(path).list;
+        edit["new_path"] = text(specpath::child(move->parent.path, list, move->name));
+    }
+    return edit;
+}
+
+nb::list strings(const std::vector<LayerId>& layers) {
+    nb::list list;
+    for (const LayerId& layer : layers) list.append(text(layer.value));
+    return list;
+}
+
+nb::dict convert(const client::event::Connected& event) {
+    nb::dict d = make("Connected");
+    d["project"] = text(event.welcome.project);
+    d["epoch"] = event.welcome.epoch;
+    d["revision"] = event.welcome.revision;
+    d["resumed"] = event.resumed;
+    return d;
+}
+
+nb::dict convert(const client::event::Disconnected& event) {
+    nb::dict d = make("Disconnected");
+    put(d, event.reason);
+    return d;
+}
+
+nb::dict convert(const client::event::Joining& event) {
+    nb::dict d = make("Joining");
+    d["layer"] = text(event.progress.layer.value);
+    d["specs"] = event.progress.specs;
+    d["specs_total"] = event.progress.specsTotal;
+    return d;
+}
+
+nb::dict convert(const client::event::Joined& event) {
+    nb::dict d = make("Joined");
+    d["layer"] = text(event.layer.value);
+    d["revision"] = event.revision;
+    return d;
+}
+
+nb::dict convert(const client::event::JoinFailed& event) {
+    nb::dict d = make("JoinFailed");
+    d["layer"] = text(event.layer.value);
+    put(d, event.reason);
+    return d;
+}
+
+nb::dict convert(const client::event::Committed& event) {
+    const Commit& commit = event.commit;
+    nb::dict d = make("Committed");
+    d["revision"] = commit.revision;
+    d["user"] = text(commit.user.value);
+    d["client"] = text(commit.id.client.value);
+    d["time"] = double(commit.timeMs) / 1000.0;
+    nb::list edits;
+    for (const Edit& edit : commit.edits)
+        edits.append(toDictionary(edit.layer, edit.address.path, edit.action));
+    d["edits"] = edits;
+    return d;
+}
+
+nb::dict convert(const client::event::Lost& event) {
+    nb::dict d = make("Lost");
+    put(d, event.work.reason);
+    d["refused"] = event.work.refused;
+    nb::list edits;
+    for (const client::AuthoredEdit& edit : event.work.edits)
+        edits.append(toDictionary(edit.layer, edit.path, edit.action));
+    d["edits"] = edits;
+    return d;
+}
+
+nb::dict convert(const client::event::PreviewChanged& event) {
+    nb::dict d = make("PreviewChanged");
+    d["client"] = text(event.author.value);
+    d["gesture"] = event.gesture;
+    d["withdrawn"] = event.withdrawn;
+    return d;
+}
+
+nb::dict convert(const client::event::Saved& event) {
+    nb::dict d = make("Saved");
+    d["revision"] = event.outcome.revision;
+    d["saved"] = strings(event.outcome.saved);
+    nb::list failed;
+    for (const auto& failure : event.outcome.failed)
+        failed.append(
+            nb::make_tuple(text(failure.layer.value), text(failure.code), text(failure.message)));
+    d["failed"] = failed;
+    return d;
+}
+
+nb::dict convert(const client::event::ServerError& event) {
+    nb::dict d = make("ServerError");
+    d["code"] = text(event.message.code);
+    d["message"] = text(event.message.message);
+    return d;
+}
+
+}  // namespace
+
+nb::dict toDictionary(const client::Event& event) {
+    return std::visit([](const auto& each) { return convert(each); }, event);
+}
+
+}  // namespace usdlive

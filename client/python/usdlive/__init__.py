@@ -1,0 +1,37 @@
+"""usdlive: edit one OpenUSD stage together with others.
+
+    import usdlive
+    live = usdlive.connect("ws://127.0.0.1:7447", user="ada")
+    stage = live.open_stage("shot.usda")     # an ordinary Usd.Stage whose layers are live
+    while editing:
+        ...                                  # author with pxr.Usd, as ever
+        live.tick()                          # once per frame: sends yours, applies what others did
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+
+USD_CORE_VERSION = "26.8"
+
+
+def _check_usd() -> None:
+    """The extension is built against one release of usd-core; say so instead of crashing."""
+    wanted = f"usdlive needs usd-core=={USD_CORE_VERSION}"
+    try:
+        found = importlib.metadata.version("usd-core")
+    except importlib.metadata.PackageNotFoundError:
+        raise ImportError(f"{wanted}, which is not installed in this Python.") from None
+    if found != USD_CORE_VERSION:
+        raise ImportError(f"{wanted}; this Python has usd-core=={found}.")
+
+
+_check_usd()
+
+from pxr import Sdf as _Sdf  # noqa: E402,F401 - loads usd-core's library, which the extension uses
+
+from . import events  # noqa: E402
+from ._errors import Error  # noqa: E402
+from ._live import Live, connect  # noqa: E402
+
+__all__ = ["Error", "Live", "connect", "events"]

@@ -1,0 +1,146 @@
+#include "Link.h"
+
+#include <chrono>
+#include <optional>
+#include <set>
+
+#include "usdlive/client/transport/SystemUser.h"
+
+namespace usdlive::cli {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr std::size_t kMessagesPerStep = 4096;
+constexpr double kBudgetMs = 1000;
+
+client::Session::Options sessionOptions() {
+    client::Session::Options options;
+    options.client = client::newClientId();
+    options.user = client::systemUser();
+    options.application = "usdlive command line";
+    return options;
+}
+
+std::int64_t nowMs() {
+    return std::chrono::duration_cast<milliseconds>(Clock::now().time_since_epoch()).count();
+}
+
+const ErrorMessage* lastWords(const std::vector<client::Event>& events) {
+    for (const auto& event : events)
+        if (const auto* error = std::get_if<client::event::ServerError>(&event);
+            error && error->message.closing)
+            return &error->message;
+    return nullptr;
+}
+
+Error toError(const ErrorMessage& message) {
+    return {errorFromName(message.code).value_or(ErrorCode::Internal), message.message};
+}
+
+}  // namespace
+
+Link::Link(const client::ServerAddress& server)
+    : connection_(client::createWebSocketConnection(server)),
+      session_(std::make_unique<client::Session>(sessionOptions(), *this, *this)) {}
+
+Result<std::unique_ptr<Link>> Link::connect(const client::ServerAddress& server, double timeoutMs) {
+    std::unique_ptr<Link> link(new Link(server));
+    const auto end = Clock::now() + std::chrono::duration<double, std::milli>(timeoutMs);
+    while (!link->session().isConnected()) {
+        const auto events = link->step();
+        if (!events) return tl::unexpected(events.error());
+        if (Clock::now() > end)
+            return fail(ErrorCode::NotConnected, "no answer from " + server.url());
+    }
+    return link;
+}
+
+Result<std::vector<client::Event>> Link::step() {
+    connection_->wait(milliseconds(100));
+    std::optional<Error> lost;
+    for (auto& happening : connection_->poll(kMessagesPerStep)) {
+        if (std::holds_alternative<client::Connection::Opened>(happening)) {
+            open_ = true;
+            session_->connected();
+        } else if (auto* gone = std::get_if<client::Connection::Lost>(&happening)) {
+            lost = gone->reason;
+            if (std::exchange(open_, false)) session_->disconnected(gone->reason);
+        } else if (auto* message = std::get_if<client::Connection::Message>(&happening); open_) {
+            if (const auto taken = session_->received(std::move(message->bytes)); !taken) {
+                lost = taken.error();
+                open_ = false;
+                session_->disconnected(taken.error());
+                connection_->reset();
+            }
+        }
+    }
+    while (!session_->advance(kBudgetMs, nowMs())) {
+    }
+    auto events = session_->takeEvents();
+    // What was said before hanging up tells more than that it happened.
+    if (const auto* error = lastWords(events)) lost = toError(*error);
+    if (!lost) return events;
+    if (std::exchange(open_, false)) {
+        session_->disconnected(*lost);
+        connection_->reset();
+    }
+    return tl::unexpected(*lost);
+}
+
+Result<void> Link::run(const std::function<bool(const std::vector<client::Event>&)>& done) {
+    for (;;) {
+        const auto events = step();
+        if (!events) return tl::unexpected(events.error());
+        if (done(*events)) return {};
+    }
+}
+
+Result<Link::Layer> Link::fetch(const LayerId& layer, Revision revision) {
+    std::optional<Result<Layer>> answer;
+    session_->peek(layer, revision, [&](Result<LayerDoc> doc, Revision at) {
+        if (doc)
+            answer = Layer{std::move(*doc), at};
+        else
+            answer = tl::unexpected(doc.error());
+    });
+    const auto ran = run([&](const auto&) { return answer.has_value(); });
+    if (!ran && !answer) return tl::unexpected(ran.error());
+    return std::move(*answer);
+}
+
+Result<void> Link::fetchBlobs(const LayerDoc& doc) {
+    std::set<Hash> missing;
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, value] : *spec.fields)
+            forEachBlob(value, [&](const Value& blob) {
+                if (!blobs_.contains(blob.hash())) missing.insert(blob.hash());
+            });
+    });
+    for (const auto& hash : missing) session_->requestBlob(hash);
+    std::optional<Error> error;
+    const auto ran = run([&](const std::vector<client::Event>& events) {
+        for (const auto& event : events)
+            if (const auto* told = std::get_if<client::event::ServerError>(&event);
+                told && told->message.blob)
+                error = toError(told->message);
+        std::erase_if(missing, [this](const Hash& hash) { return blobs_.contains(hash); });
+        return missing.empty() || error;
+    });
+    if (!ran) return ran;
+    if (error) return tl::unexpected(*error);
+    return {};
+}
+
+SharedBytes Link::blob(const Hash& hash) {
+    const auto found = blobs_.find(hash);
+    return found == blobs_.end() ? nullptr : found->second;
+}
+
+void Link::send(SharedBytes frames) { connection_->send(std::move(frames)); }
+
+void Link::blobArrived(const Hash& hash, SharedBytes bytes) { blobs_[hash] = std::move(bytes); }
+
+}  // namespace usdlive::cli

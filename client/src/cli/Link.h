@@ -1,0 +1,58 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "usdlive/client/session/Session.h"
+#include "usdlive/client/transport/Connection.h"
+#include "usdlive/common/usd/ValueCodec.h"
+
+namespace usdlive::cli {
+
+/// A session without an editor, for commands that ask a server something. One thread.
+class Link final : public client::SessionHost, public client::LayerView, public usd::BlobSource {
+public:
+    /// Connects and greets. Fails at the first attempt: there is a person waiting.
+    static Result<std::unique_ptr<Link>> connect(const client::ServerAddress& server,
+                                                 double timeoutMs);
+
+    [[nodiscard]] client::Session& session() { return *session_; }
+    [[nodiscard]] const Welcome& welcome() const { return *session_->welcome(); }
+
+    /// Works for at most about 0.1 s, until something has come. An error: the connection is lost;
+    /// going on is possible, it is tried again.
+    Result<std::vector<client::Event>> step();
+    /// Works until `done`, telling it of each event.
+    Result<void> run(const std::function<bool(const std::vector<client::Event>&)>& done);
+
+    /// A layer at a revision (0: now), and the revision it stands at.
+    struct Layer {
+        LayerDoc doc;
+        Revision revision = 0;
+    };
+    Result<Layer> fetch(const LayerId& layer, Revision revision);
+    /// Brings here the big values that the layer names.
+    Result<void> fetchBlobs(const LayerDoc& doc);
+
+    [[nodiscard]] SharedBytes blob(const Hash& hash) override;
+
+private:
+    explicit Link(const client::ServerAddress& server);
+
+    void send(SharedBytes frames) override;
+    [[nodiscard]] SharedBytes localBlob(const Hash& hash) override { return blob(hash); }
+    void blobArrived(const Hash& hash, SharedBytes bytes) override;
+    // It opens no layers.
+    void reset(const LayerId&, const LayerDoc&) override {}
+    void apply(const LayerId&, const std::string&, const EditAction&) override {}
+
+    std::unique_ptr<client::Connection> connection_;
+    std::unique_ptr<client::Session> session_;
+    std::unordered_map<Hash, SharedBytes> blobs_;
+    bool open_ = false;
+};
+
+}  // namespace usdlive::cli

@@ -1,0 +1,474 @@
+#include "Text.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <ctime>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "usdlive/common/core/ByteStream.h"
+
+namespace usdlive::cli {
+
+namespace {
+
+constexpr std::size_t kMaxText = 60;  // of one value
+
+// Cuts at a character's beginning.
+std::string shortened(std::string_view text) {
+    if (text.size() <= kMaxText) return std::string(text);
+    std::size_t end = kMaxText;
+    while (end > 0 && (static_cast<unsigned char>(text[end]) & 0xc0) == 0x80) --end;
+    return std::string(text.substr(0, end)) + "...";
+}
+
+std::string inQuotes(std::string_view text, char quote) {
+    std::string out(1, quote);
+    for (const char c : shortened(text))
+        if (c == '\n')
+            out += "\\n";
+        else
+            out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
+    return out + quote;
+}
+
+template <class T>
+std::string number(T value) {
+    char digits[32];
+    const auto end = std::to_chars(std::begin(digits), std::end(digits), value).ptr;
+    return {digits, end};
+}
+
+float halfToFloat(std::uint16_t half) {
+    const std::uint32_t sign = std::uint32_t(half & 0x8000) << 16;
+    const int exponent = (half >> 10) & 31;
+    const std::uint32_t mantissa = half & 0x3ff;
+    if (exponent == 0) return (sign ? -1.f : 1.f) * float(mantissa) * 0x1p-24f;
+    const std::uint32_t biased = exponent == 31 ? 255u : std::uint32_t(exponent + 112);
+    return std::bit_cast<float>(sign | (biased << 23) | (mantissa << 13));
+}
+
+enum class Element { None, Int, Half, Float, Double };
+struct Shape {
+    std::string_view name;
+    Element element = Element::None;
+    int count = 0;
+};
+
+Shape shapeOf(ValueType scalar) {
+    switch (scalar) {
+        case ValueType::None:
+            return {"none"};
+        case ValueType::Bool:
+            return {"bool"};
+        case ValueType::UChar:
+            return {"uchar"};
+        case ValueType::Int:
+            return {"int", Element::Int, 1};
+        case ValueType::UInt:
+            return {"uint"};
+        case ValueType::Int64:
+            return {"int64"};
+        case ValueType::UInt64:
+            return {"uint64"};
+        case ValueType::Half:
+            return {"half", Element::Half, 1};
+        case ValueType::Float:
+            return {"float", Element::Float, 1};
+        case ValueType::Double:
+            return {"double", Element::Double, 1};
+        case ValueType::TimeCode:
+            return {"timecode", Element::Double, 1};
+        case ValueType::String:
+            return {"string"};
+        case ValueType::Token:
+            return {"token"};
+        case ValueType::Asset:
+            return {"asset"};
+        case ValueType::PathExpression:
+            return {"pathExpression"};
+        case ValueType::Path:
+            return {"path"};
+        case ValueType::Opaque:
+            return {"opaque"};
+        case ValueType::Matrix2d:
+            return {"matrix2d", Element::Double, 4};
+        case ValueType::Matrix3d:
+            return {"matrix3d", Element::Double, 9};
+        case ValueType::Matrix4d:
+            return {"matrix4d", Element::Double, 16};
+        case ValueType::Quath:
+            return {"quath", Element::Half, 4};
+        case ValueType::Quatf:
+            return {"quatf", Element::Float, 4};
+        case ValueType::Quatd:
+            return {"quatd", Element::Double, 4};
+        case ValueType::Int2:
+            return {"int2", Element::Int, 2};
+        case ValueType::Half2:
+            return {"half2", Element::Half, 2};
+        case ValueType::Float2:
+            return {"float2", Element::Float, 2};
+        case ValueType::Double2:
+            return {"double2", Element::Double, 2};
+        case ValueType::Int3:
+            return {"int3", Element::Int, 3};
+        case ValueType::Half3:
+            return {"half3", Element::Half, 3};
+        case ValueType::Float3:
+            return {"float3", Element::Float, 3};
+        case ValueType::Double3:
+            return {"double3", Element::Double, 3};
+        case ValueType::Int4:
+            return {"int4", Element::Int, 4};
+        case ValueType::Half4:
+            return {"half4", Element::Half, 4};
+        case ValueType::Float4:
+            return {"float4", Element::Float, 4};
+        case ValueType::Double4:
+            return {"double4", Element::Double, 4};
+        case ValueType::Block:
+            return {"None"};
+        case ValueType::AnimationBlock:
+            return {"AnimationBlock"};
+        case ValueType::Spline:
+            return {"spline"};
+        case ValueType::Specifier:
+            return {"specifier"};
+        case ValueType::Variability:
+            return {"variability"};
+        case ValueType::Permission:
+            return {"permission"};
+        case ValueType::TokenVector:
+            return {"tokens"};
+        case ValueType::StringVector:
+            return {"strings"};
+        case ValueType::Reference:
+            return {"reference"};
+        case ValueType::Payload:
+            return {"payload"};
+        case ValueType::SubLayer:
+            return {"sublayer"};
+        case ValueType::Unregistered:
+            return {"unregistered"};
+        case ValueType::LayerOffset:
+            return {"offset"};
+        default:
+            return {"value"};
+    }
+}
+
+std::string elementText(ByteReader& bytes, Element element) {
+    switch (element) {
+        case Element::Int:
+            return number(bytes.number<std::int32_t>());
+        case Element::Half:
+            return number(halfToFloat(bytes.u16()));
+        case Element::Float:
+            return number(bytes.number<float>());
+        default:
+            return number(bytes.f64());
+    }
+}
+
+std::string tupleText(const Value& value, const Shape& shape) {
+    ByteReader bytes(value.bytes());
+    std::string text;
+    for (int i = 0; i < shape.count; ++i)
+        text += (i ? ", " : "") + elementText(bytes, shape.element);
+    return shape.count == 1 ? text : "(" + text + ")";
+}
+
+std::string oneOf(const Value& value, std::initializer_list<std::string_view> names) {
+    const std::size_t index = ByteReader(value.bytes()).u8();
+    return std::string(index < names.size() ? names.begin()[index] : "?");
+}
+
+// `@asset@</prim>`, as both begin with these two.
+std::string arcText(const Value& value) {
+    ByteReader bytes(value.bytes());
+    const auto asset = bytes.text();
+    const auto prim = value.type() == ValueType::SubLayer ? std::string_view() : bytes.text();
+    std::string text;
+    if (!asset.empty() || prim.empty()) text += inQuotes(asset, '@');
+    if (!prim.empty()) text += "<" + shortened(prim) + ">";
+    return text;
+}
+
+std::string arrayText(const Value& value) {
+    const auto flags = std::uint16_t(value.type());
+    const bool edit = flags & std::uint16_t(ValueType::ArrayEditFlag);
+    const auto name = std::string(shapeOf(ValueType(flags & 0xff)).name);
+    if (edit) return name + "[] edit";
+    if (value.isBlob()) return name + "[] of " + number(value.size() / 1024) + " KiB";
+    return name + "[" + number(ByteReader(value.bytes()).u64()) + "]";
+}
+
+std::string valueText(const Value& value) {
+    if (std::uint16_t(value.type()) > 0xff) return arrayText(value);
+    const Shape shape = shapeOf(value.type());
+    if (value.isBlob())
+        return std::string(shape.name) + " of " + number(value.size() / 1024) + " KiB";
+    if (shape.element != Element::None) return tupleText(value, shape);
+    ByteReader bytes(value.bytes());
+    switch (value.type()) {
+        case ValueType::Bool:
+            return bytes.u8() ? "true" : "false";
+        case ValueType::UChar:
+            return number(unsigned(bytes.u8()));
+        case ValueType::UInt:
+            return number(bytes.u32());
+        case ValueType::Int64:
+            return number(bytes.i64());
+        case ValueType::UInt64:
+            return number(bytes.u64());
+        case ValueType::Specifier:
+            return oneOf(value, {"def", "over", "class"});
+        case ValueType::Variability:
+            return oneOf(value, {"varying", "uniform"});
+        case ValueType::Permission:
+            return oneOf(value, {"public", "private"});
+        case ValueType::Asset:
+            return inQuotes(textOf(value).value_or(""), '@');
+        case ValueType::Path:
+            return "<" + shortened(textOf(value).value_or("")) + ">";
+        case ValueType::Reference:
+        case ValueType::Payload:
+        case ValueType::SubLayer:
+            return arcText(value);
+        default:
+            break;
+    }
+    if (const auto text = textOf(value)) return inQuotes(*text, '"');
+    return std::string(shape.name);
+}
+
+std::string listText(const ListOp& list) {
+    constexpr std::array<std::string_view, kListNames> kVerbs{"",        "add ",    "prepend ",
+                                                              "append ", "delete ", "reorder "};
+    std::string text;
+    for (std::size_t i = 0; i < kListNames; ++i) {
+        if (list.lists[i].empty() && !(list.isExplicit && i == 0)) continue;
+        std::string items;
+        for (const auto& item : list.lists[i])
+            items += (items.empty() ? "" : ", ") + valueText(item);
+        text += (text.empty() ? "" : "; ") + std::string(kVerbs[i]) + "[" + items + "]";
+    }
+    return shortened(text.empty() ? "[]" : text);
+}
+
+std::string mapText(const Map& map) {
+    std::string text;
+    for (const auto& [key, value] : map.entries)
+        text += (text.empty() ? "" : ", ") + valueText(key) + ": " + valueText(value);
+    return "{" + shortened(text) + "}";
+}
+
+struct Contents {
+    std::string operator()(const Value& value) const { return valueText(value); }
+    std::string operator()(const Dictionary& value) const {
+        std::string keys;
+        for (const auto& [key, entry] : value.entries) keys += (keys.empty() ? "" : ", ") + key;
+        return "{" + shortened(keys) + "}";
+    }
+    std::string operator()(const TimeSamples& value) const {
+        return number(value.samples.size()) + " samples";
+    }
+    std::string operator()(const ListOp& value) const { return listText(value); }
+    std::string operator()(const Map& value) const { return mapText(value); }
+};
+
+struct Parts {
+    std::string operator()(std::monostate) const { return {}; }
+    std::string operator()(const DictionaryKey& part) const {
+        std::string keys;
+        for (const auto& key : part.path) keys += "[" + inQuotes(key, '"') + "]";
+        return keys;
+    }
+    std::string operator()(const SampleTime& part) const { return " at " + number(part.time); }
+    std::string operator()(const ListItem& part) const {
+        constexpr std::array<std::string_view, kListNames> kNames{
+            "explicit", "added", "prepended", "appended", "deleted", "ordered"};
+        return " " + std::string(kNames[std::size_t(part.list)]) + " " + valueText(part.item);
+    }
+    std::string operator()(const MapKey& part) const { return "[" + valueText(part.key) + "]"; }
+};
+
+constexpr std::array<std::string_view, 6> kVerbs{"create", "delete", "move",
+                                                 "place",  "set",    "erase"};
+
+struct Actions {
+    std::string operator()(const CreateSpec& action) const {
+        return "  (" + std::string(specKindName(action.kind)) + ")";
+    }
+    std::string operator()(const DeleteSpec&) const { return {}; }
+    std::string operator()(const MoveSpec& action) const {
+        const auto& parent = action.parent.path;
+        const auto list = specpath::last(path).list;
+        return "  ->  " + specpath::child(parent, list, action.name);
+    }
+    std::string operator()(const PlaceSpec& action) const {
+        return action.before.empty() ? "  last" : "  before " + action.before;
+    }
+    std::string operator()(const SetField& action) const {
+        const auto where = "  " + action.field + std::visit(Parts{}, action.part);
+        // A list item is its own value.
+        if (std::holds_alternative<ListItem>(action.part)) return where;
+        return where + " = " + describe(action.value);
+    }
+    std::string operator()(const EraseField& action) const {
+        return "  " + action.field + std::visit(Parts{}, action.part);
+    }
+    std::string_view path;
+};
+
+std::string timeText(std::int64_t timeMs) {
+    const std::time_t seconds = timeMs / 1000;
+    std::tm local{};
+    localtime_r(&seconds, &local);
+    char text[32];
+    std::strftime(text, sizeof text, "%Y-%m-%d %H:%M:%S", &local);
+    return text;
+}
+
+std::string padded(std::string_view text, std::size_t width) {
+    return std::string(text) + std::string(text.size() < width ? width - text.size() : 0, ' ');
+}
+
+std::string counted(std::size_t count, const std::string& what) {
+    return number(count) + " " + what + (count == 1 ? "" : "s");
+}
+
+}  // namespace
+
+std::string describe(const FieldValue& value) { return value.visit(Contents{}); }
+
+std::string describe(const Edit& edit) {
+    return padded(kVerbs[edit.action.index()], 7) + edit.address.path +
+           std::visit(Actions{edit.address.path}, edit.action);
+}
+
+bool concerns(const Commit& commit, const LayerId& layer) {
+    return layer.empty() || commit.imported == layer ||
+           std::any_of(commit.edits.begin(), commit.edits.end(),
+                       [&](const Edit& edit) { return edit.layer == layer; });
+}
+
+std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& layer) {
+    std::string text = "#" + padded(number(commit.revision), 7) + timeText(commit.timeMs) + "  " +
+                       padded(commit.user.value.empty() ? "-" : commit.user.value, 10);
+    if (commit.imported) return text + "  imported " + commit.imported->value + " from its file\n";
+    text += "  " + counted(commit.edits.size(), "edit");
+    if (!commit.dropped.empty()) text += ", " + number(commit.dropped.size()) + " dropped";
+    text += "\n";
+    std::size_t shown = 0;
+    for (const Edit& edit : commit.edits) {
+        if (!layer.empty() && edit.layer != layer) continue;
+        if (shown++ < maxEdits) text += "    " + edit.layer.value + "  " + describe(edit) + "\n";
+    }
+    if (shown > maxEdits) text += "    and " + number(shown - maxEdits) + " more\n";
+    return text;
+}
+
+std::string asJson(const Commit& commit, const LayerId& layer) {
+    nlohmann::ordered_json json{{"revision", commit.revision},
+                                {"timeMs", commit.timeMs},
+                                {"user", commit.user.value},
+                                {"client", commit.id.client.value},
+                                {"sequence", commit.id.sequence}};
+    if (commit.imported) json["imported"] = commit.imported->value;
+    json["dropped"] = commit.dropped.size();
+    auto& edits = json["edits"] = nlohmann::ordered_json::array();
+    for (const Edit& edit : commit.edits) {
+        if (!layer.empty() && edit.layer != layer) continue;
+        nlohmann::ordered_json one{{"layer", edit.layer.value},
+                                   {"action", kVerbs[edit.action.index()]},
+                                   {"path", edit.address.path}};
+        if (const auto* set = std::get_if<SetField>(&edit.action)) {
+            one["field"] = set->field;
+            if (!std::holds_alternative<std::monostate>(set->part))
+                one["part"] = std::visit(Parts{}, set->part);
+            if (!std::holds_alternative<ListItem>(set->part)) one["value"] = describe(set->value);
+        } else if (const auto* erase = std::get_if<EraseField>(&edit.action)) {
+            one["field"] = erase->field;
+            if (!std::holds_alternative<std::monostate>(erase->part))
+                one["part"] = std::visit(Parts{}, erase->part);
+        } else if (const auto* create = std::get_if<CreateSpec>(&edit.action)) {
+            one["kind"] = specKindName(create->kind);
+        } else if (const auto* move = std::get_if<MoveSpec>(&edit.action)) {
+            one["parent"] = move->parent.path;
+            one["name"] = move->name;
+        } else if (const auto* place = std::get_if<PlaceSpec>(&edit.action)) {
+            one["before"] = place->before;
+        }
+        edits.push_back(std::move(one));
+    }
+    // Text of users may be anything: what is no UTF-8 is replaced, never thrown at.
+    return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
+
+namespace {
+
+class Tree {
+public:
+    explicit Tree(const LayerDoc& doc) : doc_(doc) {}
+
+    std::string text() {
+        below("/", "");
+        return std::move(text_);
+    }
+
+private:
+    struct Branch {
+        std::string path, label;
+    };
+
+    [[nodiscard]] std::string fieldText(const std::string& path, std::string_view name) const {
+        const FieldValue* field = doc_.field(path, name);
+        const Value* value = field ? field->as<Value>() : nullptr;
+        if (!value) return {};
+        return std::string(textOf(*value).value_or(""));
+    }
+
+    [[nodiscard]] std::string primLabel(const std::string& path, const std::string& name) const {
+        std::string label = name;
+        if (const auto type = fieldText(path, "typeName"); !type.empty()) label += "  " + type;
+        const FieldValue* specifier = doc_.field(path, "specifier");
+        const std::string how = specifier ? describe(*specifier) : "over";
+        return how == "def" ? label : label + "  (" + how + ")";
+    }
+
+    [[nodiscard]] std::vector<Branch> branches(const std::string& path) const {
+        std::vector<Branch> branches;
+        for (const auto& set : doc_.children(path, ChildList::VariantSets)) {
+            const auto setPath = specpath::child(path, ChildList::VariantSets, set);
+            for (const auto& variant : doc_.children(setPath, ChildList::Variants))
+                branches.push_back({specpath::child(setPath, ChildList::Variants, variant),
+                                    "{" + set + "=" + variant + "}"});
+        }
+        for (const auto& name : doc_.children(path, ChildList::Prims)) {
+            const auto child = specpath::child(path, ChildList::Prims, name);
+            branches.push_back({child, primLabel(child, name)});
+        }
+        return branches;
+    }
+
+    void below(const std::string& path, const std::string& indent) {
+        const auto all = branches(path);
+        for (std::size_t i = 0; i < all.size(); ++i) {
+            const bool last = i + 1 == all.size();
+            text_ += indent + (last ? "└─ " : "├─ ") + all[i].label + "\n";
+            below(all[i].path, indent + (last ? "   " : "│  "));
+        }
+    }
+
+    const LayerDoc& doc_;
+    std::string text_;
+};
+
+}  // namespace
+
+std::string describeTree(const LayerDoc& doc) { return Tree(doc).text(); }
+
+}  // namespace usdlive::cli

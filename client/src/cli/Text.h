@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "usdlive/common/layer/Edit.h"
+#include "usdlive/common/layer/LayerDoc.h"
+
+namespace usdlive::cli {
+
+/// A value in a few words for a person: `(1, 2, 3)`, `"hello"`, `float3[1024]`. One line, no
+/// control characters.
+[[nodiscard]] std::string describe(const FieldValue& value);
+
+/// What an edit does, without its layer: `/World/Ball.radius default = 2`.
+[[nodiscard]] std::string describe(const Edit& edit);
+
+/// A commit: a line that says who and when, then one for each edit, at most `maxEdits` of them.
+/// With `layer`, only edits of that one.
+[[nodiscard]] std::string describe(const Commit& commit, std::size_t maxEdits,
+                                   const LayerId& layer);
+/// The same as one line of JSON.
+[[nodiscard]] std::string asJson(const Commit& commit, const LayerId& layer);
+
+/// The prims of a layer as a tree with their types.
+[[nodiscard]] std::string describeTree(const LayerDoc& doc);
+
+/// Does the commit change this layer (empty: any)?
+[[nodiscard]] bool concerns(const Commit& commit, const LayerId& layer);
+
+}  // namespace usdlive::cli

@@ -1,0 +1,275 @@
+#include "Prediction.h"
+
+#include <algorithm>
+#include <set>
+
+namespace usdlive::client {
+
+namespace {
+
+// Node ids from here on are predicted: first those of previews, then, for each transaction of one's
+// own, a block of ids that follows from its sequence number.
+constexpr NodeId kFirstPreviewed = NodeId(1) << 62;
+constexpr NodeId kFirstOwn = NodeId(1) << 63;
+constexpr int kBlockBits = 22;
+
+NodeId ownBlock(std::uint64_t sequence) { return kFirstOwn + (sequence << kBlockBits); }
+
+// More structural changes than this are not searched through for each committed edit.
+constexpr std::size_t kStructuralSearched = 256;
+
+std::string fieldKey(std::string_view path, std::string_view field) {
+    return std::string(path).append(1, '\0').append(field);
+}
+
+const std::string* fieldOf(const EditAction& action) {
+    if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
+    if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
+    return nullptr;
+}
+
+std::string destination(std::string_view path, const MoveSpec& move) {
+    return specpath::child(move.parent.path, specpath::last(path).list, move.name);
+}
+
+}  // namespace
+
+void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)>& visit) {
+    for (Edit& edit : edits) {
+        visit(edit.address);
+        if (auto* move = std::get_if<MoveSpec>(&edit.action)) visit(move->parent);
+    }
+}
+
+void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
+    const auto* set = std::get_if<SetField>(&action);
+    if (!set) return;
+    const auto add = [&](const Value& value) {
+        if (value.isBlob()) blobs.push_back(value);
+    };
+    forEachBlob(set->value, add);
+    if (const auto* item = std::get_if<ListItem>(&set->part)) add(item->item);
+}
+
+void Prediction::start(const OwnCreations& creations, Revision confirmed) {
+    cutNames();
+    docs_.clear();
+    moves_.clear();
+    notes_.clear();
+    creations_ = creations;
+    revision_ = confirmed + 1;
+}
+
+const LayerDoc* Prediction::find(const LayerId& layer) const {
+    if (const auto own = docs_.find(layer); own != docs_.end()) return &own->second;
+    const auto entry = confirmed_.find(layer);
+    return entry == confirmed_.end() ? nullptr : &entry->second;
+}
+
+LayerDoc* Prediction::open(const LayerId& layer) {
+    if (const auto own = docs_.find(layer); own != docs_.end()) return &own->second;
+    const auto entry = confirmed_.find(layer);
+    if (entry == confirmed_.end()) return nullptr;
+    return &docs_.emplace(layer, entry->second).first->second;
+}
+
+void Prediction::preview(std::uint64_t slot, const PreviewFrame& frame) {
+    Transaction transaction{.id = {frame.author, kThisPreview},
+                            .base = frame.base,
+                            .gesture = frame.gesture,
+                            .edits = frame.edits};
+    // What the author addresses by creations of unacknowledged transactions is not known here; such
+    // edits are dropped until the author has addressed them anew.
+    OwnCreations theirs;
+    std::swap(creations_, theirs);
+    execute(transaction, false, kFirstPreviewed + (slot << kBlockBits), false);
+    std::swap(creations_, theirs);
+}
+
+Prognosis Prediction::run(const Transaction& transaction) {
+    return execute(transaction, true, ownBlock(transaction.id.sequence), false).prognosis;
+}
+
+Prediction::Landed Prediction::land(const Transaction& transaction) {
+    return execute(transaction, true, ownBlock(transaction.id.sequence), true);
+}
+
+Prediction::Landed Prediction::execute(const Transaction& transaction, bool own, NodeId firstNode,
+                                       bool wantEdits) {
+    Landed landed;
+    if (wantEdits) landed.edits.resize(transaction.edits.size());
+    std::set<LayerId> absent;  // not joined here: their edits go nowhere
+    for (const Edit& edit : transaction.edits) {
+        LayerDoc* doc = open(edit.layer);
+        if (!doc) {
+            doc = &docs_[edit.layer];
+            absent.insert(edit.layer);
+        }
+        doc->reserveIds(firstNode);
+    }
+
+    Outcome outcome = usdlive::execute(docs_, log_, creations_, transaction, revision_);
+    for (const LayerId& layer : absent) docs_.erase(layer);
+    if (auto* refused = std::get_if<Refused>(&outcome)) {
+        landed.prognosis.complete = false;
+        landed.prognosis.refused = true;
+        landed.refused = std::move(*refused);
+        return landed;
+    }
+
+    Executed& executed = std::get<Executed>(outcome);
+    landed.prognosis.complete = executed.dropped.empty();
+    auto dropped = executed.dropped.begin();
+    std::uint32_t index = 0;
+    for (ExecutedEdit& done : executed.edits) {
+        for (; dropped != executed.dropped.end() && dropped->index == index; ++dropped) ++index;
+        std::optional<Creation> creation;
+        if (own) creation = Creation{transaction.id.sequence, index};
+        if (!absent.contains(done.edit.layer))
+            note(done.edit, done.applied, creation, landed.prognosis);
+        if (wantEdits)
+            landed.edits[index] =
+                AuthoredEdit{std::move(done.edit.layer), std::move(done.edit.address.path),
+                             std::move(done.edit.action)};
+        ++index;
+    }
+    if (!landed.prognosis.complete) landed.prognosis.fieldsAt.clear();
+    return landed;
+}
+
+// Keeps what later addresses, independent() and the rule of overtaking have to know of an edit.
+void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
+                      const std::optional<Creation>& creation, Prognosis& prognosis) {
+    const std::string& path = executed.address.path;
+    LayerNotes& notes = notes_[executed.layer];
+    prognosis.touched.push_back({executed.layer, path});
+    if (const std::string* field = fieldOf(executed.action)) {
+        notes.fields.insert(fieldKey(path, *field));
+        if (prognosis.fieldsAt.size() + 1 == prognosis.touched.size())
+            prognosis.fieldsAt.push_back(path);
+        return;
+    }
+    prognosis.fieldsAt.clear();
+    notes.structural.push_back(path);
+    if (std::holds_alternative<CreateSpec>(executed.action)) {
+        // Also where it found the spec there (M2): others may delete that before the transaction
+        // comes to be executed, and what follows is for the spec it creates then.
+        if (creation) notes.created.insert_or_assign(applied.node, *creation);
+    } else if (const auto* move = std::get_if<MoveSpec>(&executed.action);
+               move && applied.changed) {
+        std::string to = destination(path, *move);
+        prognosis.touched.push_back({executed.layer, to});
+        notes.structural.push_back(to);
+        moves_.push_back({executed.layer, path, std::move(to)});
+    }
+}
+
+Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creation,
+                                Prognosis& prognosis) {
+    LayerDoc* doc = open(edit.layer);
+    if (!doc)
+        return fail(ErrorCode::LayerNotOpen, "the layer " + edit.layer.value + " is not open");
+    doc->reserveIds(ownBlock(creation.sequence));
+    Result<Edit> told = addressed(edit, *doc);
+    if (!told) return told;
+    const auto applied = doc->apply(edit.path, edit.action);
+    if (!applied) return tl::unexpected(applied.error());
+
+    const Edit executed{edit.layer, {edit.path, {}}, edit.action};
+    note(executed, *applied, creation, prognosis);
+    if (std::holds_alternative<CreateSpec>(edit.action))
+        creations_.record(creation, {edit.layer, edit.path, log_.mark()}, revision_);
+    else if (std::holds_alternative<DeleteSpec>(edit.action))
+        log_.recordDelete(revision_, edit.layer, edit.path);
+    else if (const auto* move = std::get_if<MoveSpec>(&edit.action); move && applied->changed)
+        log_.recordMove(revision_, edit.layer, edit.path, destination(edit.path, *move));
+    return told;
+}
+
+Result<Edit> Prediction::addressed(const AuthoredEdit& edit, const LayerDoc& doc) const {
+    const bool creates = std::holds_alternative<CreateSpec>(edit.action);
+    auto target =
+        creates ? childAddress(edit.layer, doc, edit.path) : address(edit.layer, doc, edit.path);
+    if (!target) return tl::unexpected(target.error());
+    Edit told{edit.layer, std::move(*target), edit.action};
+    if (auto* move = std::get_if<MoveSpec>(&told.action)) {
+        auto parent = address(edit.layer, doc, move->parent.path);
+        if (!parent) return tl::unexpected(parent.error());
+        move->parent = std::move(*parent);
+    }
+    return told;
+}
+
+// The address of a spec that exists. If one's own pending work created it, only that creation says
+// where it will stand. Otherwise it is a confirmed one (in the space of the base), and every
+// predicted move since has carried it with all that is below it: going back through them gives its
+// confirmed path.
+Result<Address> Prediction::address(const LayerId& layer, const LayerDoc& doc,
+                                    std::string_view path) const {
+    const auto elements = specpath::parse(path);
+    if (!elements) return tl::unexpected(elements.error());
+    const std::vector<NodeId> ids = doc.idsAlong(path);
+    if (ids.size() != elements->size() + 1)
+        return fail(ErrorCode::SpecNotFound, "no spec at " + std::string(path));
+
+    if (const auto notes = notes_.find(layer); notes != notes_.end())
+        if (const auto own = notes->second.created.find(ids.back());
+            own != notes->second.created.end())
+            return Address{{}, own->second};
+    if (ids.back() >= kFirstPreviewed)
+        return fail(ErrorCode::SpecNotFound,
+                    "the spec " + std::string(path) + " is only another's preview so far");
+    std::string confirmed(path);
+    for (auto move = moves_.rbegin(); move != moves_.rend(); ++move)
+        if (move->layer == layer && specpath::hasPrefix(confirmed, move->to))
+            confirmed = specpath::replacePrefix(confirmed, move->to, move->from);
+    return Address{std::move(confirmed), {}};
+}
+
+// The address of a spec that is about to be created: its parent's, and its own name.
+Result<Address> Prediction::childAddress(const LayerId& layer, const LayerDoc& doc,
+                                         std::string_view path) const {
+    const auto elements = specpath::parse(path);
+    if (!elements) return tl::unexpected(elements.error());
+    if (elements->empty()) return Address{"/", {}};
+    auto parent = address(layer, doc, specpath::parent(path));
+    if (!parent) return parent;
+    const PathElement& own = elements->back();
+    if (!parent->creation) return Address{specpath::child(parent->path, own.list, own.name), {}};
+    parent->path = relativePath(path, specpath::parent(path));
+    return parent;
+}
+
+bool Prediction::independent(const Edit& committed) const {
+    if (!predicts(committed.layer)) return true;
+    const std::string* field = fieldOf(committed.action);
+    if (!field) return false;
+    const auto notes = notes_.find(committed.layer);
+    if (notes == notes_.end()) return true;
+    const std::string& path = committed.address.path;
+    if (notes->second.fields.contains(fieldKey(path, *field))) return false;
+    const auto& structural = notes->second.structural;
+    return structural.size() <= kStructuralSearched &&
+           std::none_of(structural.begin(), structural.end(), [&](const std::string& changed) {
+               return specpath::hasPrefix(path, changed);
+           });
+}
+
+void Prediction::applyIndependent(const Edit& committed) {
+    const auto own = docs_.find(committed.layer);
+    if (own != docs_.end()) (void)own->second.apply(committed.address.path, committed.action);
+}
+
+Prediction::Saved Prediction::save() const {
+    return {docs_, creations_, notes_, moves_.size(), log_.mark()};
+}
+
+void Prediction::restore(Saved saved) {
+    docs_ = std::move(saved.docs);
+    creations_ = std::move(saved.creations);
+    notes_ = std::move(saved.notes);
+    moves_.resize(saved.moves);
+    log_.truncate(saved.names);
+}
+
+}  // namespace usdlive::client

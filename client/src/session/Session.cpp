@@ -1,0 +1,155 @@
+#include "usdlive/client/session/Session.h"
+
+#include <chrono>
+#include <random>
+
+#include "SessionImpl.h"
+
+namespace usdlive::client {
+
+namespace {
+
+double machineClockMs() {
+    using Milliseconds = std::chrono::duration<double, std::milli>;
+    return Milliseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+Session::Options withClock(Session::Options options) {
+    if (!options.clockMs) options.clockMs = &machineClockMs;
+    return options;
+}
+
+}  // namespace
+
+Session::Impl::Impl(Options options, SessionHost& host, LayerView& editor)
+    : options_(withClock(std::move(options))),
+      host_(host),
+      editor_(editor),
+      uploads_(host),
+      downloads_(host) {}
+
+void Session::Impl::report(Error error, ErrorMessage about) {
+    about.code = errorName(error.code);
+    about.message = std::move(error.message);
+    events_.push_back(event::ServerError{std::move(about)});
+}
+
+// ---- layers
+
+void Session::Impl::openLayer(const LayerId& layer) {
+    const auto [entry, added] = layers_.try_emplace(layer);
+    OpenedLayer& opened = entry->second;
+    if (!added) {
+        if (!opened.wanted && !opened.joining) resets_.insert(layer);
+        opened.wanted = true;
+        return;
+    }
+    opened.joining.emplace();
+    if (online_) ask(opened.joining->snapshot, layer, 0);
+}
+
+void Session::Impl::closeLayer(const LayerId& layer) {
+    const auto entry = layers_.find(layer);
+    if (entry == layers_.end()) return;
+    entry->second.wanted = false;
+    resets_.erase(layer);
+}
+
+bool Session::Impl::isJoined(const LayerId& layer) const {
+    const auto entry = layers_.find(layer);
+    if (entry == layers_.end() || !entry->second.wanted) return false;
+    if (frozen_) return frozen_->views.contains(layer);
+    return !entry->second.joining;
+}
+
+const LayerDoc* Session::Impl::view(const LayerId& layer) const {
+    if (!isJoined(layer)) return nullptr;
+    return frozen_ ? &frozen_->views.at(layer) : prediction_.find(layer);
+}
+
+const LayerDoc* Session::Impl::confirmed(const LayerId& layer) const {
+    const auto entry = confirmed_.find(layer);
+    return isJoined(layer) && entry != confirmed_.end() ? &entry->second : nullptr;
+}
+
+void Session::Impl::peek(const LayerId& layer, Revision revision,
+                         std::function<void(Result<LayerDoc>, Revision)> done) {
+    const LayerDoc* here = revision == 0 && online_ && isCaughtUp() ? confirmed(layer) : nullptr;
+    if (here) return done(*here, revision_);
+    Peek& peek = peeks_.emplace_back(layer, revision, Incoming{}, std::move(done));
+    if (online_) ask(peek.snapshot, layer, revision);
+}
+
+void Session::Impl::requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
+                               std::function<void(Result<void>)> done) {
+    if (!online_) return done(fail(ErrorCode::NotConnected, "there is no connection to read from"));
+    logs_.push_back({++lastRequest_, false, std::move(each), std::move(done)});
+    sendControl(RequestLog{lastRequest_, from, to});
+}
+
+void Session::Impl::save(std::vector<LayerId> layers) {
+    const std::uint64_t request = ++lastRequest_;
+    if (!online_) {
+        return report({ErrorCode::NotConnected,
+                       "layers are saved by the server, and there is no connection to it"},
+                      about(request));
+    }
+    saves_.insert(request);
+    sendControl(SaveLayers{request, std::move(layers)});
+}
+
+void Session::Impl::requestBlob(const Hash& hash) {
+    if (downloads_.want(hash) && online_) sendControl(RequestBlob{hash, 0});
+}
+
+// ---- Session
+
+Session::Session(Options options, SessionHost& host, LayerView& view)
+    : impl_(std::make_unique<Impl>(std::move(options), host, view)) {}
+Session::~Session() = default;
+
+void Session::connected() { impl_->connected(); }
+void Session::disconnected(Error reason) { impl_->disconnected(std::move(reason)); }
+Result<void> Session::received(SharedBytes message) { return impl_->received(std::move(message)); }
+
+void Session::openLayer(const LayerId& layer) { impl_->openLayer(layer); }
+void Session::closeLayer(const LayerId& layer) { impl_->closeLayer(layer); }
+bool Session::isJoined(const LayerId& layer) const { return impl_->isJoined(layer); }
+const LayerDoc* Session::view(const LayerId& layer) const { return impl_->view(layer); }
+const LayerDoc* Session::confirmed(const LayerId& layer) const { return impl_->confirmed(layer); }
+void Session::peek(const LayerId& layer, Revision revision,
+                   std::function<void(Result<LayerDoc>, Revision)> done) {
+    impl_->peek(layer, revision, std::move(done));
+}
+void Session::requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
+                         std::function<void(Result<void>)> done) {
+    impl_->requestLog(from, to, std::move(each), std::move(done));
+}
+void Session::save(std::vector<LayerId> layers) { impl_->save(std::move(layers)); }
+
+void Session::author(std::vector<AuthoredEdit> edits) { impl_->author(std::move(edits)); }
+void Session::beginGesture() { impl_->beginGesture(); }
+void Session::endGesture() { impl_->endGesture(); }
+bool Session::inGesture() const { return impl_->gesture_.has_value(); }
+
+bool Session::advance(double budgetMs, std::int64_t nowMs) {
+    return impl_->advance(budgetMs, nowMs);
+}
+std::vector<Event> Session::takeEvents() { return std::exchange(impl_->events_, {}); }
+
+bool Session::isConnected() const { return impl_->online_; }
+Revision Session::revision() const { return impl_->revision_; }
+std::size_t Session::pendingTransactions() const { return impl_->pending_.size(); }
+const std::optional<Welcome>& Session::welcome() const { return impl_->welcome_; }
+const ClientId& Session::id() const { return impl_->options_.client; }
+void Session::requestBlob(const Hash& hash) { impl_->requestBlob(hash); }
+
+ClientId newClientId() {
+    static constexpr char kDigits[] = "0123456789abcdef";
+    std::random_device random;
+    ClientId id;
+    while (id.value.size() < 32) id.value += kDigits[random() & 15];
+    return id;
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,148 @@
+#include <algorithm>
+
+#include "SessionImpl.h"
+
+namespace usdlive::client {
+
+namespace {
+
+const std::string* fieldOf(const EditAction& action) {
+    if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
+    if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
+    return nullptr;
+}
+
+// Edits that the model does not hold, carried along by one that it does.
+void carry(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
+    const auto below = [&](const AuthoredEdit& other) {
+        return other.layer == edit.layer && specpath::hasPrefix(other.path, edit.path);
+    };
+    if (std::holds_alternative<DeleteSpec>(edit.action)) std::erase_if(failed, below);
+    const auto* move = std::get_if<MoveSpec>(&edit.action);
+    if (!move) return;
+    const std::string to =
+        specpath::child(move->parent.path, specpath::last(edit.path).list, move->name);
+    for (AuthoredEdit& other : failed)
+        if (below(other)) other.path = specpath::replacePrefix(other.path, edit.path, to);
+}
+
+}  // namespace
+
+void Session::Impl::author(std::vector<AuthoredEdit> edits) {
+    if (edits.empty()) return;
+    if (!gesture_ && pending_.unsent() >= options_.maxUnsentTransactions) {
+        Repairs repairs;
+        for (const AuthoredEdit& edit : edits) repairs.resets.insert(edit.layer);
+        events_.push_back(event::Lost{
+            {.sequence = 0,
+             .gesture = 0,
+             .reason = {ErrorCode::NotConnected, "as much unsent work is kept as may be"},
+             .refused = true,
+             .edits = std::move(edits)}});
+        return repair(repairs);
+    }
+
+    LostWork lost;
+    Repairs repairs;
+    if (gesture_) {
+        lost.sequence = gesture_->pending.transaction.id.sequence;
+        lost.gesture = gesture_->pending.transaction.gesture;
+        authorInto(gesture_->pending, std::move(edits), lost, repairs);
+        if (gesture_->pending.prognosis.refused && !frozen_) rebuild();  // a preview hides it
+    } else {
+        Pending pending = newPending();
+        lost.sequence = pending.transaction.id.sequence;
+        authorInto(pending, std::move(edits), lost, repairs);
+        if (!pending.authored.empty()) pending_.add(std::move(pending));
+    }
+    checkPrediction();
+    if (lost.edits.empty()) return;
+    events_.push_back(event::Lost{std::move(lost)});
+    repair(repairs);
+}
+
+Pending Session::Impl::newPending() {
+    Pending pending;
+    pending.transaction.id = {options_.client, pending_.nextSequence()};
+    pending.transaction.base = revision_;
+    return pending;
+}
+
+void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
+                               Repairs& repairs) {
+    for (AuthoredEdit& edit : edits) {
+        const Prognosis::Size before = pending.prognosis.size();
+        Result<Edit> told = predictEdit(pending, edit);
+        if (!told) {
+            if (lost.edits.empty()) lost.reason = told.error();
+            noteRepair(edit, repairs);
+            lost.edits.push_back(std::move(edit));
+            continue;
+        }
+        collectBlobs(edit.action, pending.blobs);
+        carry(repairs.fields, edit);
+        if (frozen_) pending.carried.push_back(edit);
+        if (gesture_ && !frozen_) {
+            if (gesture_->add(std::move(*told), std::move(edit))) pending.prognosis.shrink(before);
+        } else {
+            pending.transaction.edits.push_back(std::move(*told));
+            pending.authored.push_back(std::move(edit));
+        }
+    }
+}
+
+// Applies an edit to what is seen and says how it is to be addressed.
+Result<Edit> Session::Impl::predictEdit(Pending& pending, const AuthoredEdit& edit) {
+    if (!isJoined(edit.layer))
+        return fail(ErrorCode::LayerNotOpen, "the layer " + edit.layer.value + " is not open");
+    if (frozen_) {  // addressed when it is known what it is for
+        const auto applied = frozen_->views.at(edit.layer).apply(edit.path, edit.action);
+        if (!applied) return tl::unexpected(applied.error());
+        return Edit{edit.layer, {}, edit.action};
+    }
+    const Creation number{pending.transaction.id.sequence,
+                          std::uint32_t(pending.transaction.edits.size())};
+    return prediction_.author(edit, number, pending.prognosis);
+}
+
+void Session::Impl::noteRepair(const AuthoredEdit& edit, Repairs& repairs) const {
+    const LayerDoc* doc = view(edit.layer);
+    if (!doc) return;
+    if (fieldOf(edit.action) && doc->has(edit.path))
+        repairs.fields.push_back(edit);
+    else
+        repairs.resets.insert(edit.layer);
+}
+
+// The editor's layers hold the edits already, also those the model does not.
+void Session::Impl::repair(const Repairs& repairs) {
+    for (const LayerId& layer : repairs.resets)
+        if (const LayerDoc* doc = view(layer)) editor_.reset(layer, *doc);
+    for (const AuthoredEdit& edit : repairs.fields) {
+        const LayerDoc* doc = view(edit.layer);
+        if (!doc || repairs.resets.contains(edit.layer) || !doc->has(edit.path)) continue;
+        const std::string& name = *fieldOf(edit.action);
+        if (const FieldValue* value = doc->field(edit.path, name))
+            editor_.apply(edit.layer, edit.path, SetField{name, {}, *value});
+        else
+            editor_.apply(edit.layer, edit.path, EraseField{name, {}});
+    }
+}
+
+void Session::Impl::beginGesture() {
+    if (gesture_) return;
+    gesture_.emplace().pending = newPending();
+    gesture_->pending.transaction.gesture = gesture_->pending.transaction.id.sequence;
+}
+
+void Session::Impl::endGesture() {
+    if (!gesture_) return;
+    Gesture ended = std::move(*gesture_);
+    gesture_.reset();
+    if (!ended.pending.authored.empty())
+        pending_.add(std::move(ended.pending));
+    else if (ended.shown)
+        withdrawPreview(ended.pending.transaction.gesture);
+}
+
+}  // namespace usdlive::client

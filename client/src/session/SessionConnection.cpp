@@ -1,0 +1,361 @@
+#include <algorithm>
+
+#include "SessionImpl.h"
+
+namespace usdlive::client {
+
+namespace {
+
+// Small frames are joined to messages of about this size.
+constexpr std::size_t kMessageBytes = 256 * 1024;
+
+Error toError(const ErrorMessage& message) {
+    return {errorFromName(message.code).value_or(ErrorCode::Internal),
+            message.message.empty() ? message.code : message.message};
+}
+
+}  // namespace
+
+// ---- the line
+
+void Session::Impl::connected() {
+    linked_ = true;
+    inbox_.clear();
+    Hello hello{.protocol = kProtocolVersion,
+                .oldestProtocol = kOldestProtocolVersion,
+                .features = {"history", "log", "previews"},
+                .client = options_.client,
+                .user = options_.user,
+                .application = options_.application,
+                .resume = {}};
+    if (hasHistory_) hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
+    sendControl(hello);
+}
+
+void Session::Impl::disconnected(Error reason) {
+    const bool wasLinked = std::exchange(linked_, false);
+    online_ = false;
+    // What has not been worked off comes again, but not what the server said at last.
+    for (const Received& received : std::exchange(inbox_, {})) {
+        const auto frame = decodeFrame(received.frame);
+        const auto* control = frame ? std::get_if<ControlFrame>(&*frame) : nullptr;
+        const auto message =
+            control ? decodeControl(control->json) : fail(ErrorCode::Internal, "-");
+        if (message && std::holds_alternative<ErrorMessage>(*message))
+            events_.push_back(event::ServerError{std::get<ErrorMessage>(*message)});
+    }
+    pending_.markUnsent(false);
+    if (gesture_) gesture_->shown = false;
+    uploads_.disconnected();
+    for (auto& [layer, opened] : layers_)
+        if (opened.joining) {
+            const bool again = opened.joining->again;
+            opened.joining.emplace();
+            opened.joining->again = again;
+        }
+    for (Peek& peek : peeks_) peek.snapshot = {};
+    for (LogReader& log : std::exchange(logs_, {})) log.done(tl::unexpected(reason));
+    for (const std::uint64_t request : std::exchange(saves_, {}))
+        report({ErrorCode::NotConnected,
+                "the connection was lost before the server said that it had saved"},
+               about(request));
+    dirty_ = dirty_ || !previews_.empty();
+    for (const auto& [id, preview] : std::exchange(previews_, {}))
+        events_.push_back(event::PreviewChanged{id.first, id.second, true});
+    if (wasLinked) events_.push_back(event::Disconnected{std::move(reason)});
+}
+
+Result<void> Session::Impl::received(SharedBytes message) {
+    auto frames = splitMessage(*message);
+    if (!frames) return tl::unexpected(frames.error());
+    for (const ByteView frame : *frames) inbox_.push_back({message, frame});
+    return {};
+}
+
+bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
+    nowMs_ = nowMs;
+    const double start = options_.clockMs();
+    while (!inbox_.empty()) {
+        const Received received = std::move(inbox_.front());
+        inbox_.pop_front();
+        process(received);
+        if (options_.clockMs() - start >= budgetMs) break;
+    }
+    completeJoins();
+    completePeeks();
+    settle();
+    sendAll();
+    checkPrediction();
+    return inbox_.empty();
+}
+
+void Session::Impl::protocolFault(Error error) {
+    // The host sees `closing` and ends the connection; the next one resumes.
+    online_ = false;
+    inbox_.clear();
+    report(std::move(error), closing());
+}
+
+// ---- what arrives
+
+void Session::Impl::process(const Received& received) {
+    auto frame = decodeFrame(received.frame);
+    if (!frame) return protocolFault(frame.error());
+    std::visit(
+        [&](auto&& part) {
+            using Part = std::decay_t<decltype(part)>;
+            if constexpr (std::is_same_v<Part, CommitFrame>)
+                handleCommit(std::move(part), received.frame);
+            else if constexpr (!std::is_same_v<Part, SubmitFrame>)
+                handle(std::move(part));
+        },
+        std::move(*frame));
+}
+
+void Session::Impl::handle(ControlFrame&& frame) {
+    const auto message = decodeControl(frame.json);
+    if (!message) return protocolFault(message.error());
+    std::visit([this](const auto& part) { on(part); }, *message);
+}
+
+void Session::Impl::handle(PreviewFrame&& frame) {
+    if (frame.author == options_.client) return;
+    const std::pair id{frame.author, frame.gesture};
+    const bool withdrawn = frame.edits.empty();
+    if (withdrawn) {
+        if (previews_.erase(id) == 0) return;
+    } else {
+        Preview& preview = previews_[id];
+        if (preview.slot == 0) preview.slot = ++lastSlot_;
+        preview.frame = std::move(frame);
+    }
+    dirty_ = true;
+    events_.push_back(event::PreviewChanged{id.first, id.second, withdrawn});
+}
+
+void Session::Impl::handle(SnapshotFrame&& frame) {
+    const auto add = [&](Incoming& snapshot) {
+        if (!snapshot.decoder) snapshot.decoder = std::make_unique<SnapshotDecoder>();
+        const auto whole = snapshot.decoder->add(frame);
+        if (!whole) return protocolFault(whole.error());
+        snapshot.whole = *whole;
+    };
+    for (auto& [layer, opened] : layers_) {
+        if (!opened.joining || opened.joining->snapshot.request != frame.request) continue;
+        Incoming& snapshot = opened.joining->snapshot;
+        add(snapshot);
+        const std::uint64_t total = snapshot.opened ? snapshot.opened->specs : 0;
+        if (opened.wanted)
+            events_.push_back(event::Joining{{layer, snapshot.decoder->specs(), total}});
+        return;
+    }
+    for (Peek& peek : peeks_)
+        if (peek.snapshot.request == frame.request) return add(peek.snapshot);
+}
+
+void Session::Impl::handle(RefusalFrame&& frame) {
+    const bool mendable =
+        frame.error.code == ErrorCode::StaleBase || frame.error.code == ErrorCode::BlobNotFound;
+    if (mendable && resubmit(frame.sequence)) return;
+    if (auto pending = pending_.take(frame.sequence))
+        lose(std::move(*pending), std::move(frame.error));
+}
+
+void Session::Impl::handle(BlobFrame&& frame) {
+    const auto done = downloads_.received(frame, welcome_ ? welcome_->maxBlobBytes : 0);
+    if (done) return;
+    report(done.error(), about(frame.hash));
+}
+
+void Session::Impl::handleCommit(CommitFrame&& frame, ByteView encoded) {
+    const Commit& commit = frame.commit;
+    if (!logs_.empty() && logs_.front().begun) return logs_.front().each(commit);
+    if (!online_ || commit.revision <= revision_ || commit.epoch < commitEpoch_) return;
+    if (commit.revision != revision_ + 1 || commit.previous != hash_) {
+        hasHistory_ = false;
+        freeze();
+        return protocolFault(
+            {ErrorCode::HistoryDiverged,
+             "commit " + std::to_string(commit.revision) + " does not follow the one before"});
+    }
+    hash_ = hashAfter(frame, hash_, encoded);
+    commitEpoch_ = commit.epoch;
+    apply(commit);
+    if (isCaughtUp()) caughtUp();
+    events_.push_back(event::Committed{std::move(frame.commit)});
+}
+
+bool Session::Impl::isCaughtUp() const { return welcome_ && revision_ >= welcome_->revision; }
+
+void Session::Impl::on(const Welcome& message) {
+    if (message.epoch < epoch_)
+        return protocolFault({ErrorCode::HistoryDiverged, "a server of an older epoch answers"});
+    welcome_ = message;
+    epoch_ = message.epoch;
+    online_ = true;
+    if (!message.resumed) {
+        if (hasHistory_) freeze();
+        revision_ = message.revision;
+        hash_ = message.hash;
+        commitEpoch_ = 0;
+        hasHistory_ = true;
+    }
+    for (auto& [layer, opened] : layers_)
+        if (opened.joining) ask(opened.joining->snapshot, layer, 0);
+    for (Peek& peek : peeks_) ask(peek.snapshot, peek.layer, peek.revision);
+    for (const Hash& hash : downloads_.restart()) sendControl(RequestBlob{hash, 0});
+    if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
+    resealWhenCaughtUp_ = !pending_.empty();
+    events_.push_back(event::Connected{message, message.resumed});
+    if (isCaughtUp()) caughtUp();
+}
+
+void Session::Impl::on(const LayerOpened& message) {
+    for (auto& [layer, opened] : layers_)
+        if (opened.joining && opened.joining->snapshot.request == message.request)
+            opened.joining->snapshot.opened = message;
+    for (Peek& peek : peeks_)
+        if (peek.snapshot.request == message.request) peek.snapshot.opened = message;
+}
+
+void Session::Impl::on(const BlobStored& message) { uploads_.stored(message.hash); }
+
+// Its commit was missed with a history that is gone: what it did is in the layers as they were
+// joined again. Otherwise its commit is on its way.
+void Session::Impl::on(const AlreadyCommitted& message) {
+    if (message.revision > revision_) return;
+    if (pending_.take(message.sequence)) dirty_ = true;
+}
+
+void Session::Impl::on(const LayersSaved& message) {
+    saves_.erase(message.request);
+    events_.push_back(event::Saved{message});
+}
+
+void Session::Impl::on(const LogBegin& message) {
+    if (!logs_.empty() && logs_.front().request == message.request) logs_.front().begun = true;
+}
+
+void Session::Impl::on(const LogEnd& message) {
+    if (logs_.empty() || logs_.front().request != message.request) return;
+    const LogReader log = std::move(logs_.front());
+    logs_.pop_front();
+    log.done({});
+}
+
+void Session::Impl::on(const ErrorMessage& message) {
+    const Error error = toError(message);
+    if (answered(message, error)) return;
+    if (message.blob) {
+        const bool later =
+            error.code == ErrorCode::StorageFull || error.code == ErrorCode::StorageFailed;
+        if (!downloads_.failed(*message.blob) && later) uploads_.again(*message.blob, nowMs_);
+        // Otherwise the server will refuse the transactions that name it.
+        if (!later) uploads_.stored(*message.blob);
+    }
+    events_.push_back(event::ServerError{message});
+}
+
+// Is it the answer to a request whose asker is told in another way?
+bool Session::Impl::answered(const ErrorMessage& message, const Error& error) {
+    if (!message.request) return false;
+    for (auto entry = layers_.begin(); entry != layers_.end(); ++entry) {
+        const auto& joining = entry->second.joining;
+        if (!joining || joining->snapshot.request != *message.request) continue;
+        if (entry->second.wanted) events_.push_back(event::JoinFailed{entry->first, error});
+        if (frozen_) frozen_->views.erase(entry->first);
+        layers_.erase(entry);
+        return true;
+    }
+    const auto peek = std::find_if(peeks_.begin(), peeks_.end(), [&](const Peek& candidate) {
+        return candidate.snapshot.request == *message.request;
+    });
+    if (peek != peeks_.end()) {
+        const auto done = std::move(peek->done);
+        peeks_.erase(peek);
+        done(tl::unexpected(error), 0);
+        return true;
+    }
+    const auto log = std::find_if(logs_.begin(), logs_.end(), [&](const LogReader& candidate) {
+        return candidate.request == *message.request;
+    });
+    if (log != logs_.end()) {
+        const auto done = std::move(log->done);
+        logs_.erase(log);
+        done(tl::unexpected(error));
+        return true;
+    }
+    saves_.erase(*message.request);
+    return false;
+}
+
+// ---- what is sent
+
+void Session::Impl::sendControl(const ControlMessage& message) {
+    host_.send(std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)})));
+}
+
+void Session::Impl::ask(Incoming& snapshot, const LayerId& layer, Revision revision) {
+    snapshot = {};
+    snapshot.request = ++lastRequest_;
+    sendControl(OpenLayer{snapshot.request, layer, revision});
+}
+
+void Session::Impl::sendAll() {
+    if (!online_ || !isCaughtUp() || frozen_) return;
+    sendTransactions();
+    if (host_.takesMore()) uploads_.send(options_.uploadWindowChunks, nowMs_);
+    sendPreview();
+}
+
+void Session::Impl::sendTransactions() {
+    const auto ready = [this](const Pending& pending) { return uploads_.ready(pending.blobs); };
+    std::vector<Pending*> sendable = pending_.sendable(ready);
+    if (std::any_of(sendable.begin(), sendable.end(),
+                    [](const Pending* pending) { return pending->reseal; })) {
+        rebuild();  // tells their addresses anew
+        sendable = pending_.sendable(ready);
+    }
+    Bytes message;
+    const auto flush = [&] {
+        if (!message.empty()) host_.send(std::make_shared<const Bytes>(std::move(message)));
+        message = {};
+    };
+    std::vector<std::uint64_t> tooLarge;
+    for (Pending* pending : sendable) {
+        const Bytes frame = encodeFrame(SubmitFrame{pending->transaction});
+        if (frame.size() > welcome_->maxFrameBytes && welcome_->maxFrameBytes > 0) {
+            tooLarge.push_back(pending->transaction.id.sequence);
+            continue;
+        }
+        if (message.size() + frame.size() > kMessageBytes) flush();
+        message.insert(message.end(), frame.begin(), frame.end());
+        pending->sent = true;
+        pending->sentBytes = frame.size();
+        pending->reseal = false;
+    }
+    flush();
+    for (const std::uint64_t sequence : tooLarge)
+        lose(*pending_.take(sequence),
+             {ErrorCode::TransactionTooLarge, "the transaction is larger than the server accepts"});
+    if (dirty_) rebuild();
+}
+
+void Session::Impl::sendPreview() {
+    if (!gesture_ || !gesture_->due(nowMs_)) return;
+    auto frame = std::make_shared<const Bytes>(encodeFrame(gesture_->preview()));
+    gesture_->bytes = frame->size();
+    gesture_->sentMs = nowMs_;
+    gesture_->changed = false;
+    if (frame->size() > Gesture::kMaxPreviewBytes) return;
+    gesture_->shown = true;
+    host_.send(std::move(frame));
+}
+
+void Session::Impl::withdrawPreview(std::uint64_t gesture) {
+    if (gesture == 0 || !online_) return;
+    host_.send(std::make_shared<const Bytes>(
+        encodeFrame(PreviewFrame{options_.client, gesture, revision_, {}})));
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,225 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "BlobTransfer.h"
+#include "Gesture.h"
+#include "PendingTransactions.h"
+#include "Prediction.h"
+#include "usdlive/client/session/Session.h"
+#include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/common/protocol/Snapshot.h"
+
+namespace usdlive::client {
+
+// What an error of the session's own is about.
+[[nodiscard]] inline ErrorMessage about(std::uint64_t request) {
+    ErrorMessage message;
+    message.request = request;
+    return message;
+}
+[[nodiscard]] inline ErrorMessage about(const Hash& blob) {
+    ErrorMessage message;
+    message.blob = blob;
+    return message;
+}
+[[nodiscard]] inline ErrorMessage closing() {
+    ErrorMessage message;
+    message.closing = true;
+    return message;
+}
+
+/// Parts: Session.cpp (the class itself, layers), SessionConnection.cpp (what arrives, what is
+/// sent), SessionCommits.cpp (the confirmed side), SessionView.cpp (the predicted side),
+/// SessionAuthor.cpp (edits and gestures).
+class Session::Impl {
+public:
+    Impl(Options options, SessionHost& host, LayerView& editor);
+
+    void connected();
+    void disconnected(Error reason);
+    Result<void> received(SharedBytes message);
+
+    void openLayer(const LayerId& layer);
+    void closeLayer(const LayerId& layer);
+    [[nodiscard]] bool isJoined(const LayerId& layer) const;
+    [[nodiscard]] const LayerDoc* view(const LayerId& layer) const;
+    [[nodiscard]] const LayerDoc* confirmed(const LayerId& layer) const;
+    void peek(const LayerId& layer, Revision revision,
+              std::function<void(Result<LayerDoc>, Revision)> done);
+    void requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
+                    std::function<void(Result<void>)> done);
+    void save(std::vector<LayerId> layers);
+    void requestBlob(const Hash& hash);
+
+    void author(std::vector<AuthoredEdit> edits);
+    void beginGesture();
+    void endGesture();
+
+    bool advance(double budgetMs, std::int64_t nowMs);
+
+    const Options options_;
+    std::vector<Event> events_;
+    std::optional<Welcome> welcome_;
+    Revision revision_ = 0;
+    PendingTransactions pending_;
+    std::optional<Gesture> gesture_;
+    bool online_ = false;  ///< greeted
+
+private:
+    // A snapshot on its way.
+    struct Incoming {
+        std::uint64_t request = 0;  // 0: not asked for on this connection
+        std::optional<LayerOpened> opened;
+        std::unique_ptr<SnapshotDecoder> decoder;
+        bool whole = false;
+    };
+    struct Joining {
+        Incoming snapshot;
+        std::vector<std::pair<Revision, Edit>> later;  // committed while it is on its way
+        bool again = false;                            // it was joined in a history that is gone
+    };
+    struct OpenedLayer {
+        // False: closed by the editor, kept until one's own work on it is answered.
+        bool wanted = true;
+        std::optional<Joining> joining;  // nothing: joined
+    };
+    struct Peek {
+        LayerId layer;
+        Revision revision = 0;
+        Incoming snapshot;
+        std::function<void(Result<LayerDoc>, Revision)> done;
+    };
+    struct LogReader {
+        std::uint64_t request = 0;
+        bool begun = false;
+        std::function<void(const Commit&)> each;
+        std::function<void(Result<void>)> done;
+    };
+    struct Preview {
+        std::uint64_t slot = 0;  // in order of their beginning
+        PreviewFrame frame;
+    };
+    // While the layers are joined again in another history: what the editor sees meanwhile.
+    struct Frozen {
+        LayerDocs views;
+    };
+    struct Received {
+        SharedBytes owner;
+        ByteView frame;
+    };
+    // Edits the editor made that the model does not hold: what the editor is to be told.
+    struct Repairs {
+        std::set<LayerId> resets;
+        std::vector<AuthoredEdit> fields;
+    };
+
+    // SessionConnection.cpp
+    void process(const Received& received);
+    void handle(ControlFrame&& frame);
+    void handle(PreviewFrame&& frame);
+    void handle(SnapshotFrame&& frame);
+    void handle(RefusalFrame&& frame);
+    void handle(BlobFrame&& frame);
+    void handleCommit(CommitFrame&& frame, ByteView encoded);
+    void on(const Welcome& message);
+    void on(const LayerOpened& message);
+    void on(const BlobStored& message);
+    void on(const AlreadyCommitted& message);
+    void on(const LayersSaved& message);
+    void on(const LogBegin& message);
+    void on(const LogEnd& message);
+    void on(const ErrorMessage& message);
+    void on(const auto&) {}  // messages to a server
+    [[nodiscard]] bool answered(const ErrorMessage& message, const Error& error);
+    void protocolFault(Error error);
+    void report(Error error, ErrorMessage about = {});
+    void sendControl(const ControlMessage& message);
+    void sendAll();
+    void sendTransactions();
+    void sendPreview();
+    void withdrawPreview(std::uint64_t gesture);
+    void ask(Incoming& snapshot, const LayerId& layer, Revision revision);
+
+    // SessionCommits.cpp
+    void apply(const Commit& commit);
+    void applyToEditor(const Commit& commit, bool own);
+    bool disturbs(const Commit& commit, const Pending* own) const;
+    void acknowledge(const Commit& commit);
+    void reportDropped(const Pending& pending, const Commit& commit);
+    void completeJoins();
+    void completePeeks();
+    bool completeJoin(const LayerId& layer, Joining& joining);
+    void prune();
+    void caughtUp();
+    void lose(Pending pending, Error reason);
+    bool resubmit(std::uint64_t sequence);
+    [[nodiscard]] bool isCaughtUp() const;
+
+    // SessionView.cpp
+    void settle();
+    void rebuild();
+    void predict(bool previews, bool reseal);
+    void replay(Prediction& prediction) const;
+    void checkPrediction() const;
+    void reseal(Pending& pending);
+    void resealGesture();
+    void seal(Pending& pending, std::vector<std::optional<AuthoredEdit>> edits);
+    void tellEditor(const LayerDocs& before);
+    void flushResets();
+    void freeze();
+    void carryOver();
+    void thaw();
+    void dropClosed();
+    [[nodiscard]] bool ownWorkOn(const LayerId& layer) const;
+
+    // SessionAuthor.cpp
+    Pending newPending();
+    void authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
+                    Repairs& repairs);
+    Result<Edit> predictEdit(Pending& pending, const AuthoredEdit& edit);
+    void noteRepair(const AuthoredEdit& edit, Repairs& repairs) const;
+    void repair(const Repairs& repairs);
+
+    SessionHost& host_;
+    LayerView& editor_;
+
+    // The connection.
+    bool linked_ = false;
+    std::deque<Received> inbox_;
+    std::uint64_t lastRequest_ = 0;
+    bool resealWhenCaughtUp_ = false;
+    std::int64_t nowMs_ = 0;
+
+    // The confirmed side. The log also holds what is predicted, behind what is confirmed.
+    bool hasHistory_ = false;
+    Epoch epoch_ = 0;        // of the server
+    Epoch commitEpoch_ = 0;  // of the newest commit
+    Hash hash_;
+    LayerDocs confirmed_;
+    NamespaceLog log_;
+    OwnCreations creations_;
+    std::map<LayerId, OpenedLayer> layers_;
+    std::optional<Frozen> frozen_;
+
+    // The predicted side.
+    Prediction prediction_{confirmed_, log_};
+    std::map<std::pair<ClientId, std::uint64_t>, Preview> previews_;
+    std::uint64_t lastSlot_ = 0;
+    bool dirty_ = false;        // the prediction has to be made anew
+    std::set<LayerId> resets_;  // the editor gets their whole content next
+
+    BlobUploads uploads_;
+    BlobDownloads downloads_;
+    std::vector<Peek> peeks_;
+    std::deque<LogReader> logs_;
+    std::set<std::uint64_t> saves_;
+};
+
+}  // namespace usdlive::client

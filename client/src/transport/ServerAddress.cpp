@@ -1,0 +1,136 @@
+#include <array>
+#include <charconv>
+#include <optional>
+
+#include "usdlive/client/transport/Connection.h"
+#include "usdlive/common/core/LayerPath.h"
+
+namespace usdlive::client {
+
+namespace {
+
+constexpr std::array<std::string_view, 2> kSchemes{"ws://", "usdlive://"};
+constexpr std::string_view kHint = "expected ws://HOST:PORT or ws://HOST:PORT/LAYER";
+
+tl::unexpected<Error> badAddress(const std::string& text, const std::string& what) {
+    return fail(ErrorCode::InvalidArgument, "'" + text + "' is not the address of a server: " +
+                                                what + "; " + std::string(kHint));
+}
+
+std::optional<std::string_view> withoutScheme(std::string_view text) {
+    for (const auto scheme : kSchemes)
+        if (text.starts_with(scheme)) return text.substr(scheme.size());
+    return std::nullopt;
+}
+
+std::optional<std::uint16_t> parsePort(std::string_view text) {
+    std::uint16_t port = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
+    if (error != std::errc{} || end != text.data() + text.size() || port == 0) return std::nullopt;
+    return port;
+}
+
+std::optional<int> hexDigit(char c) {
+    if (c >= '0' && c <= '9') return c - '0';
+    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+    return std::nullopt;
+}
+
+// A layer's name may be given as it is or percent-encoded, as a browser copies it.
+std::optional<std::string> percentDecoded(std::string_view text) {
+    std::string decoded;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        if (text[i] != '%') {
+            decoded += text[i];
+            continue;
+        }
+        if (i + 2 >= text.size()) return std::nullopt;
+        const auto high = hexDigit(text[i + 1]);
+        const auto low = hexDigit(text[i + 2]);
+        if (!high || !low) return std::nullopt;
+        decoded += char(*high * 16 + *low);
+        i += 2;
+    }
+    return decoded;
+}
+
+std::string percentEncoded(std::string_view text) {
+    constexpr std::string_view kDigits = "0123456789ABCDEF";
+    std::string encoded;
+    for (const char c : text) {
+        const auto byte = static_cast<unsigned char>(c);
+        if (c == '%' || c == '?' || c == '#' || byte <= ' ' || byte == 0x7f) {
+            encoded += '%';
+            encoded += kDigits[byte >> 4];
+            encoded += kDigits[byte & 15];
+        } else {
+            encoded += c;
+        }
+    }
+    return encoded;
+}
+
+struct HostAndPort {
+    std::string_view host;
+    std::optional<std::string_view> port;
+};
+
+// `host`, `host:port`, `[::1]`, `[::1]:port`; nothing when the brackets do not match.
+std::optional<HostAndPort> splitAuthority(std::string_view text) {
+    HostAndPort split;
+    std::string_view rest;
+    if (text.starts_with('[')) {
+        const auto end = text.find(']');
+        if (end == std::string_view::npos) return std::nullopt;
+        split.host = text.substr(1, end - 1);
+        rest = text.substr(end + 1);
+        if (!rest.empty() && !rest.starts_with(':')) return std::nullopt;
+    } else {
+        const auto colon = text.find(':');
+        split.host = text.substr(0, colon);
+        rest = colon == std::string_view::npos ? std::string_view{} : text.substr(colon);
+    }
+    if (!rest.empty()) split.port = rest.substr(1);
+    return split;
+}
+
+bool isHost(std::string_view host) {
+    return !host.empty() && host.find_first_of(" \t\r\n/@[]?#\\") == std::string_view::npos;
+}
+
+}  // namespace
+
+std::string ServerAddress::url() const {
+    const bool bracketed = host.find(':') != std::string::npos;
+    std::string text = "ws://" + (bracketed ? "[" + host + "]" : host) + ":" + std::to_string(port);
+    if (!layer.empty()) text += "/" + percentEncoded(layer);
+    return text;
+}
+
+Result<ServerAddress> parseServerAddress(const std::string& text) {
+    const auto rest = withoutScheme(text);
+    if (!rest) return badAddress(text, "it has to begin with ws:// or usdlive://");
+
+    const auto slash = rest->find('/');
+    const auto authority = splitAuthority(rest->substr(0, slash));
+    if (!authority || !isHost(authority->host)) return badAddress(text, "the host is not usable");
+
+    ServerAddress address;
+    address.host = authority->host;
+    if (authority->port) {
+        const auto port = parsePort(*authority->port);
+        if (!port) return badAddress(text, "the port has to be a number from 1 to 65535");
+        address.port = *port;
+    }
+    if (slash == std::string_view::npos || slash + 1 == rest->size()) return address;
+
+    const auto layer = percentDecoded(rest->substr(slash + 1));
+    if (!layer) return badAddress(text, "a % is not followed by two hexadecimal digits");
+    const auto id = parseLayerId(*layer);
+    if (!id) return badAddress(text, id.error().message);
+    address.layer = id->value;
+    return address;
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,423 @@
+#include <algorithm>
+#include <boost/asio/as_tuple.hpp>
+#include <boost/asio/awaitable.hpp>
+#include <boost/asio/co_spawn.hpp>
+#include <boost/asio/connect.hpp>
+#include <boost/asio/detached.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/use_awaitable.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/core/tcp_stream.hpp>
+#include <boost/beast/websocket.hpp>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <random>
+#include <thread>
+
+#include "usdlive/client/transport/Connection.h"
+#include "usdlive/common/protocol/Frame.h"
+
+namespace usdlive::client {
+
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+namespace websocket = boost::beast::websocket;
+using boost::system::error_code;
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using std::chrono::steady_clock;
+
+constexpr auto kConnectTimeout = seconds(10);
+// Beast pings after half of it without a byte from the peer, and gives up after all of it.
+constexpr auto kIdleTimeout = seconds(10);
+constexpr auto kFirstDelay = milliseconds(100);
+constexpr auto kLongestDelay = milliseconds(5000);
+// A connection that lasted this long was a good one: the next delay is a short one again.
+constexpr auto kStableAfter = seconds(5);
+// How long a connection that is let go may take to send what is queued and to say goodbye.
+constexpr auto kGoodbye = milliseconds(500);
+
+// A message of the server is one or more frames; the slack is for those beside the largest.
+constexpr std::size_t kMaxMessageBytes = kMaxFrameBytes + 8 * 1024 * 1024;
+// What leaves in one message, unless a single buffer is larger.
+constexpr std::size_t kBatchBytes = 1024 * 1024;
+// Not fetched by poll(): above it reading pauses, TCP tells the server, and in the end one of the
+// two gives the connection up; the session resumes.
+constexpr std::size_t kMaxInboxBytes = 256 * 1024 * 1024;
+// Not taken by the server: above it the connection is given up; the session resumes.
+constexpr std::size_t kMaxOutboxBytes = 1024 * 1024 * 1024;
+
+constexpr auto kTuple = asio::as_tuple(asio::use_awaitable);
+
+using Stream = websocket::stream<beast::tcp_stream>;
+
+// What the two threads share, with the mutex that guards it.
+class Mailbox {
+public:
+    using Happening = Connection::Happening;
+
+    // --- the network's thread ---
+
+    std::uint64_t opened() {
+        const std::lock_guard lock(mutex_);
+        clearOutbox();
+        open_ = ++generation_;
+        inbox_.push_back({Connection::Opened{}, generation_});
+        arrived_.notify_all();
+        return generation_;
+    }
+    void lost(Error reason) {
+        const std::lock_guard lock(mutex_);
+        clearOutbox();
+        open_.reset();
+        // Failed attempts that nobody looks at do not pile up: the latest says enough.
+        if (!inbox_.empty() && std::holds_alternative<Connection::Lost>(inbox_.back().happening))
+            inbox_.pop_back();
+        inbox_.push_back({Connection::Lost{std::move(reason)}, generation_});
+        arrived_.notify_all();
+    }
+    // False: full, wait before reading on.
+    [[nodiscard]] bool message(SharedBytes bytes) {
+        const std::lock_guard lock(mutex_);
+        inboxBytes_ += bytes->size();
+        inbox_.push_back({Connection::Message{std::move(bytes)}, generation_});
+        arrived_.notify_all();
+        return inboxBytes_ < kMaxInboxBytes;
+    }
+    [[nodiscard]] bool hasRoom() const {
+        const std::lock_guard lock(mutex_);
+        return inboxBytes_ < kMaxInboxBytes / 2;
+    }
+    // What leaves in the next message; counted as queued until written().
+    [[nodiscard]] std::vector<SharedBytes> takeBatch() {
+        const std::lock_guard lock(mutex_);
+        std::vector<SharedBytes> batch;
+        std::size_t bytes = 0;
+        while (!outbox_.empty() &&
+               (batch.empty() || bytes + outbox_.front()->size() <= kBatchBytes)) {
+            bytes += outbox_.front()->size();
+            batch.push_back(std::move(outbox_.front()));
+            outbox_.pop_front();
+        }
+        return batch;
+    }
+    void written(std::size_t bytes) {
+        const std::lock_guard lock(mutex_);
+        outboxBytes_ -= std::min(bytes, outboxBytes_);
+    }
+
+    // --- the owner's thread ---
+
+    enum class Queued { Dropped, Yes, Full };
+    // Frames are for the connection whose Opened the owner has fetched, never for a newer one: it
+    // would get them before its hello.
+    [[nodiscard]] Queued queue(SharedBytes frames) {
+        const std::lock_guard lock(mutex_);
+        if (!open_ || *open_ != seen_) return Queued::Dropped;
+        if (outboxBytes_ + frames->size() > kMaxOutboxBytes) return Queued::Full;
+        outboxBytes_ += frames->size();
+        outbox_.push_back(std::move(frames));
+        return Queued::Yes;
+    }
+    [[nodiscard]] std::vector<Happening> fetch(std::size_t most, bool& madeRoom) {
+        const std::lock_guard lock(mutex_);
+        const bool wasFull = inboxBytes_ >= kMaxInboxBytes / 2;
+        std::vector<Happening> fetched;
+        while (!inbox_.empty() && fetched.size() < most) {
+            auto& [happening, generation] = inbox_.front();
+            if (const auto* message = std::get_if<Connection::Message>(&happening))
+                inboxBytes_ -= message->bytes->size();
+            if (std::holds_alternative<Connection::Opened>(happening)) seen_ = generation;
+            fetched.push_back(std::move(happening));
+            inbox_.pop_front();
+        }
+        madeRoom = wasFull && inboxBytes_ < kMaxInboxBytes / 2;
+        return fetched;
+    }
+    [[nodiscard]] bool wait(milliseconds time) {
+        std::unique_lock lock(mutex_);
+        return arrived_.wait_for(lock, time, [this] { return !inbox_.empty(); });
+    }
+    [[nodiscard]] std::size_t outboxBytes() const {
+        const std::lock_guard lock(mutex_);
+        return outboxBytes_;
+    }
+    // The generation the owner takes for open.
+    [[nodiscard]] std::uint64_t seen() const {
+        const std::lock_guard lock(mutex_);
+        return seen_;
+    }
+
+private:
+    struct Entry {
+        Happening happening;
+        std::uint64_t generation;
+    };
+
+    void clearOutbox() {
+        outbox_.clear();
+        outboxBytes_ = 0;
+    }
+
+    mutable std::mutex mutex_;
+    std::condition_variable arrived_;
+    std::deque<Entry> inbox_;
+    std::size_t inboxBytes_ = 0;
+    std::deque<SharedBytes> outbox_;
+    std::size_t outboxBytes_ = 0;  // with the batch that is being written
+    std::uint64_t generation_ = 0;
+    std::optional<std::uint64_t> open_;
+    std::uint64_t seen_ = 0;
+};
+
+// One connection from its handshake to its end. Belongs to the network's thread; each coroutine
+// that uses it keeps it alive.
+struct Line {
+    explicit Line(Stream stream) : stream(std::move(stream)), work(this->stream.get_executor()) {
+        work.expires_at(steady_clock::time_point::max());
+    }
+    // The first reason given stands.
+    void end(Error why) {
+        if (!reason) reason = std::move(why);
+        wake();
+        beast::get_lowest_layer(stream).close();
+    }
+    void wake() { work.cancel(); }
+
+    Stream stream;
+    asio::steady_timer
+        work;  // never expires: cancelled when there is something to write or to read for
+    std::uint64_t generation = 0;
+    std::optional<Error> reason;
+};
+
+class WebSocketConnection final : public Connection {
+public:
+    explicit WebSocketConnection(const ServerAddress& address)
+        : address_(address), random_(std::random_device{}()), pause_(context_) {
+        asio::co_spawn(context_, run(), asio::detached);
+        thread_ = std::thread([this] { context_.run(); });
+    }
+
+    ~WebSocketConnection() override {
+        asio::post(context_, [this] { sayGoodbye(); });
+        thread_.join();
+    }
+
+    void send(SharedBytes frames) override {
+        if (!frames || frames->empty()) return;
+        switch (mailbox_.queue(std::move(frames))) {
+            case Mailbox::Queued::Yes:
+                asio::post(context_, [this] {
+                    if (line_) line_->wake();
+                });
+                break;
+            case Mailbox::Queued::Full:
+                drop(mailbox_.seen(),
+                     {ErrorCode::NotConnected, where() + " takes nothing any more"});
+                break;
+            case Mailbox::Queued::Dropped:
+                break;
+        }
+    }
+
+    std::vector<Happening> poll(std::size_t most) override {
+        bool madeRoom = false;
+        auto happenings = mailbox_.fetch(most, madeRoom);
+        if (madeRoom) asio::post(context_, [this] { pause_.cancel(); });
+        return happenings;
+    }
+
+    bool wait(milliseconds time) override { return mailbox_.wait(time); }
+
+    std::size_t queuedBytes() const override { return mailbox_.outboxBytes(); }
+
+    void reset() override {
+        drop(mailbox_.seen(),
+             {ErrorCode::NotConnected, "the connection to " + where() + " was reset"});
+    }
+
+private:
+    // A connection that is newer than the one meant is left alone.
+    void drop(std::uint64_t generation, Error reason) {
+        asio::post(context_, [this, generation, reason = std::move(reason)] {
+            if (!line_ || line_->generation != generation) return;
+            line_->end(reason);
+            pause_.cancel();
+        });
+    }
+
+    [[nodiscard]] std::string where() const {
+        ServerAddress server = address_;
+        server.layer.clear();
+        return server.url();
+    }
+
+    [[nodiscard]] Error describe(const std::string& what, const error_code& error) const {
+        return {ErrorCode::NotConnected, what + " " + where() + ": " + error.message()};
+    }
+
+    asio::awaitable<void> run() {
+        int failures = 0;
+        while (!leaving_) {
+            const auto start = steady_clock::now();
+            Error reason = co_await attempt();
+            if (leaving_) break;
+            mailbox_.lost(std::move(reason));
+            failures = steady_clock::now() - start > kStableAfter ? 0 : failures + 1;
+            co_await rest(delay(failures));
+            while (!leaving_ && !mailbox_.hasRoom()) co_await rest(kLongestDelay);
+        }
+        context_.stop();
+    }
+
+    [[nodiscard]] milliseconds delay(int failures) {
+        const auto doubled = kFirstDelay * (1 << std::min(std::max(failures - 1, 0), 10));
+        const auto longest = std::min<milliseconds>(doubled, kLongestDelay);
+        return milliseconds(std::uniform_int_distribution<long long>(0, longest.count())(random_));
+    }
+
+    asio::awaitable<void> rest(milliseconds time) {
+        pause_.expires_after(time);
+        co_await pause_.async_wait(kTuple);
+    }
+
+    // Connects, and reads until the connection is lost.
+    asio::awaitable<Error> attempt() {
+        asio::ip::tcp::resolver resolver(context_);
+        const auto [resolveError, endpoints] =
+            co_await resolver.async_resolve(address_.host, std::to_string(address_.port), kTuple);
+        if (resolveError) co_return describe("no address found for", resolveError);
+
+        auto line = std::make_shared<Line>(Stream(context_));
+        line_ = line;
+        auto& tcp = beast::get_lowest_layer(line->stream);
+        tcp.expires_after(kConnectTimeout);
+        const auto [connectError, endpoint] = co_await tcp.async_connect(endpoints, kTuple);
+        if (connectError) co_return finish(*line, describe("cannot reach", connectError));
+        // Without it Nagle and delayed acknowledgements hold small messages back for 40 ms.
+        error_code noDelayError;
+        tcp.socket().set_option(asio::ip::tcp::no_delay(true), noDelayError);
+        if (noDelayError) co_return finish(*line, describe("cannot reach", noDelayError));
+        tcp.expires_never();
+
+        if (auto error = co_await shakeHands(*line)) co_return finish(*line, std::move(*error));
+        line->generation = mailbox_.opened();
+        asio::co_spawn(context_, write(line), asio::detached);
+        co_return finish(*line, co_await read(*line));
+    }
+
+    [[nodiscard]] Error finish(Line& line, Error reason) {
+        line.end(std::move(reason));
+        line_.reset();
+        return *line.reason;
+    }
+
+    asio::awaitable<std::optional<Error>> shakeHands(Line& line) {
+        auto& stream = line.stream;
+        stream.set_option(websocket::stream_base::timeout{kConnectTimeout, kIdleTimeout, true});
+        websocket::permessage_deflate none;
+        none.client_enable = none.server_enable = false;
+        stream.set_option(none);
+        stream.set_option(websocket::stream_base::decorator([](websocket::request_type& request) {
+            request.set(http::field::user_agent, "usdlive");
+        }));
+        stream.read_message_max(kMaxMessageBytes);
+        stream.write_buffer_bytes(64 * 1024);
+        stream.auto_fragment(false);
+        stream.binary(true);
+
+        websocket::response_type response;
+        const auto host = where().substr(std::string_view("ws://").size());
+        const auto [error] = co_await stream.async_handshake(response, host, "/live", kTuple);
+        if (error == websocket::error::upgrade_declined)
+            co_return Error{ErrorCode::NotConnected, "no usdlive server at " + where() + ": HTTP " +
+                                                         std::to_string(response.result_int())};
+        if (error) co_return describe("no usdlive server at", error);
+        co_return std::nullopt;
+    }
+
+    asio::awaitable<Error> read(Line& line) {
+        beast::flat_buffer buffer;
+        for (;;) {
+            const auto [error, size] = co_await line.stream.async_read(buffer, kTuple);
+            if (error) co_return describe("lost the connection to", error);
+            if (line.stream.got_text())
+                co_return Error{ErrorCode::TextFrame, where() + " sent a text message"};
+            const auto* begin = static_cast<const std::uint8_t*>(buffer.data().data());
+            const bool room = mailbox_.message(std::make_shared<const Bytes>(begin, begin + size));
+            buffer.consume(size);
+            while (!leaving_ && !line.reason && !room && !mailbox_.hasRoom())
+                co_await rest(kLongestDelay);
+        }
+    }
+
+    asio::awaitable<void> write(std::shared_ptr<Line> line) {
+        std::vector<asio::const_buffer> buffers;
+        while (!line->reason) {
+            const auto batch = mailbox_.takeBatch();
+            if (batch.empty()) {
+                if (leaving_) break;
+                co_await line->work.async_wait(kTuple);
+                continue;
+            }
+            buffers.clear();
+            for (const auto& bytes : batch) buffers.push_back(asio::buffer(*bytes));
+            const auto [error, size] = co_await line->stream.async_write(buffers, kTuple);
+            if (error) {
+                line->end(describe("lost the connection to", error));
+                co_return;
+            }
+            // Of a line that has ended meanwhile the mailbox has forgotten everything.
+            if (!line->reason) mailbox_.written(asio::buffer_size(buffers));
+        }
+        if (leaving_ && !line->reason)
+            co_await line->stream.async_close(websocket::close_code::normal, kTuple);
+    }
+
+    // From here on nobody listens: what is queued is sent, the peer is told, and the thread ends.
+    void sayGoodbye() {
+        leaving_ = true;
+        pause_.cancel();
+        if (!line_ || line_->generation == 0) {
+            context_.stop();
+            return;
+        }
+        line_->wake();
+        asio::co_spawn(context_, stopLater(line_), asio::detached);
+    }
+
+    asio::awaitable<void> stopLater(std::shared_ptr<Line> line) {
+        asio::steady_timer timer(context_, kGoodbye);
+        co_await timer.async_wait(kTuple);
+        line->end({ErrorCode::NotConnected, "left"});
+        context_.stop();
+    }
+
+    const ServerAddress address_;
+    Mailbox mailbox_;
+
+    // Of the network's thread.
+    asio::io_context context_{1};
+    std::mt19937 random_;
+    asio::steady_timer pause_;
+    std::shared_ptr<Line> line_;  // the present one, also while it is being made
+    bool leaving_ = false;
+
+    std::thread thread_;
+};
+
+}  // namespace
+
+std::unique_ptr<Connection> createWebSocketConnection(const ServerAddress& address) {
+    return std::make_unique<WebSocketConnection>(address);
+}
+
+}  // namespace usdlive::client

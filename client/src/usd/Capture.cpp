@@ -1,0 +1,502 @@
+#include "usdlive/client/usd/Capture.h"
+
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+
+#include "usdlive/client/usd/ChildOrder.h"
+
+namespace usdlive::client {
+
+using pxr::SdfPath;
+using pxr::SdfSpecType;
+using pxr::TfToken;
+
+namespace {
+
+constexpr std::string_view kTimeSamples = "timeSamples";
+
+const TfToken& timeSamplesToken() { return pxr::SdfFieldKeys->TimeSamples; }
+
+std::optional<SpecKind> kindOf(SdfSpecType type) {
+    switch (type) {
+        case pxr::SdfSpecTypeAttribute:
+            return SpecKind::Attribute;
+        case pxr::SdfSpecTypePrim:
+            return SpecKind::Prim;
+        case pxr::SdfSpecTypePseudoRoot:
+            return SpecKind::PseudoRoot;
+        case pxr::SdfSpecTypeRelationship:
+            return SpecKind::Relationship;
+        case pxr::SdfSpecTypeVariant:
+            return SpecKind::Variant;
+        case pxr::SdfSpecTypeVariantSet:
+            return SpecKind::VariantSet;
+        default:
+            return std::nullopt;
+    }
+}
+
+constexpr std::array<ChildList, 4> kLists{ChildList::Prims, ChildList::Properties,
+                                          ChildList::VariantSets, ChildList::Variants};
+
+const TfToken& fieldOf(ChildList list) {
+    switch (list) {
+        case ChildList::Prims:
+            return pxr::SdfChildrenKeys->PrimChildren;
+        case ChildList::Properties:
+            return pxr::SdfChildrenKeys->PropertyChildren;
+        case ChildList::VariantSets:
+            return pxr::SdfChildrenKeys->VariantSetChildren;
+        case ChildList::Variants:
+            break;
+    }
+    return pxr::SdfChildrenKeys->VariantChildren;
+}
+
+std::optional<ChildList> listOf(const TfToken& field) {
+    for (const ChildList list : kLists)
+        if (field == fieldOf(list)) return list;
+    return std::nullopt;
+}
+
+// Targets and connections have specs in Sdf that say nothing of their own.
+bool isTarget(const SdfPath& path) { return path.IsTargetPath(); }
+
+// As VtDictionary takes key paths apart.
+std::vector<std::string> splitKeyPath(const TfToken& keyPath) {
+    std::vector<std::string> keys;
+    std::string_view rest = keyPath.GetString();
+    while (!rest.empty()) {
+        const auto colon = std::min(rest.find(':'), rest.size());
+        if (colon != 0) keys.emplace_back(rest.substr(0, colon));
+        rest.remove_prefix(std::min(colon + 1, rest.size()));
+    }
+    return keys;
+}
+
+const Dictionary::Entry* entryAt(const FieldValue* field, const std::vector<std::string>& keys) {
+    const Dictionary* dictionary = field ? field->as<Dictionary>() : nullptr;
+    const Dictionary::Entry* entry = nullptr;
+    for (const auto& key : keys) {
+        if (!dictionary) return nullptr;
+        const auto found = dictionary->entries.find(key);
+        if (found == dictionary->entries.end()) return nullptr;
+        entry = &found->second;
+        dictionary = std::get_if<Dictionary>(entry);
+    }
+    return entry;
+}
+
+const Value* sampleAt(const FieldValue* field, double time) {
+    const TimeSamples* samples = field ? field->as<TimeSamples>() : nullptr;
+    if (!samples) return nullptr;
+    const auto at = std::lower_bound(samples->samples.begin(), samples->samples.end(), time,
+                                     [](const auto& sample, double t) { return sample.first < t; });
+    return at != samples->samples.end() && at->first == time ? &at->second : nullptr;
+}
+
+}  // namespace
+
+// One seal: brings the working copy to what the layer holds, at the places that were written.
+class Capture::Sealing {
+public:
+    Sealing(Capture& capture, usd::SdfLayerStore& store, usd::BlobSink& blobs)
+        : capture_(capture), store_(store), blobs_(blobs), layer_(store.layer()) {}
+
+    void compareAll() { compareSpec(SdfPath::AbsoluteRootPath()); }
+
+    void compareDirty() {
+        for (const SdfPath& path : capture_.unclear_) compareSpec(path);
+        // Lists at last: a spec met on the way may have been created by comparing.
+        for (const auto& [path, spec] : capture_.dirty_)
+            if (!doc().has(path.GetString())) compareSpec(path);
+        for (const auto& [path, spec] : capture_.dirty_)
+            if (doc().has(path.GetString())) compareFields(path, spec);
+        for (const auto& [path, spec] : capture_.dirty_)
+            for (const ChildList list : kLists)
+                if (spec.lists[std::size_t(list)] && doc().has(path.GetString()))
+                    compareOrder(path, list);
+    }
+
+private:
+    [[nodiscard]] LayerDoc& doc() { return *capture_.working_; }
+    [[nodiscard]] SdfSpecType typeInLayer(const SdfPath& path) const {
+        return layer_->GetSpecType(path);
+    }
+
+    void lose(const SdfPath& path, const std::string& field, const Error& reason) {
+        std::string message = capture_.layer_.value + " <" + path.GetString() + ">";
+        if (!field.empty()) message += " " + field;
+        message += ": " + reason.message;
+        capture_.lost_.push_back({path.GetString(), field, {reason.code, std::move(message)}});
+    }
+
+    // Sets the layer's field, or the part of it, back to what the working copy has.
+    void giveUp(const SdfPath& path, const TfToken& field, const Error& reason) {
+        lose(path, field.GetString(), reason);
+        const FieldValue* held = doc().field(path.GetString(), field.GetString());
+        const EditAction back = held ? EditAction(SetField{field, {}, *held, ValueType::None})
+                                     : EditAction(EraseField{field, {}});
+        static_cast<void>(store_.apply(path.GetString(), back));
+    }
+    void giveUpSample(const SdfPath& path, double time, const Error& reason) {
+        lose(path, std::string(kTimeSamples) + " at " + std::to_string(time), reason);
+        const Value* held = sampleAt(doc().field(path.GetString(), kTimeSamples), time);
+        const std::string field(kTimeSamples);
+        const EditAction back =
+            held ? EditAction(SetField{field, SampleTime{time}, *held, ValueType::None})
+                 : EditAction(EraseField{field, SampleTime{time}});
+        static_cast<void>(store_.apply(path.GetString(), back));
+    }
+    void giveUpSpec(const SdfPath& path, const Error& reason) {
+        lose(path, {}, reason);
+        static_cast<void>(store_.apply(path.GetString(), DeleteSpec{}));
+    }
+
+    void compareFields(const SdfPath& path, const DirtySpec& spec) {
+        for (const auto& [field, dirty] : spec.fields) {
+            if (dirty.whole) {
+                compareField(path, field);
+                continue;
+            }
+            for (const TfToken& keyPath : dirty.keyPaths) compareKey(path, field, keyPath);
+            for (const double time : dirty.times) compareSample(path, time);
+        }
+    }
+
+    void compareField(const SdfPath& path, const TfToken& field) {
+        const auto present = store_.read(path, field, blobs_);
+        if (!present) {
+            giveUp(path, field, present.error());
+            return;
+        }
+        const FieldValue* held = doc().field(path.GetString(), field.GetString());
+        const FieldValue* wanted = *present ? &**present : nullptr;
+        for (auto& action : fieldDifference(field.GetString(), held, wanted)) {
+            const auto recorded = capture_.record(path.GetString(), std::move(action));
+            if (recorded) continue;
+            giveUp(path, field, recorded.error());
+            return;
+        }
+    }
+
+    // Only this sample is read: an attribute may have many thousands.
+    void compareSample(const SdfPath& path, double time) {
+        pxr::VtValue present;
+        const Value* held = sampleAt(doc().field(path.GetString(), kTimeSamples), time);
+        const std::string field(kTimeSamples);
+        if (!layer_->QueryTimeSample(path, time, &present)) {
+            if (held) recordSample(path, time, EraseField{field, SampleTime{time}});
+            return;
+        }
+        auto value = usd::encodeLeaf(present, blobs_);
+        if (!value) {
+            giveUpSample(path, time, value.error());
+            return;
+        }
+        if (held && *held == *value) return;
+        recordSample(path, time,
+                     SetField{field, SampleTime{time}, std::move(*value), ValueType::None});
+    }
+    void recordSample(const SdfPath& path, double time, EditAction action) {
+        const auto recorded = capture_.record(path.GetString(), std::move(action));
+        if (!recorded) giveUpSample(path, time, recorded.error());
+    }
+
+    void compareKey(const SdfPath& path, const TfToken& field, const TfToken& keyPath) {
+        const auto keys = splitKeyPath(keyPath);
+        if (keys.empty()) {
+            compareField(path, field);
+            return;
+        }
+        if (!compareKeys(path, field, keyPath, keys) || keys.size() == 1) return;
+        // Setting a nested key may have displaced a value that stood in its way, and erasing one
+        // the dictionaries that became empty by it.
+        compareKeys(path, field, TfToken(keys.front()), {keys.front()});
+    }
+    bool compareKeys(const SdfPath& path, const TfToken& field, const TfToken& keyPath,
+                     const std::vector<std::string>& keys) {
+        const auto* held = entryAt(doc().field(path.GetString(), field.GetString()), keys);
+        const pxr::VtValue present = layer_->GetFieldDictValueByKey(path, field, keyPath);
+        EditAction action;
+        if (present.IsEmpty()) {
+            if (!held) return true;
+            action = EraseField{field, DictionaryKey{keys}};
+        } else {
+            auto value = usd::encodeValue(present, blobs_);
+            if (!value) {
+                giveUp(path, field, value.error());
+                return false;
+            }
+            if (held &&
+                std::visit([&](const auto& entry) { return FieldValue(entry) == *value; }, *held))
+                return true;
+            action = SetField{field, DictionaryKey{keys}, std::move(*value), ValueType::None};
+        }
+        const auto recorded = capture_.record(path.GetString(), std::move(action));
+        if (!recorded) giveUp(path, field, recorded.error());
+        return recorded.has_value();
+    }
+
+    void compareOrder(const SdfPath& parent, ChildList list) {
+        const auto wanted = childrenInLayer(parent, list);
+        auto held = doc().children(parent.GetString(), list);
+        if (held == wanted) return;
+        if (!std::is_permutation(held.begin(), held.end(), wanted.begin(), wanted.end())) {
+            compareChildren(parent, list, held, wanted);
+            held = doc().children(parent.GetString(), list);
+            if (!std::is_permutation(held.begin(), held.end(), wanted.begin(), wanted.end()))
+                return;
+        }
+        for (const auto& [name, before] : placements(held, wanted)) {
+            const auto path = specpath::child(parent.GetString(), list, name);
+            const auto recorded = capture_.record(path, PlaceSpec{before});
+            if (!recorded) lose(parent, fieldOf(list), recorded.error());
+        }
+    }
+
+    [[nodiscard]] std::vector<std::string> childrenInLayer(const SdfPath& parent,
+                                                           ChildList list) const {
+        std::vector<std::string> names;
+        for (const TfToken& name :
+             layer_->GetFieldAs<std::vector<TfToken>>(parent, fieldOf(list), {}))
+            names.push_back(name.GetString());
+        return names;
+    }
+
+    [[nodiscard]] static SdfPath childPath(const SdfPath& parent, ChildList list,
+                                           const std::string& name) {
+        return SdfPath(specpath::child(parent.GetString(), list, name));
+    }
+
+    void compareChildren(const SdfPath& parent, ChildList list,
+                         const std::vector<std::string>& held,
+                         const std::vector<std::string>& wanted) {
+        const std::set<std::string> stay(wanted.begin(), wanted.end());
+        for (const auto& name : held)
+            if (!stay.contains(name))
+                static_cast<void>(
+                    capture_.record(specpath::child(parent.GetString(), list, name), DeleteSpec{}));
+        const std::set<std::string> known(held.begin(), held.end());
+        for (const auto& name : wanted)
+            if (!known.contains(name)) compareSpec(childPath(parent, list, name));
+    }
+
+    // A spec with all that it holds, and all below it.
+    void compareSpec(const SdfPath& path) {
+        const std::string text = path.GetString();
+        const auto kind = kindOf(typeInLayer(path));
+        const auto held = doc().kind(text);
+        if (held && held != kind) static_cast<void>(capture_.record(text, DeleteSpec{}));
+        if (!kind) return;
+        if (held != kind) {
+            if (const auto created = capture_.record(text, CreateSpec{*kind}); !created) {
+                createFailed(path, created.error());
+                return;
+            }
+        }
+        compareAllFields(path);
+        for (const ChildList list : kLists) compareList(path, list);
+    }
+
+    // A parent may be unknown, too; it then brings this spec with it.
+    void createFailed(const SdfPath& path, const Error& reason) {
+        const SdfPath parent = path.GetParentPath();
+        if (reason.code == ErrorCode::SpecNotFound && !parent.IsEmpty() &&
+            !doc().has(parent.GetString()) && kindOf(typeInLayer(parent))) {
+            compareSpec(parent);
+            return;
+        }
+        giveUpSpec(path, reason);
+    }
+
+    void compareAllFields(const SdfPath& path) {
+        std::set<TfToken> fields;
+        for (const TfToken& field : layer_->ListFields(path))
+            if (!usd::isStructural(field)) fields.insert(field);
+        for (const auto& name : doc().fieldNames(path.GetString())) fields.insert(TfToken(name));
+        for (const TfToken& field : fields) compareField(path, field);
+    }
+
+    void compareList(const SdfPath& parent, ChildList list) {
+        const auto wanted = childrenInLayer(parent, list);
+        const auto held = doc().children(parent.GetString(), list);
+        const std::set<std::string> known(held.begin(), held.end());
+        compareOrder(parent, list);
+        for (const auto& name : wanted)
+            if (known.contains(name)) compareSpec(childPath(parent, list, name));
+    }
+
+    Capture& capture_;
+    usd::SdfLayerStore& store_;
+    usd::BlobSink& blobs_;
+    const pxr::SdfLayerHandle layer_;
+};
+
+Capture::Capture(LayerId layer, std::function<const LayerDoc*()> view)
+    : layer_(std::move(layer)), view_(std::move(view)) {}
+
+bool Capture::hasWrites() const { return working_.has_value(); }
+
+Capture::Sealed Capture::seal(usd::SdfLayerStore& store, usd::BlobSink& blobs) {
+    if (!hasWrites()) return {};
+    Sealing(*this, store, blobs).compareDirty();
+    Sealed sealed{std::move(edits_), std::move(lost_)};
+    discard();
+    return sealed;
+}
+
+void Capture::discard() {
+    working_.reset();
+    edits_.clear();
+    dirty_.clear();
+    unclear_.clear();
+    lost_.clear();
+}
+
+void Capture::contentReplaced() {
+    begin();
+    unclear_ = {SdfPath::AbsoluteRootPath()};
+}
+
+void Capture::begin() {
+    if (working_) return;
+    const LayerDoc* shown = view_();
+    working_ = shown ? *shown : LayerDoc();
+}
+
+Result<void> Capture::record(std::string_view path, EditAction action) {
+    const auto applied = working_->apply(path, action);
+    if (!applied) return tl::unexpected(applied.error());
+    if (applied->changed) edits_.push_back({layer_, std::string(path), std::move(action)});
+    return {};
+}
+
+void Capture::specCreated(const SdfPath& path, SdfSpecType type) {
+    if (isTarget(path)) return;
+    begin();
+    const auto kind = kindOf(type);
+    if (!kind || path.ContainsTargetPath()) {
+        noteForeign(path, {}, "a spec of this kind");
+        return;
+    }
+    if (working_->kind(path.GetString()) == kind) return;
+    if (!record(path.GetString(), CreateSpec{*kind})) unclear_.insert(path);
+}
+
+void Capture::specDeleted(const SdfPath& path) {
+    if (path.ContainsTargetPath()) return;
+    begin();
+    forgetBelow(path);
+    const std::string text = path.GetString();
+    if (!working_->has(text)) return;
+    if (!dropBelow(text)) {
+        static_cast<void>(record(text, DeleteSpec{}));
+        return;
+    }
+    // Created and deleted since the last seal: others need not hear of it.
+    static_cast<void>(working_->apply(text, DeleteSpec{}));
+}
+
+// Takes back the last edits as long as they are about what is deleted with `path`. True: the
+// creation of `path` was among them.
+bool Capture::dropBelow(std::string_view path) {
+    while (!edits_.empty()) {
+        const AuthoredEdit& last = edits_.back();
+        const bool created = std::holds_alternative<CreateSpec>(last.action);
+        if (!created && !std::holds_alternative<DeleteSpec>(last.action)) return false;
+        if (!specpath::hasPrefix(last.path, path)) return false;
+        const bool self = last.path == path;
+        if (self && !created) return false;
+        edits_.pop_back();
+        if (self) return true;
+    }
+    return false;
+}
+
+void Capture::specMoved(const SdfPath& from, const SdfPath& to) {
+    if (from.ContainsTargetPath() || to.ContainsTargetPath()) return;
+    begin();
+    carry(from, to);
+    const MoveSpec move{{to.GetParentPath().GetString(), std::nullopt}, to.GetName()};
+    if (record(from.GetString(), move)) return;
+    unclear_.insert(from);
+    unclear_.insert(to);
+}
+
+void Capture::childrenChanged(const SdfPath& parent, const TfToken& field, bool appended) {
+    const auto list = listOf(field);
+    if (!list || appended || parent.ContainsTargetPath()) return;
+    begin();
+    dirty_[parent].lists[std::size_t(*list)] = true;
+}
+
+void Capture::fieldChanged(const SdfPath& path, const TfToken& field) {
+    if (usd::isStructural(field)) return;
+    begin();
+    if (path.ContainsTargetPath()) {
+        noteForeign(path, field, "a field of a target");
+        return;
+    }
+    DirtyField& dirty = dirty_[path].fields[field];
+    dirty = {};
+    dirty.whole = true;
+}
+
+void Capture::dictionaryKeyChanged(const SdfPath& path, const TfToken& field,
+                                   const TfToken& keyPath) {
+    if (path.ContainsTargetPath()) {
+        fieldChanged(path, field);
+        return;
+    }
+    begin();
+    DirtyField& dirty = dirty_[path].fields[field];
+    if (!dirty.whole) dirty.keyPaths.insert(keyPath);
+}
+
+void Capture::timeSampleChanged(const SdfPath& path, double time) {
+    if (path.ContainsTargetPath()) {
+        fieldChanged(path, timeSamplesToken());
+        return;
+    }
+    begin();
+    DirtyField& dirty = dirty_[path].fields[timeSamplesToken()];
+    if (!dirty.whole) dirty.times.insert(time);
+}
+
+void Capture::noteForeign(const SdfPath& path, const std::string& field, const std::string& what) {
+    const std::string where = layer_.value + " <" + path.GetString() + ">" +
+                              (field.empty() ? std::string() : " " + field);
+    lost_.push_back({path.GetString(),
+                     field,
+                     {ErrorCode::UnsupportedValue, where + ": " + what + " cannot be shared"}});
+}
+
+void Capture::forgetBelow(const SdfPath& path) {
+    auto dirty = dirty_.lower_bound(path);
+    while (dirty != dirty_.end() && dirty->first.HasPrefix(path)) dirty = dirty_.erase(dirty);
+    auto unclear = unclear_.lower_bound(path);
+    while (unclear != unclear_.end() && unclear->HasPrefix(path)) unclear = unclear_.erase(unclear);
+}
+
+void Capture::carry(const SdfPath& from, const SdfPath& to) {
+    std::vector<std::pair<SdfPath, DirtySpec>> moved;
+    auto dirty = dirty_.lower_bound(from);
+    while (dirty != dirty_.end() && dirty->first.HasPrefix(from)) {
+        moved.emplace_back(dirty->first.ReplacePrefix(from, to, false), std::move(dirty->second));
+        dirty = dirty_.erase(dirty);
+    }
+    std::vector<SdfPath> movedUnclear;
+    auto unclear = unclear_.lower_bound(from);
+    while (unclear != unclear_.end() && unclear->HasPrefix(from)) {
+        movedUnclear.push_back(unclear->ReplacePrefix(from, to, false));
+        unclear = unclear_.erase(unclear);
+    }
+    for (auto& [path, spec] : moved) dirty_[path] = std::move(spec);
+    unclear_.insert(movedUnclear.begin(), movedUnclear.end());
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,620 @@
+#include "usdlive/client/usd/Client.h"
+
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/layerUtils.h>
+
+#include <algorithm>
+#include <chrono>
+#include <deque>
+#include <map>
+#include <set>
+
+#include "usdlive/client/transport/Connection.h"
+#include "usdlive/client/transport/SystemUser.h"
+#include "usdlive/client/usd/BlobCache.h"
+#include "usdlive/client/usd/LayerFolders.h"
+#include "usdlive/client/usd/LiveLayer.h"
+#include "usdlive/client/usd/LostWorkLayer.h"
+
+namespace usdlive {
+
+using client::BlobCache;
+using client::Connection;
+using client::LayerFolders;
+using client::LiveLayer;
+using client::LostWork;
+using client::Session;
+namespace event = client::event;
+namespace fs = std::filesystem;
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr std::size_t kMessagesPerTick = 4096;
+constexpr auto kLookForLayersEvery = milliseconds(100);
+// Parts of big values wait while more than this is on its way, so that edits pass them soon.
+constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
+// A join of a connected client that hears nothing for so long is given up.
+constexpr double kSilenceMs = 60'000;
+// What a blocking call gives one tick.
+constexpr double kBlockingBudgetMs = 50;
+// Work that was lost is kept for lostWork(), the latest of it.
+constexpr std::size_t kMaxLostWork = 10'000;
+
+double msSince(Clock::time_point start) {
+    return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+std::int64_t nowMs() {
+    return std::chrono::duration_cast<milliseconds>(Clock::now().time_since_epoch()).count();
+}
+
+// Sets a flag for as long as it lives, also when a callback of the editor throws.
+class Raised {
+public:
+    explicit Raised(bool& flag) : flag_(flag) { flag_ = true; }
+    ~Raised() { flag_ = false; }
+    Raised(const Raised&) = delete;
+    Raised& operator=(const Raised&) = delete;
+
+private:
+    bool& flag_;
+};
+
+// A folder that goes with the client, unless the editor has named one.
+struct CacheFolder {
+    fs::path path;
+    bool own = false;
+
+    ~CacheFolder() {
+        std::error_code ignored;
+        if (own) fs::remove_all(path, ignored);
+    }
+};
+
+}  // namespace
+
+class Client::Impl final : public client::SessionHost, public client::LayerView {
+public:
+    Impl(std::unique_ptr<Connection> connection, Options options, ClientId id, LayerFolders folders,
+         bool ownCacheFolder)
+        : options_(std::move(options)),
+          cacheFolder_{folders.cacheFolder(), ownCacheFolder},
+          folders_(std::move(folders)),
+          blobs_(folders_.cacheFolder() / ".usdlive-blobs"),
+          connection_(std::move(connection)),
+          session_(sessionOptions(options_, std::move(id)), *this, *this) {}
+
+    ~Impl() override {
+        const pxr::SdfChangeBlock block;
+        seal();
+        session_.advance(kBlockingBudgetMs, nowMs());
+        live_.clear();
+    }
+
+    Result<void> greet() {
+        const auto start = Clock::now();
+        while (!session_.isConnected()) {
+            if (fatal_) return tl::unexpected(*fatal_);
+            if (msSince(start) > options_.connectTimeoutMs) return tl::unexpected(notThere());
+            connection_->wait(milliseconds(20));
+            tick(kBlockingBudgetMs);
+        }
+        return {};
+    }
+
+    // --- layers ---
+
+    Result<pxr::SdfLayerRefPtr> openLayer(const LayerId& id) {
+        if (const auto* live = find(id); live && live->isFilled()) return live->layer();
+        const auto made = folders_.makePlaceholder(id);
+        if (!made && !projectLayers_.contains(id))
+            return fail(ErrorCode::LayerNotFound, "the project has no layer " + id.value);
+        if (!made) return tl::unexpected(made.error());
+        failed_.erase(id);
+        auto layer = pxr::SdfLayer::FindOrOpen(folders_.placeOf(id).string());
+        if (!layer)
+            return fail(ErrorCode::LayerUnreadable, "cannot open " + folders_.placeOf(id).string());
+        join(id, layer);
+        auto opened = waitForJoins({id});
+        if (!opened && *made && !projectLayers_.contains(id)) folders_.removePlaceholder(id);
+        if (!opened) return tl::unexpected(opened.error());
+        return layer;
+    }
+
+    Result<std::vector<LayerId>> attach(const fs::path& projectFolder) {
+        std::error_code error;
+        const auto folder = fs::canonical(projectFolder, error);
+        if (error || !fs::is_directory(folder))
+            return fail(ErrorCode::InvalidArgument, projectFolder.string() + " is not a folder");
+        folders_.add(folder);
+        std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> found;
+        for (auto& [id, layer] : loadedLayers()) {
+            if (find(id) || !projectLayers_.contains(id)) continue;
+            if (layer->IsDirty())
+                return fail(ErrorCode::InvalidArgument,
+                            id.value + " has unsaved edits; save or reload it first");
+            found.emplace_back(id, layer);
+        }
+        std::sort(found.begin(), found.end(),
+                  [](const auto& left, const auto& right) { return left.first < right.first; });
+        std::vector<LayerId> ids;
+        for (const auto& [id, layer] : found) {
+            failed_.erase(id);
+            join(id, layer);
+            ids.push_back(id);
+        }
+        if (auto joined = waitForJoins(ids); !joined) return tl::unexpected(joined.error());
+        return ids;
+    }
+
+    void close(const LayerId& id) {
+        if (!find(id)) return;
+        flush(options_.connectTimeoutMs);
+        session_.closeLayer(id);
+        live_.erase(id);
+        closed_.insert(id);
+    }
+
+    // --- the frame ---
+
+    TickResult tick(double budgetMs) {
+        TickResult result;
+        if (ticking_) return result;  // from within a notice of ours
+        work(budgetMs, result);
+        dispatch();
+        return result;
+    }
+
+    bool flush(double timeoutMs) {
+        const auto start = Clock::now();
+        for (;;) {
+            tick(kBlockingBudgetMs);
+            if (!hasWrites() && session_.pendingTransactions() == 0) return true;
+            if (msSince(start) > timeoutMs) return false;
+            connection_->wait(milliseconds(5));
+        }
+    }
+
+    // --- SessionHost ---
+
+    void send(SharedBytes frames) override { connection_->send(std::move(frames)); }
+    bool takesMore() override { return connection_->queuedBytes() < kMaxQueuedBytes; }
+    SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
+    void blobArrived(const Hash& hash, SharedBytes bytes) override {
+        blobs_.keepBlob(hash, std::move(bytes));
+        arrivedBlobs_.push_back(hash);
+    }
+
+    // --- LayerView ---
+
+    void reset(const LayerId& id, const LayerDoc& doc) override {
+        if (auto* live = find(id)) live->reset(doc);
+    }
+    void apply(const LayerId& id, const std::string& path, const EditAction& action) override {
+        if (auto* live = find(id)) live->apply(path, action);
+    }
+
+    // --- what Client asks for directly ---
+
+    [[nodiscard]] std::vector<LayerId> layers() const {
+        return {projectLayers_.begin(), projectLayers_.end()};
+    }
+    [[nodiscard]] const std::vector<LostWork>& lostWork() const { return lostWork_; }
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::size_t index,
+                                                              const LayerId& id) {
+        if (index >= lostWork_.size())
+            return fail(ErrorCode::InvalidArgument, "no lost work number " + std::to_string(index));
+        const auto doc = client::lostWorkDoc(lostWork_[index], id, session_.confirmed(id), blobs_);
+        return usd::makeLayer(doc, blobs_, "usda");
+    }
+    [[nodiscard]] std::optional<LayerId> layerId(const pxr::SdfLayerHandle& layer) const {
+        // A RefPtr == a handle calls itself for ever in C++20.
+        for (const auto& [id, live] : live_)
+            if (pxr::SdfLayerHandle(live->layer()) == layer) return id;
+        return std::nullopt;
+    }
+    [[nodiscard]] const fs::path& cacheFolder() const { return folders_.cacheFolder(); }
+    [[nodiscard]] Session& session() { return session_; }
+    [[nodiscard]] const Session& session() const { return session_; }
+    void setEventHandler(EventHandler handler) { handler_ = std::move(handler); }
+
+private:
+    // Asks the session for a big value that a layer wants and that is not here.
+    class Source final : public usd::BlobSource {
+    public:
+        explicit Source(Impl& impl) : impl_(impl) {}
+        SharedBytes blob(const Hash& hash) override {
+            auto bytes = impl_.blobs_.blob(hash);
+            if (!bytes) impl_.missingBlobs_.insert(hash);
+            return bytes;
+        }
+
+    private:
+        Impl& impl_;
+    };
+
+    static Session::Options sessionOptions(const Options& options, ClientId id) {
+        Session::Options session;
+        session.client = std::move(id);
+        session.user = UserName{options.user};
+        session.application = options.application;
+        return session;
+    }
+
+    [[nodiscard]] Error notThere() const {
+        return lastLoss_.value_or(Error{ErrorCode::NotConnected, "the server did not answer"});
+    }
+
+    [[nodiscard]] LiveLayer* find(const LayerId& id) {
+        const auto found = live_.find(id);
+        return found == live_.end() ? nullptr : found->second.get();
+    }
+
+    // --- joining ---
+
+    void join(const LayerId& id, const pxr::SdfLayerRefPtr& layer) {
+        if (find(id)) return;
+        closed_.erase(id);
+        if (layer->IsDirty()) keepEarlyWork(id, layer);
+        live_[id] = std::make_unique<LiveLayer>(
+            id, layer,
+            LiveLayer::Surroundings{source_, blobs_, [this, id] { return session_.view(id); },
+                                    [this](Error error) { report(std::move(error)); }});
+        session_.openLayer(id);
+    }
+
+    // Written before the layer was live, and about to be replaced (M12).
+    void keepEarlyWork(const LayerId& id, const pxr::SdfLayerRefPtr& layer) {
+        const auto written = usd::readLayer(layer, blobs_);
+        if (!written) return;
+        LostWork work;
+        work.refused = true;
+        work.reason = {
+            ErrorCode::LayerNotOpen,
+            id.value + " was edited before it was live; its content is the project's now"};
+        for (auto& [path, action] : difference(LayerDoc(), *written))
+            work.edits.push_back({id, path, std::move(action)});
+        if (!work.edits.empty()) lose(std::move(work));
+    }
+
+    // Until these and the layers they use, all the way down, are filled, with their big values.
+    Result<void> waitForJoins(std::vector<LayerId> ids) {
+        const std::vector<LayerId> asked = ids;
+        std::set<LayerId> seen(ids.begin(), ids.end());
+        auto heard = Clock::now();
+        auto connected = Clock::now();
+        while (!ids.empty() || !awaitedBlobs_.empty()) {
+            tick(kBlockingBudgetMs);
+            for (const auto& id : asked)
+                if (const auto failure = failed_.find(id); failure != failed_.end())
+                    return tl::unexpected(failure->second);
+            std::vector<LayerId> waiting;
+            for (const auto& id : ids) {
+                auto* live = find(id);
+                if (live && !live->isFilled()) waiting.push_back(id);
+                if (!live || !live->isFilled()) continue;
+                for (auto& used : joinUsed(*live))
+                    if (seen.insert(used).second) waiting.push_back(std::move(used));
+            }
+            const bool advanced = waiting != ids;
+            ids = std::move(waiting);
+            if (session_.isConnected()) connected = Clock::now();
+            if (advanced || connection_->wait(milliseconds(isFilling() ? 0 : 10)))
+                heard = Clock::now();
+            if (msSince(connected) > options_.connectTimeoutMs) return tl::unexpected(notThere());
+            if (msSince(heard) > kSilenceMs)
+                return fail(ErrorCode::NotConnected, "the server does not answer any more");
+        }
+        return {};
+    }
+
+    [[nodiscard]] bool isFilling() const {
+        return std::any_of(live_.begin(), live_.end(),
+                           [](const auto& entry) { return entry.second->isFilling(); });
+    }
+
+    // The layers of the project that this one names, opened; those that are on their way here.
+    std::vector<LayerId> joinUsed(LiveLayer& live) {
+        std::vector<LayerId> joining;
+        const auto& layer = live.layer();
+        for (const auto& asset : layer->GetCompositionAssetDependencies()) {
+            const auto path = pxr::SdfComputeAssetPathRelativeToLayer(layer, asset);
+            const auto id = folders_.layerAt(fs::path(path).lexically_normal().string());
+            if (!id || !projectLayers_.contains(*id)) continue;
+            if (!find(*id) && !failed_.contains(*id) && !closed_.contains(*id))
+                if (auto used = pxr::SdfLayer::FindOrOpen(path)) join(*id, used);
+            if (find(*id)) joining.push_back(*id);
+        }
+        return joining;
+    }
+
+    // Layers that the editor's composition has opened meanwhile become live.
+    void adoptLoaded() {
+        bool due = Clock::now() >= nextLook_;
+        for (const auto& [id, live] : live_) due = live->takeUsesChanged() || due;
+        if (!due || !session_.welcome()) return;
+        nextLook_ = Clock::now() + kLookForLayersEvery;
+        for (const auto& [id, layer] : loadedLayers())
+            if (!find(id) && projectLayers_.contains(id) && !failed_.contains(id) &&
+                !closed_.contains(id))
+                join(id, layer);
+    }
+
+    // All layers in this process that stand where a layer of the project does.
+    [[nodiscard]] std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> loadedLayers() const {
+        std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> layers;
+        for (const auto& layer : pxr::SdfLayer::GetLoadedLayers()) {
+            // One with file format arguments is another view of its file, never the file itself.
+            if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
+                continue;
+            if (const auto id = folders_.layerAt(layer->GetRealPath()))
+                layers.emplace_back(*id, layer);
+        }
+        return layers;
+    }
+
+    void welcomed(const Welcome& welcome) {
+        for (const auto& info : welcome.layers) layerExists(info.layer);
+        // What failed may be there now.
+        failed_.clear();
+    }
+
+    // Also for layers that come to a project while one is connected, once the server tells of them.
+    void layerExists(const LayerId& id) {
+        if (!projectLayers_.insert(id).second) return;
+        if (const auto made = folders_.makePlaceholder(id); !made) report(made.error());
+    }
+
+    // --- parts of a tick ---
+
+    void work(double budgetMs, TickResult& result) {
+        const Raised ticking(ticking_);
+        const auto start = Clock::now();
+        const auto left = [&] { return std::max(budgetMs - msSince(start), 0.1); };
+        adoptLoaded();
+        {
+            const pxr::SdfChangeBlock block;
+            seal();
+            hearConnection();
+            result.more = !session_.advance(left(), nowMs());
+            bringBlobs();
+            if (!fillLayers(left())) result.more = true;
+        }
+        takeEvents(result);
+    }
+
+    [[nodiscard]] bool hasWrites() const {
+        return std::any_of(live_.begin(), live_.end(),
+                           [](const auto& entry) { return entry.second->hasWrites(); });
+    }
+
+    // All that was written in one frame is one transaction, over all layers.
+    void seal() {
+        std::vector<client::AuthoredEdit> edits;
+        for (const auto& [id, live] : live_) {
+            auto sealed = live->seal();
+            std::move(sealed.edits.begin(), sealed.edits.end(), std::back_inserter(edits));
+            for (auto& write : sealed.lost) {
+                LostWork work;
+                work.reason = std::move(write.reason);
+                lose(std::move(work));
+            }
+        }
+        if (!edits.empty()) session_.author(std::move(edits));
+    }
+
+    void hearConnection() {
+        for (auto& happening : connection_->poll(kMessagesPerTick))
+            std::visit([this](auto& one) { hear(one); }, happening);
+    }
+    void hear(Connection::Opened&) {
+        lineOpen_ = true;
+        session_.connected();
+    }
+    void hear(Connection::Message& message) {
+        if (!lineOpen_) return;
+        const auto received = session_.received(std::move(message.bytes));
+        if (!received) hangUp(received.error());
+    }
+    void hear(Connection::Lost& lost) {
+        lastLoss_ = lost.reason;
+        if (std::exchange(lineOpen_, false)) session_.disconnected(std::move(lost.reason));
+    }
+
+    void hangUp(Error reason) {
+        if (!std::exchange(lineOpen_, false)) return;
+        connection_->reset();
+        lastLoss_ = reason;
+        session_.disconnected(std::move(reason));
+    }
+
+    void bringBlobs() {
+        for (const auto& hash : std::exchange(arrivedBlobs_, {})) {
+            awaitedBlobs_.erase(hash);
+            for (const auto& [id, live] : live_) live->blobArrived(hash);
+        }
+        requestMissing();
+    }
+    void requestMissing() {
+        for (const auto& hash : std::exchange(missingBlobs_, {}))
+            if (awaitedBlobs_.insert(hash).second) session_.requestBlob(hash);
+    }
+
+    bool fillLayers(double budgetMs) {
+        const auto start = Clock::now();
+        bool done = true;
+        for (const auto& [id, live] : live_) {
+            if (!live->isFilling()) continue;
+            // The first one works in any case, so that each tick brings some of it.
+            if (!done || !live->fill(std::max(budgetMs - msSince(start), 0.0))) done = false;
+        }
+        requestMissing();
+        return done;
+    }
+
+    // --- events ---
+
+    void report(Error error) {
+        ErrorMessage message;
+        message.code = errorName(error.code);
+        message.message = std::move(error.message);
+        events_.push_back(event::ServerError{std::move(message)});
+    }
+
+    void lose(LostWork work) {
+        if (lostWork_.size() == kMaxLostWork) lostWork_.erase(lostWork_.begin());
+        lostWork_.push_back(work);
+        events_.push_back(event::Lost{std::move(work)});
+    }
+
+    void takeEvents(TickResult& result) {
+        for (auto& one : session_.takeEvents()) {
+            if (std::holds_alternative<event::Committed>(one)) ++result.applied;
+            if (note(one)) events_.push_back(std::move(one));
+        }
+        // A layer is joined when the editor has all of it.
+        for (auto joined = joined_.begin(); joined != joined_.end();) {
+            const auto* live = find(joined->layer);
+            if (live && !live->isFilled()) {
+                ++joined;
+                continue;
+            }
+            if (live) events_.push_back(std::move(*joined));
+            joined = joined_.erase(joined);
+        }
+    }
+
+    // False: not for the editor, or not yet.
+    bool note(client::Event& one) {
+        if (const auto* connected = std::get_if<event::Connected>(&one)) {
+            welcomed(connected->welcome);
+        } else if (auto* joined = std::get_if<event::Joined>(&one)) {
+            joined_.push_back(std::move(*joined));
+            return false;
+        } else if (const auto* failed = std::get_if<event::JoinFailed>(&one)) {
+            failed_[failed->layer] = failed->reason;
+            live_.erase(failed->layer);
+        } else if (auto* lost = std::get_if<event::Lost>(&one)) {
+            lose(std::move(lost->work));
+            return false;
+        } else if (const auto* error = std::get_if<event::ServerError>(&one)) {
+            if (error->message.blob) awaitedBlobs_.erase(*error->message.blob);
+            if (error->message.closing) lastWords(error->message);
+        }
+        return true;
+    }
+
+    // Of the server, or of the session that saw nonsense: either way this connection is over.
+    void lastWords(const ErrorMessage& message) {
+        Error error{errorFromName(message.code).value_or(ErrorCode::Internal), message.message};
+        if (!session_.welcome()) fatal_ = error;
+        hangUp(std::move(error));
+    }
+
+    // The handler may call anything of the client, also what ticks.
+    void dispatch() {
+        if (dispatching_) return;
+        const Raised dispatching(dispatching_);
+        while (!events_.empty()) {
+            const client::Event one = std::move(events_.front());
+            events_.pop_front();
+            if (const auto handler = handler_) handler(one);
+        }
+    }
+
+    const Options options_;
+    const CacheFolder cacheFolder_;
+    LayerFolders folders_;
+    BlobCache blobs_;
+    Source source_{*this};
+    const std::unique_ptr<Connection> connection_;
+    Session session_;
+    std::map<LayerId, std::unique_ptr<LiveLayer>> live_;
+
+    std::set<LayerId> projectLayers_;
+    std::map<LayerId, Error> failed_;  // not tried again by itself until the next welcome
+    std::set<LayerId> closed_;         // closed by the editor: not adopted again by itself
+    Clock::time_point nextLook_;
+
+    std::set<Hash> missingBlobs_;  // noticed within a tick, to be asked for at its end
+    std::set<Hash> awaitedBlobs_;  // asked for
+    std::vector<Hash> arrivedBlobs_;
+
+    bool lineOpen_ = false;  // as far as heard
+    std::optional<Error> lastLoss_;
+    std::optional<Error> fatal_;  // the server does not want this client at all
+
+    std::vector<event::Joined> joined_;
+    std::deque<client::Event> events_;
+    std::vector<LostWork> lostWork_;
+    EventHandler handler_;
+    bool ticking_ = false;
+    bool dispatching_ = false;
+};
+
+Client::Client() = default;
+Client::~Client() = default;
+
+Result<std::unique_ptr<Client>> Client::connect(const std::string& url, Options options) {
+    const auto address = client::parseServerAddress(url);
+    if (!address) return tl::unexpected(address.error());
+    return connectBy(client::createWebSocketConnection(*address), std::move(options));
+}
+
+Result<std::unique_ptr<Client>> Client::connectBy(std::unique_ptr<Connection> connection,
+                                                  Options options) {
+    if (options.user.empty()) options.user = client::systemUser().value;
+    auto id = client::newClientId();
+    const bool own = options.cacheFolder.empty();
+    if (own)
+        options.cacheFolder = fs::temp_directory_path() / ("usdlive-" + id.value.substr(0, 12));
+    auto folders = LayerFolders::create(options.cacheFolder);
+    if (!folders) return tl::unexpected(folders.error());
+
+    std::unique_ptr<Client> made(new Client);
+    made->impl_ = std::make_unique<Impl>(std::move(connection), std::move(options), std::move(id),
+                                         std::move(*folders), own);
+    if (auto greeted = made->impl_->greet(); !greeted) return tl::unexpected(greeted.error());
+    return made;
+}
+
+std::vector<LayerId> Client::layers() const { return impl_->layers(); }
+Result<pxr::SdfLayerRefPtr> Client::openLayer(const LayerId& layer) {
+    return impl_->openLayer(layer);
+}
+Result<std::vector<LayerId>> Client::attach(const fs::path& projectFolder) {
+    return impl_->attach(projectFolder);
+}
+void Client::close(const LayerId& layer) { impl_->close(layer); }
+Client::TickResult Client::tick(double budgetMs) { return impl_->tick(budgetMs); }
+void Client::beginGesture() {
+    // What was written before is not part of it.
+    impl_->tick(0);
+    impl_->session().beginGesture();
+}
+void Client::endGesture() {
+    impl_->tick(0);
+    impl_->session().endGesture();
+}
+void Client::save(std::vector<LayerId> layers) { impl_->session().save(std::move(layers)); }
+bool Client::flush(double timeoutMs) { return impl_->flush(timeoutMs); }
+void Client::setEventHandler(EventHandler handler) { impl_->setEventHandler(std::move(handler)); }
+const std::vector<LostWork>& Client::lostWork() const { return impl_->lostWork(); }
+Result<pxr::SdfLayerRefPtr> Client::lostWorkAsLayer(std::size_t index, const LayerId& layer) const {
+    return impl_->lostWorkAsLayer(index, layer);
+}
+bool Client::isConnected() const { return impl_->session().isConnected(); }
+Revision Client::revision() const { return impl_->session().revision(); }
+std::size_t Client::pendingTransactions() const { return impl_->session().pendingTransactions(); }
+ClientId Client::id() const { return impl_->session().id(); }
+fs::path Client::cacheFolder() const { return impl_->cacheFolder(); }
+std::optional<LayerId> Client::layerId(const pxr::SdfLayerHandle& layer) const {
+    return impl_->layerId(layer);
+}
+Session& Client::session() { return impl_->session(); }
+
+}  // namespace usdlive

@@ -1,0 +1,131 @@
+#include "usdlive/client/usd/LiveLayer.h"
+
+#include <pxr/base/tf/weakPtr.h>
+#include <pxr/usd/sdf/layer.h>
+
+namespace usdlive::client {
+
+namespace {
+
+// Fields that name other layers.
+bool namesLayers(const EditAction& action) {
+    const auto is = [](const std::string& field) {
+        return field == "subLayers" || field == "references" || field == "payload";
+    };
+    if (const auto* set = std::get_if<SetField>(&action)) return is(set->field);
+    return false;
+}
+
+}  // namespace
+
+LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings)
+    : id_(std::move(id)),
+      layer_(std::move(layer)),
+      surroundings_(std::move(surroundings)),
+      capture_(id_, surroundings_.view),
+      permitted_(layer_->PermissionToEdit()) {
+    close();
+    const auto self = pxr::TfCreateWeakPtr(this);
+    replacedKey_ =
+        pxr::TfNotice::Register(self, &LiveLayer::onReplaced, pxr::SdfLayerHandle(layer_));
+    mutenessKey_ = pxr::TfNotice::Register(self, &LiveLayer::onMuteness);
+}
+
+LiveLayer::~LiveLayer() {
+    pxr::TfNotice::Revoke(replacedKey_);
+    pxr::TfNotice::Revoke(mutenessKey_);
+    store_.reset();
+    open();
+}
+
+void LiveLayer::close() {
+    if (closed_) return;
+    permitted_ = layer_->PermissionToEdit();
+    layer_->SetPermissionToEdit(false);
+    closed_ = true;
+}
+
+void LiveLayer::open() {
+    if (!closed_) return;
+    layer_->SetPermissionToEdit(permitted_);
+    closed_ = false;
+}
+
+void LiveLayer::reset(const LayerDoc& doc) {
+    capture_.discard();
+    close();
+    waiting_.clear();
+    fill_ = std::make_unique<usd::LayerFill>(doc, surroundings_.source);
+}
+
+bool LiveLayer::fill(double budgetMs) {
+    if (!fill_) return true;
+    if (!fill_->fill(budgetMs)) return false;
+    open();
+    if (!store_)
+        store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
+    expectsReplacement_ = true;
+    const auto filled = fill_->into(*store_);
+    fill_.reset();
+    if (!filled) surroundings_.report(filled.error());
+    for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action);
+    usesChanged_ = true;
+    return true;
+}
+
+void LiveLayer::apply(const std::string& path, const EditAction& action) {
+    if (fill_)
+        waiting_.push_back({path, action});
+    else if (store_)
+        applyNow(path, action);
+}
+
+void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
+    const auto applied = store_->apply(path, action);
+    if (namesLayers(action)) usesChanged_ = true;
+    if (!applied && !layer_->IsMuted())
+        surroundings_.report(
+            {applied.error().code, id_.value + " <" + path + ">: " + applied.error().message});
+}
+
+bool LiveLayer::hasWrites() const { return isFilled() && capture_.hasWrites(); }
+
+Capture::Sealed LiveLayer::seal() {
+    if (!isFilled()) return {};
+    expectsReplacement_ = false;
+    if (startOver_) startOver();
+    if (!hasWrites()) return {};
+    auto sealed = capture_.seal(*store_, surroundings_.sink);
+    for (const auto& edit : sealed.edits) usesChanged_ = usesChanged_ || namesLayers(edit.action);
+    return sealed;
+}
+
+// What a reload or a muting did to the layer was nobody's edit; the content is the project's again.
+void LiveLayer::startOver() {
+    capture_.discard();
+    if (layer_->IsMuted()) return;
+    startOver_ = false;
+    if (const LayerDoc* view = surroundings_.view()) reset(*view);
+}
+
+void LiveLayer::blobArrived(const Hash& hash) {
+    if (!isFilled() || !store_->waitsForBlobs()) return;
+    store_->blobArrived(hash, [this](const std::string& path, const std::string& field) {
+        const LayerDoc* view = surroundings_.view();
+        return view ? view->field(path, field) : nullptr;
+    });
+}
+
+void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice) {
+    if (std::exchange(expectsReplacement_, false) || !isFilled()) return;
+    if (dynamic_cast<const pxr::SdfNotice::LayerDidReloadContent*>(&notice))
+        startOver_ = true;
+    else
+        capture_.contentReplaced();
+}
+
+void LiveLayer::onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice) {
+    if (notice.GetLayerPath() == layer_->GetIdentifier()) startOver_ = true;
+}
+
+}  // namespace usdlive::client

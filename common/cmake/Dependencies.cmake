@@ -1,0 +1,17 @@
+# Libraries of the system that have no usable CMake package of their own, and those that have.
+# Installed beside the package, too, which finds the same ones again.
+include_guard()
+
+find_package(Threads REQUIRED)
+find_package(OpenSSL 3 REQUIRED)
+find_package(nlohmann_json 3 REQUIRED)
+find_package(zstd CONFIG REQUIRED)
+find_package(tl-expected CONFIG REQUIRED)
+find_package(Boost 1.81 CONFIG REQUIRED)
+
+# Only the headers; the package of Debian wants its static library, too.
+find_path(USDLIVE_FLATBUFFERS_INCLUDE flatbuffers/flatbuffers.h REQUIRED)
+if(NOT TARGET usdlive::flatbuffers)
+    add_library(usdlive::flatbuffers INTERFACE IMPORTED)
+    target_include_directories(usdlive::flatbuffers SYSTEM INTERFACE ${USDLIVE_FLATBUFFERS_INCLUDE})
+endif()

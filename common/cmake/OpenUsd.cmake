@@ -1,0 +1,119 @@
+# Defines usdlive::openusd, the one OpenUSD of the build:
+# - by default the official wheel usd-core (libraries) with the headers of pxr-*-dev and of tbb-devel,
+#   found in two Python environments, USDLIVE_PRODUCT_ENV and USDLIVE_HEADERS_ENV. Without the first,
+#   usd-core is the one of the Python in use; without the second, such an environment is made;
+# - with USDLIVE_OPENUSD_ROOT a stock installation, as an editor brings it.
+# Sources include the stock paths (pxr/usd/sdf/layer.h) and say `pxr::` with either.
+include_guard()
+
+set(USDLIVE_HEADERS_ENV "" CACHE PATH "Python environment that holds pxr-*-dev and tbb-devel")
+set(USDLIVE_PRODUCT_ENV "" CACHE PATH "Python environment that holds usd-core")
+set(USDLIVE_OPENUSD_ROOT "" CACHE PATH "A stock OpenUSD installation to use instead")
+
+if(USDLIVE_PRODUCT_ENV AND NOT Python_EXECUTABLE AND EXISTS ${USDLIVE_PRODUCT_ENV}/bin/python)
+    set(Python_EXECUTABLE ${USDLIVE_PRODUCT_ENV}/bin/python)
+endif()
+find_package(Python 3 REQUIRED COMPONENTS Interpreter Development.Module Development.Embed)
+
+function(usdlive_openusd_from_stock)
+    find_package(pxr CONFIG REQUIRED PATHS ${USDLIVE_OPENUSD_ROOT} NO_DEFAULT_PATH)
+    target_include_directories(usdlive::openusd SYSTEM INTERFACE ${PXR_INCLUDE_DIRS})
+    target_link_libraries(usdlive::openusd INTERFACE ${PXR_LIBRARIES})
+endfunction()
+
+# One file that matches, or an error that says what to do.
+function(usdlive_find_one out what)
+    file(GLOB found ${ARGN})
+    list(LENGTH found count)
+    if(NOT count EQUAL 1)
+        message(FATAL_ERROR "${what}: expected one file like ${ARGN}, found ${count}. "
+            "Run `./run setup`, or set USDLIVE_HEADERS_ENV and USDLIVE_PRODUCT_ENV.")
+    endif()
+    set(${out} ${found} PARENT_SCOPE)
+endfunction()
+
+# The site-packages in which usd-core is.
+function(usdlive_usd_core_site out)
+    if(USDLIVE_PRODUCT_ENV)
+        set(${out} ${USDLIVE_PRODUCT_ENV}/${usdlive_site} PARENT_SCOPE)
+        return()
+    endif()
+    execute_process(
+        COMMAND ${Python_EXECUTABLE} -c "import os, pxr; print(os.path.dirname(pxr.__path__[0]))"
+        OUTPUT_VARIABLE site OUTPUT_STRIP_TRAILING_WHITESPACE RESULT_VARIABLE status)
+    if(NOT status EQUAL 0)
+        message(FATAL_ERROR "${Python_EXECUTABLE} has no usd-core. Run `./run setup`, "
+            "or set USDLIVE_PRODUCT_ENV or USDLIVE_OPENUSD_ROOT.")
+    endif()
+    set(${out} ${site} PARENT_SCOPE)
+endfunction()
+
+# `pip install .` builds where tbb-devel cannot be a plain requirement (it wants a tbb that PyPI does not
+# have) and with pxr-pcp-dev the wrong TBB would come; so the closed list goes to an environment apart.
+function(usdlive_make_headers_env folder requirements)
+    if(NOT EXISTS ${folder}/.complete)
+        message(STATUS "Making the environment of OpenUSD's headers in ${folder}")
+        set(clean ${CMAKE_COMMAND} -E env --unset=PYTHONPATH --unset=PYTHONHOME)
+        execute_process(COMMAND ${clean} ${Python_EXECUTABLE} -m venv ${folder}
+            COMMAND_ERROR_IS_FATAL ANY)
+        execute_process(COMMAND ${clean} ${folder}/bin/python -m pip install --quiet --no-input
+            --disable-pip-version-check --no-deps -r ${requirements} COMMAND_ERROR_IS_FATAL ANY)
+        file(TOUCH ${folder}/.complete)
+    endif()
+endfunction()
+
+# The wheels have pxr/sdf/layer.h where a stock OpenUSD has pxr/usd/sdf/layer.h: links in `folder` give
+# them the stock paths too.
+function(usdlive_link_stock_paths folder)
+    foreach(include ${ARGN})
+        file(GLOB libraries ${include}/pxr/*)
+        foreach(library ${libraries})
+            get_filename_component(name ${library} NAME)
+            set(group base)
+            if(name MATCHES "^(ar|kind|pcp|sdf)$")
+                set(group usd)
+            endif()
+            file(MAKE_DIRECTORY ${folder}/pxr/${group})
+            file(CREATE_LINK ${library} ${folder}/pxr/${group}/${name} SYMBOLIC)
+        endforeach()
+    endforeach()
+endfunction()
+
+function(usdlive_openusd_from_wheels)
+    set(usdlive_site lib/python${Python_VERSION_MAJOR}.${Python_VERSION_MINOR}/site-packages)
+    set(requirements ${CMAKE_CURRENT_FUNCTION_LIST_DIR}/../../.ci/requirements-headers.txt)
+    if(NOT USDLIVE_HEADERS_ENV AND EXISTS ${requirements})
+        set(USDLIVE_HEADERS_ENV ${CMAKE_BINARY_DIR}/headers)
+        usdlive_make_headers_env(${USDLIVE_HEADERS_ENV} ${requirements})
+    endif()
+    usdlive_usd_core_site(product)
+    set(headers ${USDLIVE_HEADERS_ENV}/${usdlive_site})
+    usdlive_find_one(usd "The library of usd-core" ${product}/usd_core.libs/libusd_ms-*.so)
+    usdlive_find_one(tbb "TBB of usd-core" ${product}/usd_core.libs/libtbb-*.so.2)
+    usdlive_find_one(layer "Headers of pxr-sdf-dev" ${headers}/pxr-sdf/include/pxr/sdf/layer.h)
+    # The headers of oneTBB, which pxr-tbb-dev would bring, crash with the TBB 2020 of usd-core.
+    usdlive_find_one(tbbVersion "Headers of tbb-devel 2020"
+        ${USDLIVE_HEADERS_ENV}/include/tbb/tbb_stddef.h)
+    file(GLOB includes ${headers}/pxr-*/include)
+    set(stock ${CMAKE_BINARY_DIR}/openusd)
+    usdlive_link_stock_paths(${stock} ${includes})
+
+    target_include_directories(usdlive::openusd SYSTEM INTERFACE
+        ${stock} ${includes} ${USDLIVE_HEADERS_ENV}/include ${Python_INCLUDE_DIRS})
+    target_compile_definitions(usdlive::openusd INTERFACE TBB_SUPPRESS_DEPRECATED_MESSAGES=1)
+    # The order matters. A Python extension has the interpreter's symbols already.
+    target_link_libraries(usdlive::openusd INTERFACE ${tbb} ${usd}
+        $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:${Python_LIBRARIES}>)
+    target_link_options(usdlive::openusd INTERFACE -Wl,--no-as-needed -Wl,--disable-new-dtags)
+endfunction()
+
+if(NOT TARGET usdlive::openusd)
+    add_library(usdlive::openusd INTERFACE IMPORTED GLOBAL)
+    # Headers of pxr include <ext/hash_map>, which warns.
+    target_compile_options(usdlive::openusd INTERFACE -Wno-deprecated)
+    if(USDLIVE_OPENUSD_ROOT)
+        usdlive_openusd_from_stock()
+    else()
+        usdlive_openusd_from_wheels()
+    endif()
+endif()

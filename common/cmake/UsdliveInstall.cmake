@@ -1,0 +1,53 @@
+# What is installed: inside a wheel the extension and the programs, else those programs and the C++
+# client as a CMake package.
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+
+function(usdlive_install_wheel)
+    set_target_properties(_usdlive PROPERTIES INSTALL_RPATH "$ORIGIN/../usd_core.libs")
+    install(TARGETS _usdlive LIBRARY DESTINATION usdlive)
+    # From bin/ of an environment, or of a system like Debian's, to the usd-core beside the package.
+    set(python lib/python${Python_VERSION_MAJOR}.${Python_VERSION_MINOR})
+    set_target_properties(usdlive usdlive-server PROPERTIES INSTALL_RPATH
+        "$ORIGIN/../${python}/site-packages/usd_core.libs;$ORIGIN/../${python}/dist-packages/usd_core.libs")
+    install(TARGETS usdlive usdlive-server RUNTIME DESTINATION ${SKBUILD_SCRIPTS_DIR})
+endfunction()
+
+function(usdlive_install_package)
+    foreach(program usdlive usdlive-server)
+        if(TARGET ${program})
+            set_target_properties(${program} PROPERTIES INSTALL_RPATH_USE_LINK_PATH ON)
+            install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+        endif()
+    endforeach()
+
+    foreach(library common common_usd client_session client_transport client)
+        set_target_properties(usdlive_${library} PROPERTIES EXPORT_NAME ${library})
+        install(TARGETS usdlive_${library} EXPORT usdliveTargets
+            ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+    endforeach()
+    set(package ${CMAKE_INSTALL_LIBDIR}/cmake/usdlive)
+    install(EXPORT usdliveTargets NAMESPACE usdlive:: DESTINATION ${package})
+
+    configure_package_config_file(${PROJECT_SOURCE_DIR}/common/cmake/usdliveConfig.cmake.in
+        ${PROJECT_BINARY_DIR}/usdliveConfig.cmake INSTALL_DESTINATION ${package})
+    write_basic_package_version_file(${PROJECT_BINARY_DIR}/usdliveConfigVersion.cmake
+        COMPATIBILITY SameMinorVersion)
+    install(FILES ${PROJECT_BINARY_DIR}/usdliveConfig.cmake
+        ${PROJECT_BINARY_DIR}/usdliveConfigVersion.cmake
+        ${PROJECT_SOURCE_DIR}/common/cmake/Dependencies.cmake
+        ${PROJECT_SOURCE_DIR}/common/cmake/OpenUsd.cmake
+        DESTINATION ${package})
+
+    foreach(headers common/include client/include)
+        install(DIRECTORY ${PROJECT_SOURCE_DIR}/${headers}/ DESTINATION include)
+    endforeach()
+    install(DIRECTORY ${PROJECT_BINARY_DIR}/generated/ DESTINATION include
+        FILES_MATCHING PATTERN "*.h")
+endfunction()
+
+if(SKBUILD)
+    usdlive_install_wheel()
+else()
+    usdlive_install_package()
+endif()

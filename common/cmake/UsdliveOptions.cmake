@@ -1,0 +1,47 @@
+# What a build can choose, and the compiler settings all our targets share.
+
+option(USDLIVE_SERVER "Build the server" ON)
+option(USDLIVE_PYTHON "Build the Python extension" ON)
+option(USDLIVE_TESTS "Build tests and benchmarks" ${PROJECT_IS_TOP_LEVEL})
+set(USDLIVE_SANITIZE "" CACHE STRING "Sanitizers: empty, address;undefined or thread")
+
+set(CMAKE_CXX_STANDARD 20)
+set(CMAKE_CXX_STANDARD_REQUIRED ON)
+set(CMAKE_CXX_EXTENSIONS OFF)
+set(CMAKE_POSITION_INDEPENDENT_CODE ON)
+set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+
+if(NOT CMAKE_BUILD_TYPE)
+    set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
+endif()
+# No NDEBUG: asserts are on in every build.
+set(CMAKE_CXX_FLAGS_RELEASE "-O2 -g1")
+set(CMAKE_CXX_FLAGS_DEBUG "-O0 -g")
+
+# ccache passes precompiled headers on only if told that their macros and times do not matter.
+find_program(USDLIVE_CCACHE ccache)
+if(USDLIVE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env
+        CCACHE_SLOPPINESS=pch_defines,time_macros,include_file_mtime,include_file_ctime
+        CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} ${USDLIVE_CCACHE})
+    if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+        add_compile_options(-fpch-preprocess)
+    endif()
+endif()
+
+find_program(USDLIVE_MOLD mold)
+find_program(USDLIVE_LLD ld.lld)
+if(USDLIVE_MOLD)
+    add_link_options(-fuse-ld=mold)
+elseif(USDLIVE_LLD)
+    add_link_options(-fuse-ld=lld)
+endif()
+
+if(USDLIVE_SANITIZE)
+    list(JOIN USDLIVE_SANITIZE "," sanitizers)
+    add_compile_options(-fsanitize=${sanitizers} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+    add_link_options(-fsanitize=${sanitizers})
+endif()
+
+# All programs in one folder: `usdlive serve` looks for `usdlive-server` beside itself.
+set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)

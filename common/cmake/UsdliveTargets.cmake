@@ -1,0 +1,79 @@
+# Functions with which every folder becomes a target from all of its sources.
+
+set(USDLIVE_WARNINGS -Wall -Wextra -Wpedantic -Werror)
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    # GCC 12 sees members of a std::variant's other alternatives, and writes past the end of a
+    # std::vector that insert() has just made larger.
+    list(APPEND USDLIVE_WARNINGS -Wno-maybe-uninitialized -Wno-stringop-overflow -Wno-array-bounds)
+endif()
+
+# usdlive_library(name PUBLIC_INCLUDE dir FOLDERS folder...): a static library of all .cpp in the folders,
+# found again whenever one is added. Without any, an INTERFACE library of the same name, so that the
+# others still link to it. Links are given with usdlive_link.
+function(usdlive_library name)
+    cmake_parse_arguments(ARG "" "PUBLIC_INCLUDE" "FOLDERS;SOURCES" ${ARGN})
+    usdlive_sources(sources ${ARG_FOLDERS})
+    list(APPEND sources ${ARG_SOURCES})
+    if(sources)
+        add_library(${name} STATIC ${sources})
+        target_compile_options(${name} PRIVATE ${USDLIVE_WARNINGS})
+        set(scope PUBLIC)
+    else()
+        add_library(${name} INTERFACE)
+        set(scope INTERFACE)
+    endif()
+    target_include_directories(${name} ${scope}
+        $<BUILD_INTERFACE:${ARG_PUBLIC_INCLUDE}> $<INSTALL_INTERFACE:include>)
+endfunction()
+
+# usdlive_link(name PUBLIC ... PRIVATE ...): target_link_libraries, also for a library without sources.
+function(usdlive_link name)
+    cmake_parse_arguments(ARG "" "" "PUBLIC;PRIVATE" ${ARGN})
+    get_target_property(type ${name} TYPE)
+    if(type STREQUAL "INTERFACE_LIBRARY")
+        target_link_libraries(${name} INTERFACE ${ARG_PUBLIC})
+    else()
+        target_link_libraries(${name} PUBLIC ${ARG_PUBLIC} PRIVATE ${ARG_PRIVATE})
+    endif()
+endfunction()
+
+# usdlive_executable(name FOLDERS folder... LINK library...): an executable of all .cpp in the folders;
+# none without any.
+function(usdlive_executable name)
+    cmake_parse_arguments(ARG "" "" "FOLDERS;SOURCES;LINK" ${ARGN})
+    usdlive_sources(sources ${ARG_FOLDERS})
+    list(APPEND sources ${ARG_SOURCES})
+    if(sources)
+        add_executable(${name} ${sources})
+        target_compile_options(${name} PRIVATE ${USDLIVE_WARNINGS})
+        target_link_libraries(${name} PRIVATE ${ARG_LINK})
+    endif()
+endfunction()
+
+# All .cpp under the folders of the current source folder.
+function(usdlive_sources out)
+    set(patterns ${ARGN})
+    list(TRANSFORM patterns PREPEND ${CMAKE_CURRENT_SOURCE_DIR}/)
+    list(TRANSFORM patterns APPEND /*.cpp)
+    set(sources)
+    if(patterns)
+        file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${patterns})
+    endif()
+    set(${out} ${sources} PARENT_SCOPE)
+endfunction()
+
+# Shares the precompiled header of the pxr headers (built with usdlive_common_usd) with a target whose
+# compile options are the same. Does nothing where there is none.
+function(usdlive_use_pxr_pch name)
+    get_target_property(type usdlive_common_usd TYPE)
+    if(TARGET ${name} AND type STREQUAL "STATIC_LIBRARY")
+        get_target_property(own ${name} TYPE)
+        if(NOT own STREQUAL "INTERFACE_LIBRARY")
+            target_precompile_headers(${name} REUSE_FROM usdlive_common_usd)
+            # The header is compiled as for a library, and an executable must be alike.
+            if(own STREQUAL "EXECUTABLE")
+                target_compile_options(${name} PRIVATE -fPIC)
+            endif()
+        endif()
+    endif()
+endfunction()

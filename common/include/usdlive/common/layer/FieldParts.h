@@ -1,0 +1,27 @@
+#pragma once
+
+#include "usdlive/common/core/Result.h"
+#include "usdlive/common/layer/Edit.h"
+
+namespace usdlive {
+
+// ED5 and ED6 on the content of one field.
+
+/// Does the edit make sense by itself? A value that is there and of the part's kind, keys, a finite
+/// time (InvalidEdit, InvalidValue), and D1 on the pseudo-root (ForbiddenValue).
+[[nodiscard]] Result<void> checkSet(bool pseudoRoot, const SetField& set);
+[[nodiscard]] Result<void> checkErase(const EraseField& erase);
+
+// The following take edits that have passed the checks.
+
+/// Would the edit leave the field as it is? nullptr is "absent".
+[[nodiscard]] bool holdsAlready(const FieldValue* field, const SetField& set);
+void setPart(FieldValue& field, const SetField& set);
+[[nodiscard]] bool holdsPart(const FieldValue& field, const FieldPart& part);
+/// False when nothing is left, so that the field has to go as a whole. Precondition: holdsPart().
+[[nodiscard]] bool erasePart(FieldValue& field, const FieldPart& part);
+
+/// Are these the same item of a list (itemKey)?
+[[nodiscard]] bool sameItem(const Value& left, const Value& right);
+
+}  // namespace usdlive

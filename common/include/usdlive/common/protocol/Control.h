@@ -1,0 +1,147 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "usdlive/common/core/Hash.h"
+#include "usdlive/common/core/Id.h"
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive {
+
+// Control messages: JSON objects with a member "type" (the struct's name in camelCase) and members
+// named as below. Unknown members are ignored; unknown types are answered with malformedControl.
+
+/// Client's first message.
+struct Hello {
+    int protocol = 0;        ///< newest the client speaks
+    int oldestProtocol = 0;  ///< oldest
+    std::vector<std::string> features;
+    ClientId client;
+    UserName user;
+    std::string application;
+    /// Set when resuming: what the client has applied, and the chain hash there.
+    struct Resume {
+        Epoch epoch = 0;
+        Revision revision = 0;
+        Hash hash;
+        bool operator==(const Resume&) const = default;
+    };
+    std::optional<Resume> resume;
+    bool operator==(const Hello&) const = default;
+};
+struct LayerInfo {
+    LayerId layer;
+    bool operator==(const LayerInfo&) const = default;
+};
+/// The answer. After it the server sends every commit after `revision`; to a resumed session every
+/// commit after Hello::resume.revision, the ones up to `revision` among them.
+struct Welcome {
+    int protocol = 0;
+    std::vector<std::string> features;
+    std::string project;
+    Epoch epoch = 0;
+    Revision revision = 0;  ///< the newest durable one
+    Hash hash;              ///< chain hash at `revision`
+    /// False when Hello::resume was absent or could not be met (an ErrorMessage before this one
+    /// says why): the client forgets its layers' confirmed content and opens them again.
+    bool resumed = false;
+    std::vector<LayerInfo> layers;
+    std::uint64_t maxFrameBytes = 0;
+    std::uint64_t maxBlobBytes = 0;
+    bool operator==(const Welcome&) const = default;
+};
+/// Client: send me this layer. `revision` 0: as it is now, and its commits from then on. Otherwise
+/// as it was, once (`usdlive cat --revision`).
+struct OpenLayer {
+    std::uint64_t request = 0;  ///< chosen by the client, unique in the session
+    LayerId layer;
+    Revision revision = 0;
+    bool operator==(const OpenLayer&) const = default;
+};
+/// Server: snapshot frames with this request number follow; the layer stands at `revision`.
+struct LayerOpened {
+    std::uint64_t request = 0;
+    LayerId layer;
+    Revision revision = 0;
+    std::uint64_t specs = 0;  ///< how many the snapshot has, for progress
+    bool operator==(const LayerOpened&) const = default;
+};
+struct CloseLayer {
+    LayerId layer;
+    bool operator==(const CloseLayer&) const = default;
+};
+/// Client: send me the big value, from `offset`.
+struct RequestBlob {
+    Hash hash;
+    std::uint64_t offset = 0;
+    bool operator==(const RequestBlob&) const = default;
+};
+/// Server: an uploaded big value is whole and safe on disk; transactions may name it.
+struct BlobStored {
+    Hash hash;
+    bool operator==(const BlobStored&) const = default;
+};
+/// Server: a transaction that was sent twice is committed already (M9).
+struct AlreadyCommitted {
+    std::uint64_t sequence = 0;
+    Revision revision = 0;
+    bool operator==(const AlreadyCommitted&) const = default;
+};
+/// Client: write these layers (none named: all that differ) to their files.
+struct SaveLayers {
+    std::uint64_t request = 0;
+    std::vector<LayerId> layers;
+    bool operator==(const SaveLayers&) const = default;
+};
+struct LayersSaved {
+    std::uint64_t request = 0;
+    Revision revision = 0;
+    std::vector<LayerId> saved;
+    struct Failure {
+        LayerId layer;
+        std::string code;
+        std::string message;
+        bool operator==(const Failure&) const = default;
+    };
+    std::vector<Failure> failed;
+    bool operator==(const LayersSaved&) const = default;
+};
+/// Client: commits from `from` to `to` (0: newest) again, as commit frames between LogBegin and
+/// LogEnd; for `usdlive log`.
+struct RequestLog {
+    std::uint64_t request = 0;
+    Revision from = 0;
+    Revision to = 0;
+    bool operator==(const RequestLog&) const = default;
+};
+struct LogBegin {
+    std::uint64_t request = 0;
+    bool operator==(const LogBegin&) const = default;
+};
+struct LogEnd {
+    std::uint64_t request = 0;
+    bool operator==(const LogEnd&) const = default;
+};
+/// Server: what went wrong. `closing`: the connection ends with it. `request`: the one it answers.
+struct ErrorMessage {
+    std::string code;  ///< of errors.json
+    std::string message;
+    bool closing = false;
+    std::optional<std::uint64_t> request;
+    std::optional<Hash> blob;
+    bool operator==(const ErrorMessage&) const = default;
+};
+
+using ControlMessage = std::variant<Hello, Welcome, OpenLayer, LayerOpened, CloseLayer, RequestBlob,
+                                    BlobStored, AlreadyCommitted, SaveLayers, LayersSaved,
+                                    RequestLog, LogBegin, LogEnd, ErrorMessage>;
+
+[[nodiscard]] std::string encodeControl(const ControlMessage& message);
+/// MalformedControl with what is missing or wrong. Nesting and lengths are bounded.
+[[nodiscard]] Result<ControlMessage> decodeControl(std::string_view json);
+
+}  // namespace usdlive

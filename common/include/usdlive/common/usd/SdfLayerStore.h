@@ -1,0 +1,117 @@
+#pragma once
+
+#include <pxr/usd/sdf/layer.h>
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "usdlive/common/layer/Edit.h"
+#include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/usd/ValueCodec.h"
+
+namespace usdlive::usd {
+
+/// What an editor wrote into a layer, in the order it was written. Called from within Sdf, before
+/// the change stands in the layer; must not touch the layer.
+class LayerWriteObserver {
+public:
+    virtual ~LayerWriteObserver() = default;
+    virtual void specCreated(const pxr::SdfPath& path, pxr::SdfSpecType type) = 0;
+    virtual void specDeleted(const pxr::SdfPath& path) = 0;
+    virtual void specMoved(const pxr::SdfPath& from, const pxr::SdfPath& to) = 0;
+    /// `parent`'s list of children `field` was written or grew.
+    virtual void childrenChanged(const pxr::SdfPath& parent, const pxr::TfToken& field,
+                                 bool appended) = 0;
+    virtual void fieldChanged(const pxr::SdfPath& path, const pxr::TfToken& field) = 0;
+    virtual void dictionaryKeyChanged(const pxr::SdfPath& path, const pxr::TfToken& field,
+                                      const pxr::TfToken& keyPath) = 0;
+    virtual void timeSampleChanged(const pxr::SdfPath& path, double time) = 0;
+};
+
+/// A real SdfLayer as a store of edits: applies the edits of others to it, and tells an observer
+/// what the editor itself writes. It does so as the layer's state delegate, of which a layer has
+/// one.
+///
+/// Lives as long as the layer is live; belongs to the thread that owns the layer. Applying edits
+/// sends Sdf's usual notices (wrap several in one SdfChangeBlock) and never reaches the observer.
+class SdfLayerStore {
+public:
+    /// Installs itself on the layer. `observer` may be nullptr (a server, a test). An existing
+    /// foreign delegate is replaced; restored at destruction.
+    SdfLayerStore(pxr::SdfLayerHandle layer, BlobSource& blobs, LayerWriteObserver* observer);
+    ~SdfLayerStore();
+    SdfLayerStore(const SdfLayerStore&) = delete;
+    SdfLayerStore& operator=(const SdfLayerStore&) = delete;
+
+    [[nodiscard]] const pxr::SdfLayerHandle& layer() const;
+
+    /// Applies one edit (absolute path). A field whose blob is not here yet is left as it is and
+    /// remembered; see blobArrived(). Errors as LayerDoc::apply, and InvalidPath / UnsupportedValue
+    /// for what this OpenUSD cannot hold; then nothing was changed.
+    Result<void> apply(std::string_view path, const EditAction& action);
+
+    /// Sets the fields that waited for this blob and still want it: `current` tells what the model
+    /// holds at (path, field) now.
+    void blobArrived(const Hash& hash,
+                     const std::function<const FieldValue*(const std::string& path,
+                                                           const std::string& field)>& current);
+    [[nodiscard]] bool waitsForBlobs() const;
+
+    /// The content of one field as it stands in the layer; nothing when absent. `subLayers` comes
+    /// with its offsets (`subLayerOffsets` is never asked for or told).
+    [[nodiscard]] Result<std::optional<FieldValue>> read(const pxr::SdfPath& path,
+                                                         const pxr::TfToken& field,
+                                                         BlobSink& blobs) const;
+
+private:
+    class Applier;
+    class Delegate;
+    friend class LayerFill;
+    pxr::TfRefPtr<Delegate> delegate_;
+};
+
+/// Fields of Sdf that are not fields of the model: the lists of children, `subLayerOffsets`
+/// (part of `subLayers`).
+[[nodiscard]] bool isStructural(const pxr::TfToken& field);
+
+/// A whole layer into a LayerDoc. Errors name path and field; specs that are no specs of the model
+/// (mappers, expressions) with content are UnsupportedValue.
+[[nodiscard]] Result<LayerDoc> readLayer(const pxr::SdfLayerHandle& layer, BlobSink& blobs);
+
+/// A LayerDoc's content into a layer, in steps, so that a big layer never takes a frame: fill()
+/// until done, then into() with one change notice.
+///
+/// A field that cannot be had does not keep the rest away: one whose blob is not here is absent
+/// until `store.blobArrived`, one that this OpenUSD cannot hold stays absent.
+class LayerFill {
+public:
+    LayerFill(LayerDoc doc, BlobSource& blobs);
+    ~LayerFill();
+    LayerFill(const LayerFill&) = delete;
+    LayerFill& operator=(const LayerFill&) = delete;
+
+    /// Works for about `budgetMs` (at least one spec); true when all is in.
+    bool fill(double budgetMs);
+    [[nodiscard]] double progress() const;  ///< 0..1
+    /// Replaces the layer's content; where the layer has prims, Sdf tells only of what differs. The
+    /// store's observer is not told. Once, and only after fill() returned true. An error names the
+    /// first field that this OpenUSD cannot hold; all others are in.
+    Result<void> into(SdfLayerStore& store);
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// The doc as a fresh anonymous layer of that format ("usda", "usdc"), or the layer's text, which
+/// has been read back. Errors: BlobNotFound, and SaveFailed (or the field's own error) where
+/// something of the doc would be missing.
+[[nodiscard]] Result<pxr::SdfLayerRefPtr> makeLayer(const LayerDoc& doc, BlobSource& blobs,
+                                                    const std::string& formatId);
+[[nodiscard]] Result<std::string> exportText(const LayerDoc& doc, BlobSource& blobs);
+
+}  // namespace usdlive::usd

@@ -1,0 +1,102 @@
+"""Writes ErrorCode.h and ErrorCode.cpp from errors.json, the one table of error codes."""
+
+import json
+import pathlib
+import re
+import sys
+
+HEADER = """// Generated from common/protocol/errors.json. Do not edit.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string_view>
+
+namespace usdlive {{
+
+enum class ErrorCode : std::uint16_t {{
+{enumerators}
+}};
+
+/// The code as it is written on the wire, in JSON, Python and TypeScript: `layerNotFound`.
+[[nodiscard]] std::string_view errorName(ErrorCode code);
+
+/// One plain sentence for people.
+[[nodiscard]] std::string_view errorText(ErrorCode code);
+
+/// The code of that name; none for a name of a newer version.
+[[nodiscard]] std::optional<ErrorCode> errorFromName(std::string_view name);
+
+}}  // namespace usdlive
+"""
+
+SOURCE = """// Generated from common/protocol/errors.json. Do not edit.
+#include "usdlive/common/core/ErrorCode.h"
+
+#include <array>
+#include <cstddef>
+
+namespace usdlive {{
+
+namespace {{
+
+struct Row {{
+    std::string_view name;
+    std::string_view text;
+}};
+
+constexpr std::array<Row, {count}> kRows{{{{
+{rows}
+}}}};
+
+constexpr Row kUnknown{{"unknown", "an error of a newer version"}};
+
+const Row& row(ErrorCode code) {{
+    const auto index = static_cast<std::size_t>(code);
+    return index < kRows.size() ? kRows[index] : kUnknown;
+}}
+
+}}  // namespace
+
+std::string_view errorName(ErrorCode code) {{ return row(code).name; }}
+
+std::string_view errorText(ErrorCode code) {{ return row(code).text; }}
+
+std::optional<ErrorCode> errorFromName(std::string_view name) {{
+    for (std::size_t index = 0; index < kRows.size(); ++index)
+        if (kRows[index].name == name) return static_cast<ErrorCode>(index);
+    return std::nullopt;
+}}
+
+}}  // namespace usdlive
+"""
+
+
+def read_errors(path):
+    errors = json.loads(path.read_text(encoding="utf-8"))["errors"]
+    codes = [error["code"] for error in errors]
+    for code in codes:
+        if not re.fullmatch(r"[a-z][A-Za-z0-9]*", code):
+            raise SystemExit(f"{path}: '{code}' is not a camelCase name")
+    repeated = sorted({code for code in codes if codes.count(code) > 1})
+    if repeated:
+        raise SystemExit(f"{path}: repeated: {', '.join(repeated)}")
+    return [(code, error["text"]) for code, error in zip(codes, errors)]
+
+
+def literal(text):
+    return json.dumps(text, ensure_ascii=False)
+
+
+def main(errors_path, header_path, source_path):
+    errors = read_errors(pathlib.Path(errors_path))
+    enumerators = "\n".join(f"    {code[0].upper()}{code[1:]}," for code, _ in errors)
+    rows = "\n".join(f"    {{{literal(code)}, {literal(text)}}}," for code, text in errors)
+    header, source = pathlib.Path(header_path), pathlib.Path(source_path)
+    header.parent.mkdir(parents=True, exist_ok=True)
+    header.write_text(HEADER.format(enumerators=enumerators), encoding="utf-8")
+    source.write_text(SOURCE.format(count=len(errors), rows=rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

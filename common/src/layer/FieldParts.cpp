@@ -1,0 +1,289 @@
+#include "usdlive/common/layer/FieldParts.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+#include "usdlive/common/core/Utf8.h"
+
+namespace usdlive {
+
+namespace {
+
+using Samples = std::vector<std::pair<double, Value>>;
+
+template <class... F>
+struct Overloaded : F... {
+    using F::operator()...;
+};
+
+tl::unexpected<Error> misfit(const std::string& field, const char* problem) {
+    return fail(ErrorCode::InvalidEdit, "the edit of the field " + quoted(field) + " " + problem);
+}
+
+// The fields that list the children of a spec: they follow from the specs.
+bool isChildrenField(std::string_view name) {
+    return name.ends_with("Children") || name == "properties";
+}
+
+bool isLeaf(const FieldValue& value) {
+    const auto* leaf = value.as<Value>();
+    return leaf && isLeafType(leaf->type());
+}
+
+const char* problemOf(const DictionaryKey& part, const SetField& set) {
+    if (part.path.empty()) return "names no dictionary key";
+    const auto* dictionary = set.value.as<Dictionary>();
+    if (!dictionary && !isLeaf(set.value)) return "gives a dictionary key a value it cannot hold";
+    const std::size_t depth = part.path.size() + (dictionary ? nesting(*dictionary) : 0);
+    return depth > kMaxNesting ? "nests dictionaries too deep" : nullptr;
+}
+const char* problemOf(const SampleTime& part, const SetField& set) {
+    if (!std::isfinite(part.time)) return "has a time that is not finite";
+    return isLeaf(set.value) ? nullptr : "gives a time sample a value it cannot hold";
+}
+const char* problemOf(const ListItem& part, const SetField& set) {
+    if (std::size_t(part.list) >= kListNames) return "names a list that does not exist";
+    if (set.form == ValueType::None || part.item.type() != set.form)
+        return "puts an item of another type into a list";
+    return nullptr;
+}
+const char* problemOf(const MapKey& part, const SetField& set) {
+    if (set.form == ValueType::None || part.key.type() != set.form)
+        return "has a map key of another type";
+    return isLeaf(set.value) ? nullptr : "gives a map key a value it cannot hold";
+}
+const char* problemOf(std::monostate, const SetField& set) {
+    return set.value.as<Value>() && !isLeaf(set.value) ? "has no value" : nullptr;
+}
+
+// D1: composition hangs on it.
+Result<void> checkTimeCodes(const SetField& set) {
+    const auto* value = set.value.as<Value>();
+    if (!std::holds_alternative<std::monostate>(set.part) || !value ||
+        value->type() != ValueType::Double || value->bytes().size() != sizeof(double))
+        return fail(ErrorCode::InvalidValue, "timeCodesPerSecond has to be a double");
+    double number = 0;
+    std::memcpy(&number, value->bytes().data(), sizeof number);
+    if (!std::isfinite(number) || number <= 0)
+        return fail(ErrorCode::ForbiddenValue, "timeCodesPerSecond has to be above 0");
+    return {};
+}
+
+auto sampleAt(auto& samples, double time) {
+    return std::lower_bound(samples.begin(), samples.end(), time,
+                            [](const auto& sample, double t) { return sample.first < t; });
+}
+
+auto itemAt(auto& items, const Value& item) {
+    return std::find_if(items.begin(), items.end(),
+                        [&](const Value& other) { return sameItem(item, other); });
+}
+
+auto mapEntryAt(auto& entries, const Value& key) {
+    return std::find_if(entries.begin(), entries.end(),
+                        [&](const auto& entry) { return entry.first == key; });
+}
+
+Dictionary::Entry entryOf(const FieldValue& value) {
+    if (const auto* dictionary = value.as<Dictionary>()) return *dictionary;
+    return *value.as<Value>();
+}
+
+const Dictionary::Entry* entryAt(const Dictionary* dictionary,
+                                 const std::vector<std::string>& path) {
+    const Dictionary::Entry* entry = nullptr;
+    for (const auto& key : path) {
+        if (!dictionary) return nullptr;
+        const auto found = dictionary->entries.find(key);
+        if (found == dictionary->entries.end()) return nullptr;
+        entry = &found->second;
+        dictionary = std::get_if<Dictionary>(entry);
+    }
+    return entry;
+}
+
+// As VtDictionary::EraseValueAtPath: dictionaries that get empty on the way go, too.
+void eraseKey(Dictionary& dictionary, const std::string* key, const std::string* end) {
+    const auto found = dictionary.entries.find(*key);
+    if (key + 1 != end) {
+        auto& inner = std::get<Dictionary>(found->second);
+        eraseKey(inner, key + 1, end);
+        if (!inner.entries.empty()) return;
+    }
+    dictionary.entries.erase(found);
+}
+
+void setPart(FieldValue& field, const DictionaryKey& part, const SetField& set) {
+    Dictionary* dictionary = &field.become<Dictionary>();
+    for (std::size_t i = 0; i + 1 < part.path.size(); ++i) {
+        auto& entry = dictionary->entries[part.path[i]];
+        if (!std::holds_alternative<Dictionary>(entry)) entry = Dictionary{};
+        dictionary = &std::get<Dictionary>(entry);
+    }
+    dictionary->entries.insert_or_assign(part.path.back(), entryOf(set.value));
+}
+
+void setPart(FieldValue& field, const SampleTime& part, const SetField& set) {
+    auto& samples = field.become<TimeSamples>().samples;
+    const auto at = sampleAt(samples, part.time);
+    const Value& value = *set.value.as<Value>();
+    if (at != samples.end() && at->first == part.time)
+        at->second = value;
+    else
+        samples.emplace(at, part.time, value);
+}
+
+void setPart(FieldValue& field, const ListItem& part, const SetField& set) {
+    auto& op = field.become<ListOp>();
+    const bool explicitly = part.list == ListName::Explicit;
+    if (op.itemType != set.form || op.isExplicit != explicitly) op = {set.form, explicitly, {}};
+    auto& items = op[part.list];
+    const auto at = itemAt(items, part.item);
+    if (part.before && sameItem(*part.before, part.item) && at != items.end()) {
+        *at = part.item;
+        return;
+    }
+    std::erase_if(items, [&](const Value& other) { return sameItem(part.item, other); });
+    items.insert(part.before ? itemAt(items, *part.before) : items.end(), part.item);
+}
+
+void setPart(FieldValue& field, const MapKey& part, const SetField& set) {
+    auto& map = field.become<Map>();
+    if (map.keyType != set.form) map = {set.form, {}};
+    const Value& value = *set.value.as<Value>();
+    auto at = mapEntryAt(map.entries, part.key);
+    if (at != map.entries.end()) {
+        at->second = value;
+        return;
+    }
+    if (map.keyType == ValueType::String)
+        at = std::find_if(map.entries.begin(), map.entries.end(), [&](const auto& entry) {
+            return textOf(part.key) < textOf(entry.first);
+        });
+    map.entries.emplace(at, part.key, value);
+}
+
+void setPart(FieldValue& field, std::monostate, const SetField& set) { field = set.value; }
+
+bool holdsAlready(const FieldValue& field, const DictionaryKey& part, const SetField& set) {
+    const auto* entry = entryAt(field.as<Dictionary>(), part.path);
+    return entry && *entry == entryOf(set.value);
+}
+bool holdsAlready(const FieldValue& field, const SampleTime& part, const SetField& set) {
+    const auto* content = field.as<TimeSamples>();
+    if (!content) return false;
+    const auto at = sampleAt(content->samples, part.time);
+    return at != content->samples.end() && at->first == part.time &&
+           at->second == *set.value.as<Value>();
+}
+bool holdsAlready(const FieldValue& field, const ListItem& part, const SetField& set) {
+    const auto* op = field.as<ListOp>();
+    if (!op || op->itemType != set.form || op->isExplicit != (part.list == ListName::Explicit))
+        return false;
+    const auto& items = (*op)[part.list];
+    const auto at = itemAt(items, part.item);
+    if (at == items.end() || *at != part.item) return false;
+    if (std::any_of(at + 1, items.end(), [&](const Value& o) { return sameItem(o, part.item); }))
+        return false;
+    if (part.before && sameItem(*part.before, part.item)) return true;
+    return at + 1 == (part.before ? itemAt(items, *part.before) : items.end());
+}
+bool holdsAlready(const FieldValue& field, const MapKey& part, const SetField& set) {
+    const auto* map = field.as<Map>();
+    if (!map || map->keyType != set.form) return false;
+    const auto at = mapEntryAt(map->entries, part.key);
+    return at != map->entries.end() && at->second == *set.value.as<Value>();
+}
+bool holdsAlready(const FieldValue& field, std::monostate, const SetField& set) {
+    return field == set.value;
+}
+
+}  // namespace
+
+bool sameItem(const Value& left, const Value& right) {
+    if (left.type() != right.type()) return false;
+    return left.type() == ValueType::SubLayer ? itemKey(left) == itemKey(right) : left == right;
+}
+
+Result<void> checkSet(bool pseudoRoot, const SetField& set) {
+    if (set.field.empty()) return misfit(set.field, "names no field");
+    if (isChildrenField(set.field)) return misfit(set.field, "sets what follows from the specs");
+    if (pseudoRoot && set.field == "timeCodesPerSecond") return checkTimeCodes(set);
+    const char* problem =
+        std::visit([&](const auto& part) { return problemOf(part, set); }, set.part);
+    if (problem) return misfit(set.field, problem);
+    return {};
+}
+
+Result<void> checkErase(const EraseField& erase) {
+    if (erase.field.empty()) return misfit(erase.field, "names no field");
+    const auto* key = std::get_if<DictionaryKey>(&erase.part);
+    if (key && key->path.empty()) return misfit(erase.field, "names no dictionary key");
+    const auto* item = std::get_if<ListItem>(&erase.part);
+    if (item && std::size_t(item->list) >= kListNames)
+        return misfit(erase.field, "names a list that does not exist");
+    return {};
+}
+
+bool holdsAlready(const FieldValue* field, const SetField& set) {
+    if (!field) return false;
+    return std::visit([&](const auto& part) { return holdsAlready(*field, part, set); }, set.part);
+}
+
+void setPart(FieldValue& field, const SetField& set) {
+    std::visit([&](const auto& part) { setPart(field, part, set); }, set.part);
+}
+
+bool holdsPart(const FieldValue& field, const FieldPart& part) {
+    const Overloaded holds{
+        [](std::monostate) { return true; },
+        [&](const DictionaryKey& key) {
+            return entryAt(field.as<Dictionary>(), key.path) != nullptr;
+        },
+        [&](const SampleTime& sample) {
+            const auto* content = field.as<TimeSamples>();
+            if (!content) return false;
+            const auto at = sampleAt(content->samples, sample.time);
+            return at != content->samples.end() && at->first == sample.time;
+        },
+        [&](const ListItem& item) {
+            const auto* op = field.as<ListOp>();
+            return op && itemAt((*op)[item.list], item.item) != (*op)[item.list].end();
+        },
+        [&](const MapKey& key) {
+            const auto* map = field.as<Map>();
+            return map && mapEntryAt(map->entries, key.key) != map->entries.end();
+        }};
+    return std::visit(holds, part);
+}
+
+bool erasePart(FieldValue& field, const FieldPart& part) {
+    const Overloaded erase{
+        [](std::monostate) { return false; },
+        [&](const DictionaryKey& key) {
+            auto& dictionary = *field.as<Dictionary>();
+            eraseKey(dictionary, key.path.data(), key.path.data() + key.path.size());
+            return !dictionary.entries.empty();
+        },
+        [&](const SampleTime& sample) {
+            auto& samples = field.as<TimeSamples>()->samples;
+            samples.erase(sampleAt(samples, sample.time));
+            return !samples.empty();
+        },
+        [&](const ListItem& item) {
+            auto& op = *field.as<ListOp>();
+            std::erase_if(op[item.list], [&](const Value& o) { return sameItem(item.item, o); });
+            const auto empty = [](const std::vector<Value>& items) { return items.empty(); };
+            return op.isExplicit || !std::all_of(op.lists.begin(), op.lists.end(), empty);
+        },
+        [&](const MapKey& key) {
+            auto& entries = field.as<Map>()->entries;
+            entries.erase(mapEntryAt(entries, key.key));
+            return !entries.empty();
+        }};
+    return std::visit(erase, part);
+}
+
+}  // namespace usdlive

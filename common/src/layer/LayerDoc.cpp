@@ -1,0 +1,646 @@
+#include "usdlive/common/layer/LayerDoc.h"
+
+#include <algorithm>
+#include <optional>
+#include <span>
+#include <unordered_map>
+
+#include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/layer/FieldParts.h"
+#include "usdlive/common/layer/LayerDocNode.h"
+
+namespace usdlive {
+
+namespace {
+
+using Elements = std::span<const PathElement>;
+using Node = LayerDoc::Node;
+
+// PA1. Held for every spec, so that each can be addressed and no tree is deep enough to overflow
+// the stack of those who walk it.
+constexpr std::size_t kMaxPathBytes = 16 * 1024;
+constexpr std::size_t kMaxPathElements = 1024;
+
+constexpr std::size_t slotOf(ChildList list) {
+    switch (list) {
+        case ChildList::Properties:
+            return 1;
+        case ChildList::VariantSets:
+            return 2;
+        default:
+            return 0;
+    }
+}
+
+tl::unexpected<Error> noSpec(std::string_view path) {
+    return fail(ErrorCode::SpecNotFound, "there is no spec at " + quoted(path));
+}
+
+const ChildEntry* childOf(const Node& parent, const PathElement& element) {
+    if (!hasList(parent.kind, element.list)) return nullptr;
+    return parent.children(element.list).find(element.name);
+}
+
+const Node* walk(const Node& root, Elements elements) {
+    const Node* node = &root;
+    for (const PathElement& element : elements) {
+        const ChildEntry* entry = childOf(*node, element);
+        if (!entry) return nullptr;
+        node = entry->node.get();
+    }
+    return node;
+}
+
+// By how much a child's path is longer than its parent's.
+std::size_t stepBytes(SpecKind parent, ChildList list, std::string_view name) {
+    switch (list) {
+        case ChildList::Prims:
+            return name.size() + (parent == SpecKind::Prim ? 1 : 0);
+        case ChildList::Properties:
+            return name.size() + 1;
+        case ChildList::VariantSets:
+            return name.size() + 3;
+        case ChildList::Variants:
+            return name.size();
+    }
+    return 0;
+}
+
+// How far the longest path and the deepest spec below a node go beyond the node's own.
+struct Extent {
+    std::size_t bytes = 0;
+    std::size_t elements = 0;
+};
+
+// Stops, with a part of the truth, when `budget` nodes have been looked at.
+Extent measure(const Node& node, std::size_t& budget) {
+    Extent extent;
+    if (budget == 0) return extent;
+    --budget;
+    for (const ChildList list : kChildLists) {
+        if (!hasList(node.kind, list)) continue;
+        node.children(list).forEach([&](const ChildEntry& entry) {
+            if (budget == 0) return;
+            const Extent below = measure(*entry.node, budget);
+            extent.bytes =
+                std::max(extent.bytes, below.bytes + stepBytes(node.kind, list, entry.name));
+            extent.elements = std::max(extent.elements, below.elements + 1);
+        });
+    }
+    return extent;
+}
+
+void collectIds(const Node& node, std::vector<NodeId>& ids) {
+    ids.push_back(node.id);
+    for (const ChildList list : kChildLists)
+        if (hasList(node.kind, list))
+            node.children(list).forEach(
+                [&](const ChildEntry& entry) { collectIds(*entry.node, ids); });
+}
+
+bool equal(const Node& left, const Node& right) {
+    if (&left == &right) return true;
+    if (left.kind != right.kind || left.fields != right.fields) return false;
+    for (const ChildList list : kChildLists) {
+        if (!hasList(left.kind, list)) continue;
+        const auto& leftChildren = left.children(list);
+        const auto& rightChildren = right.children(list);
+        if (leftChildren.sharesAll(rightChildren)) continue;
+        if (leftChildren.size() != rightChildren.size()) return false;
+        const auto rights = rightChildren.entries();
+        std::size_t at = 0;
+        bool same = true;
+        leftChildren.forEach([&](const ChildEntry& entry) {
+            const ChildEntry& other = *rights[at++];
+            same = same && entry.name == other.name && equal(*entry.node, *other.node);
+        });
+        if (!same) return false;
+    }
+    return true;
+}
+
+// Walks a subtree with the text of its paths growing and shrinking in one string.
+class Visitor {
+public:
+    Visitor(const std::function<void(const LayerDoc::SpecView&)>& visit, std::string_view path)
+        : visit_(visit), path_(path) {}
+
+    void run(const Node& node, NodeId parent, std::uint64_t order, std::string_view name) {
+        visit_({node.id, parent, order, node.kind, name, path_, &node.fields});
+        for (const ChildList list : kChildLists) {
+            if (!hasList(node.kind, list)) continue;
+            node.children(list).forEach(
+                [&](const ChildEntry& entry) { step(node.id, list, entry); });
+        }
+    }
+
+private:
+    void step(NodeId parent, ChildList list, const ChildEntry& entry) {
+        std::string outer = specpath::child(path_, list, entry.name);
+        std::swap(outer, path_);
+        run(*entry.node, parent, entry.order, entry.name);
+        std::swap(outer, path_);
+    }
+
+    const std::function<void(const LayerDoc::SpecView&)>& visit_;
+    std::string path_;
+};
+
+void appendHex(std::string& out, ByteView bytes) {
+    constexpr std::string_view kDigits = "0123456789abcdef";
+    for (const std::uint8_t byte : bytes) {
+        out += kDigits[byte >> 4];
+        out += kDigits[byte & 15];
+    }
+}
+
+const Ref<Node>& emptyRoot() {
+    static const Ref<Node> root(new Node(kRootNode, SpecKind::PseudoRoot));
+    return root;
+}
+
+}  // namespace
+
+// --- Node -------------------------------------------------------------------------------------
+
+LayerDoc::Node::Node(const Node& other)
+    : Shared(other),
+      kind(other.kind),
+      id(other.id),
+      fields(other.fields),
+      children_(other.children_ ? std::make_unique<Children>(*other.children_) : nullptr) {}
+
+const ChildSequence& LayerDoc::Node::children(ChildList list) const {
+    static const ChildSequence kNone;
+    return children_ ? (*children_)[slotOf(list)] : kNone;
+}
+
+ChildSequence& LayerDoc::Node::editableChildren(ChildList list) {
+    if (!children_) children_ = std::make_unique<Children>();
+    return (*children_)[slotOf(list)];
+}
+
+const FieldValue* LayerDoc::Node::field(std::string_view name) const {
+    const auto at = fieldPosition(fields, name);
+    return at != fields.end() && at->first == name ? &at->second : nullptr;
+}
+
+bool hasList(SpecKind parent, ChildList list) {
+    switch (parent) {
+        case SpecKind::PseudoRoot:
+            return list == ChildList::Prims;
+        case SpecKind::Prim:
+        case SpecKind::Variant:
+            return list != ChildList::Variants;
+        case SpecKind::VariantSet:
+            return list == ChildList::Variants;
+        default:
+            return false;
+    }
+}
+
+bool belongsIn(SpecKind child, ChildList list) {
+    switch (child) {
+        case SpecKind::Prim:
+            return list == ChildList::Prims;
+        case SpecKind::Attribute:
+        case SpecKind::Relationship:
+            return list == ChildList::Properties;
+        case SpecKind::VariantSet:
+            return list == ChildList::VariantSets;
+        case SpecKind::Variant:
+            return list == ChildList::Variants;
+        default:
+            return false;
+    }
+}
+
+Fields::iterator fieldPosition(Fields& fields, std::string_view name) {
+    return std::lower_bound(fields.begin(), fields.end(), name,
+                            [](const auto& field, std::string_view n) { return field.first < n; });
+}
+
+Fields::const_iterator fieldPosition(const Fields& fields, std::string_view name) {
+    return std::lower_bound(fields.begin(), fields.end(), name,
+                            [](const auto& field, std::string_view n) { return field.first < n; });
+}
+
+namespace {
+
+FieldValue& insertField(Fields& fields, std::string_view name) {
+    if (fields.size() == fields.capacity())  // mostly few, of many specs: no doubling at first
+        fields.reserve(fields.size() + 1 + (fields.size() < 4 ? 0 : fields.size() / 2));
+    return fields.emplace(fieldPosition(fields, name), name, FieldValue{})->second;
+}
+
+}  // namespace
+
+// --- Editor -----------------------------------------------------------------------------------
+
+// One edit of one spec.
+class LayerDoc::Editor {
+public:
+    Editor(LayerDoc& doc, std::string_view path, Elements elements)
+        : doc_(doc), path_(path), elements_(elements) {}
+
+    Result<Applied> operator()(const CreateSpec& create) {
+        if (elements_.empty() || !belongsIn(create.kind, elements_.back().list))
+            return misplaced(create.kind);
+        const Node* parent = walk(*doc_.root_, above());
+        if (!parent) return noSpec(specpath::parent(path_));
+        if (!hasList(parent->kind, elements_.back().list)) return misplaced(create.kind);
+        if (const ChildEntry* entry = childOf(*parent, elements_.back()))
+            return merge(*parent, *entry, create.kind);
+
+        Applied applied{true, doc_.nextId_++, parent->id, 0, false, {}};
+        const auto placed = editableList(elements_).append(
+            std::string(elements_.back().name), Ref<Node>(new Node(applied.node, create.kind)));
+        applied.order = placed.order;
+        applied.renumbered = placed.renumbered;
+        ++doc_.specCount_;
+        raiseBounds(path_.size(), elements_.size());
+        return applied;
+    }
+
+    Result<Applied> operator()(const DeleteSpec&) {
+        if (elements_.empty()) return rootStays();
+        const ChildEntry* entry = find();
+        if (!entry) return noSpec(path_);
+        Applied applied{true, entry->node->id, 0, 0, false, {}};
+        collectIds(*entry->node, applied.erased);
+        editableList(elements_).remove(entry->order);
+        doc_.specCount_ -= applied.erased.size();
+        return applied;
+    }
+
+    Result<Applied> operator()(const MoveSpec& move) {
+        if (elements_.empty()) return rootStays();
+        const ChildEntry* entry = find();
+        if (!entry) return noSpec(path_);
+        if (move.parent.creation)
+            return fail(ErrorCode::InvalidEdit, "the new parent has to be given by its path");
+        const ChildList list = elements_.back().list;
+        const auto parent = specpath::parse(move.parent.path);
+        if (!parent) return tl::unexpected(parent.error());
+        if (!hasParentPlace(move.parent.path, list)) return misplaced(entry->node->kind);
+        if (!specpath::isName(list, move.name))
+            return fail(ErrorCode::InvalidPath, quoted(move.name) + " is no name for such a spec");
+        const std::string target = specpath::child(move.parent.path, list, move.name);
+        const auto targetElements = specpath::parse(target);
+        if (!targetElements) return tl::unexpected(targetElements.error());
+        return moveTo(*entry, target, *targetElements);
+    }
+
+    Result<Applied> operator()(const PlaceSpec& place) {
+        if (elements_.empty()) return rootStays();
+        const Node* parent = walk(*doc_.root_, above());
+        const ChildEntry* entry = parent ? childOf(*parent, elements_.back()) : nullptr;
+        if (!entry) return noSpec(path_);
+        const ChildSequence& siblings = parent->children(elements_.back().list);
+        const ChildEntry* before = siblings.find(place.before);
+        Applied applied{false, entry->node->id, parent->id, entry->order, false, {}};
+        if (before == entry || siblings.next(entry->order) == before) return applied;
+
+        const auto target = before ? std::optional(before->order) : std::nullopt;
+        const auto placed = editableList(elements_).place(entry->order, target);
+        applied.changed = true;
+        applied.order = placed.order;
+        applied.renumbered = placed.renumbered;
+        return applied;
+    }
+
+    Result<Applied> operator()(const SetField& set) {
+        if (auto checked = checkSet(elements_.empty(), set); !checked)
+            return tl::unexpected(checked.error());
+        const Node* node = walk(*doc_.root_, elements_);
+        if (!node) return noSpec(path_);
+        Applied applied{false, node->id, 0, 0, false, {}};
+        if (holdsAlready(node->field(set.field), set)) return applied;
+
+        Fields& fields = editableNode(elements_).fields;
+        const auto at = fieldPosition(fields, set.field);
+        const bool present = at != fields.end() && at->first == set.field;
+        setPart(present ? at->second : insertField(fields, set.field), set);
+        applied.changed = true;
+        return applied;
+    }
+
+    Result<Applied> operator()(const EraseField& erase) {
+        if (auto checked = checkErase(erase); !checked) return tl::unexpected(checked.error());
+        const Node* node = walk(*doc_.root_, elements_);
+        if (!node) return noSpec(path_);
+        Applied applied{false, node->id, 0, 0, false, {}};
+        const FieldValue* field = node->field(erase.field);
+        if (!field || !holdsPart(*field, erase.part)) return applied;
+
+        Fields& fields = editableNode(elements_).fields;
+        const auto at = fieldPosition(fields, erase.field);
+        if (!erasePart(at->second, erase.part)) fields.erase(at);
+        applied.changed = true;
+        return applied;
+    }
+
+private:
+    [[nodiscard]] Elements above() const { return elements_.first(elements_.size() - 1); }
+
+    [[nodiscard]] const ChildEntry* find() const {
+        const Node* parent = walk(*doc_.root_, above());
+        return parent ? childOf(*parent, elements_.back()) : nullptr;
+    }
+
+    // The node at a path that exists, with what leads to it no longer shared.
+    Node& editableNode(Elements elements) {
+        Node* node = &doc_.root_.editable();
+        for (const PathElement& element : elements) {
+            ChildSequence& children = node->editableChildren(element.list);
+            node = &children.editableNode(children.find(element.name)->order);
+        }
+        return *node;
+    }
+
+    // The list that holds the spec at a path whose parent exists.
+    ChildSequence& editableList(Elements elements) {
+        return editableNode(elements.first(elements.size() - 1))
+            .editableChildren(elements.back().list);
+    }
+
+    Result<Applied> merge(const Node& parent, const ChildEntry& entry, SpecKind kind) const {
+        if (entry.node->kind == kind)
+            return Applied{false, entry.node->id, parent.id, entry.order, false, {}};
+        return fail(ErrorCode::SpecKindConflict, std::string("there is a spec of kind ") +
+                                                     std::string(specKindName(entry.node->kind)) +
+                                                     " and not " + std::string(specKindName(kind)) +
+                                                     " at " + quoted(path_));
+    }
+
+    // Can `parent` be extended by a child of that list? The grammar of paths alone decides.
+    static bool hasParentPlace(std::string_view parent, ChildList list) {
+        if (parent == "/") return list == ChildList::Prims;
+        const ChildList last = specpath::last(parent).list;
+        if (last == ChildList::Properties) return false;
+        return (last == ChildList::VariantSets) == (list == ChildList::Variants);
+    }
+
+    Result<Applied> moveTo(const ChildEntry& entry, const std::string& target,
+                           Elements targetElements) {
+        const Ref<Node> node = entry.node;
+        const std::uint64_t order = entry.order;
+        if (target != path_ && specpath::hasPrefix(target, path_))
+            return fail(ErrorCode::MoveIntoItself,
+                        quoted(path_) + " cannot be moved below itself, to " + quoted(target));
+        const Elements parentElements = targetElements.first(targetElements.size() - 1);
+        const Node* parent = walk(*doc_.root_, parentElements);
+        if (!parent) return noSpec(specpath::parent(target));
+        const bool sameParent = parent == walk(*doc_.root_, above());
+        const ChildList list = targetElements.back().list;
+        if (!hasList(parent->kind, list) || (list == ChildList::Variants && !sameParent))
+            return misplaced(node->kind);
+        Applied applied{false, node->id, parent->id, order, false, {}};
+        if (target == path_) return applied;
+        if (childOf(*parent, targetElements.back()))
+            return fail(ErrorCode::SpecExists, "there is a spec at " + quoted(target));
+        if (!fits(*node, target.size(), targetElements.size()))
+            return fail(ErrorCode::InvalidPath,
+                        "moved to " + quoted(target) + ", a path below would get too long");
+
+        applied.changed = true;
+        std::string name(targetElements.back().name);
+        if (sameParent) {
+            editableList(elements_).rename(order, std::move(name));
+            return applied;
+        }
+        editableList(elements_).remove(order);
+        const auto placed = editableList(targetElements).append(std::move(name), node);
+        applied.order = placed.order;
+        applied.renumbered = placed.renumbered;
+        return applied;
+    }
+
+    void raiseBounds(std::size_t bytes, std::size_t elements) {
+        doc_.maxPathBytes_ = std::max(doc_.maxPathBytes_, static_cast<std::uint32_t>(bytes));
+        doc_.maxPathElements_ =
+            std::max(doc_.maxPathElements_, static_cast<std::uint32_t>(elements));
+    }
+
+    // Do all paths below `node` stay valid when its own gets so long? Small subtrees are measured,
+    // of large ones the doc's bounds are taken; when these have grown too high, they are taken
+    // anew.
+    bool fits(const Node& node, std::size_t bytes, std::size_t elements) {
+        constexpr std::size_t kSmallSubtree = 256;
+        std::size_t budget = kSmallSubtree;
+        Extent below = measure(node, budget);
+        if (budget == 0) below = {doc_.maxPathBytes_, doc_.maxPathElements_};
+        if (budget == 0 && !isWithin(below, bytes, elements)) {
+            budget = doc_.specCount_ + 1;
+            const Extent all = measure(*doc_.root_, budget);
+            doc_.maxPathBytes_ = static_cast<std::uint32_t>(all.bytes + 1);
+            doc_.maxPathElements_ = static_cast<std::uint32_t>(all.elements);
+            budget = doc_.specCount_ + 1;
+            below = measure(node, budget);
+        }
+        if (!isWithin(below, bytes, elements)) return false;
+        raiseBounds(below.bytes + bytes, below.elements + elements);
+        return true;
+    }
+    static bool isWithin(const Extent& below, std::size_t bytes, std::size_t elements) {
+        return below.bytes + bytes <= kMaxPathBytes &&
+               below.elements + elements <= kMaxPathElements;
+    }
+
+    [[nodiscard]] tl::unexpected<Error> misplaced(SpecKind kind) const {
+        return fail(ErrorCode::InvalidEdit, "a spec of kind " + std::string(specKindName(kind)) +
+                                                " cannot stand where the edit of " + quoted(path_) +
+                                                " puts it");
+    }
+    static tl::unexpected<Error> rootStays() {
+        return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
+    }
+
+    LayerDoc& doc_;
+    std::string_view path_;
+    Elements elements_;
+};
+
+// --- LayerDoc ---------------------------------------------------------------------------------
+
+LayerDoc::LayerDoc() : root_(emptyRoot()) {}
+LayerDoc::LayerDoc(const LayerDoc&) = default;
+LayerDoc::LayerDoc(LayerDoc&&) noexcept = default;
+LayerDoc& LayerDoc::operator=(const LayerDoc&) = default;
+LayerDoc& LayerDoc::operator=(LayerDoc&&) noexcept = default;
+LayerDoc::~LayerDoc() = default;
+
+Result<LayerDoc::Applied> LayerDoc::apply(std::string_view path, const EditAction& action) {
+    const auto elements = specpath::parse(path);
+    if (!elements) return tl::unexpected(elements.error());
+    return std::visit(Editor(*this, path, *elements), action);
+}
+
+namespace {
+
+const Node* nodeAt(const Ref<Node>& root, std::string_view path) {
+    const auto elements = specpath::parse(path);
+    return elements ? walk(*root, *elements) : nullptr;
+}
+
+}  // namespace
+
+bool LayerDoc::has(std::string_view path) const { return nodeAt(root_, path) != nullptr; }
+
+std::optional<SpecKind> LayerDoc::kind(std::string_view path) const {
+    const Node* node = nodeAt(root_, path);
+    return node ? std::optional(node->kind) : std::nullopt;
+}
+
+const FieldValue* LayerDoc::field(std::string_view path, std::string_view name) const {
+    const Node* node = nodeAt(root_, path);
+    return node ? node->field(name) : nullptr;
+}
+
+std::vector<std::string> LayerDoc::fieldNames(std::string_view path) const {
+    std::vector<std::string> names;
+    if (const Node* node = nodeAt(root_, path))
+        for (const auto& [name, value] : node->fields) names.push_back(name);
+    return names;
+}
+
+std::vector<std::string> LayerDoc::children(std::string_view path, ChildList list) const {
+    std::vector<std::string> names;
+    const Node* node = nodeAt(root_, path);
+    if (node && hasList(node->kind, list))
+        node->children(list).forEach([&](const ChildEntry& entry) { names.push_back(entry.name); });
+    return names;
+}
+
+std::size_t LayerDoc::specCount() const { return specCount_; }
+
+std::vector<NodeId> LayerDoc::idsAlong(std::string_view path) const {
+    std::vector<NodeId> ids{root_->id};
+    const auto elements = specpath::parse(path);
+    if (!elements) return ids;
+    const Node* node = root_.get();
+    for (const PathElement& element : *elements) {
+        const ChildEntry* entry = childOf(*node, element);
+        if (!entry) break;
+        node = entry->node.get();
+        ids.push_back(node->id);
+    }
+    return ids;
+}
+
+void LayerDoc::visit(const std::function<void(const SpecView&)>& visitor) const {
+    Visitor(visitor, "/").run(*root_, 0, 0, {});
+}
+
+void LayerDoc::visit(std::string_view path,
+                     const std::function<void(const SpecView&)>& visitor) const {
+    if (path == "/") return visit(visitor);
+    const auto elements = specpath::parse(path);
+    if (!elements) return;
+    const Node* parent = walk(*root_, Elements(*elements).first(elements->size() - 1));
+    const ChildEntry* entry = parent ? childOf(*parent, elements->back()) : nullptr;
+    if (entry) Visitor(visitor, path).run(*entry->node, parent->id, entry->order, entry->name);
+}
+
+bool operator==(const LayerDoc& left, const LayerDoc& right) {
+    return equal(*left.root_, *right.root_);
+}
+
+std::string LayerDoc::dump() const {
+    std::string out;
+    visit([&](const SpecView& spec) {
+        out.append(spec.path).append(" ").append(specKindName(spec.kind)) += '\n';
+        for (const auto& [name, value] : *spec.fields) {
+            out.append("  ").append(name).append(" = ");
+            appendHex(out, encodeFieldValue(value));
+            out += '\n';
+        }
+    });
+    return out;
+}
+
+void LayerDoc::reserveIds(NodeId firstFree) { nextId_ = std::max(nextId_, firstFree); }
+
+// --- Builder ----------------------------------------------------------------------------------
+
+struct LayerDoc::Builder::State {
+    struct Built {
+        Node* node;
+        std::size_t pathBytes;
+        std::size_t pathElements;
+    };
+    // The root is shared with nobody before finish(), nor is what is below.
+    Ref<Node> root{new Node(kRootNode, SpecKind::PseudoRoot)};
+    std::unordered_map<NodeId, Built> nodes{{kRootNode, {&root.editable(), 1, 0}}};
+    NodeId highest = kRootNode;
+    Extent extent{1, 0};
+};
+
+LayerDoc::Builder::Builder() : state_(std::make_unique<State>()) {}
+LayerDoc::Builder::~Builder() = default;
+
+namespace {
+
+std::optional<ChildList> listFor(SpecKind kind) {
+    for (const ChildList list : kChildLists)
+        if (belongsIn(kind, list)) return list;
+    return std::nullopt;
+}
+
+}  // namespace
+
+Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_t order,
+                                        SpecKind kind, std::string_view name) {
+    const auto problem = [&](ErrorCode code, const char* what) {
+        return fail(code, "spec " + std::to_string(node) + ", " + quoted(name) + ": " + what);
+    };
+    if (node == kRootNode && kind == SpecKind::PseudoRoot) return {};  // is there already
+    const auto above = state_->nodes.find(parent);
+    if (above == state_->nodes.end()) return problem(ErrorCode::SpecNotFound, "no such parent");
+    const auto list = listFor(kind);
+    if (node == 0 || !list || !hasList(above->second.node->kind, *list) ||
+        !specpath::isName(*list, name))
+        return problem(ErrorCode::InvalidEdit, "cannot stand there");
+    ChildSequence& siblings = above->second.node->editableChildren(*list);
+    if (state_->nodes.contains(node) || siblings.find(name))
+        return problem(ErrorCode::SpecExists, "is there already");
+    if (siblings.hasOrder(order))
+        return problem(ErrorCode::InvalidEdit, "a sibling has the same order number");
+    const Extent extent{above->second.pathBytes + stepBytes(above->second.node->kind, *list, name),
+                        above->second.pathElements + 1};
+    if (extent.bytes > kMaxPathBytes || extent.elements > kMaxPathElements)
+        return problem(ErrorCode::InvalidEdit, "its path is too long");
+
+    auto* built = new Node(node, kind);
+    siblings.insert({std::string(name), order, Ref<Node>(built)});
+    state_->nodes.emplace(node, State::Built{built, extent.bytes, extent.elements});
+    state_->highest = std::max(state_->highest, node);
+    state_->extent.bytes = std::max(state_->extent.bytes, extent.bytes);
+    state_->extent.elements = std::max(state_->extent.elements, extent.elements);
+    return {};
+}
+
+Result<void> LayerDoc::Builder::addField(NodeId node, std::string_view name, FieldValue value) {
+    const auto found = state_->nodes.find(node);
+    if (found == state_->nodes.end())
+        return fail(ErrorCode::SpecNotFound, "there is no spec " + std::to_string(node));
+    Fields& fields = found->second.node->fields;
+    const auto at = fieldPosition(fields, name);
+    if (at != fields.end() && at->first == name)
+        return fail(ErrorCode::SpecExists, "the field " + quoted(name) + " is there already");
+    insertField(fields, name) = std::move(value);
+    return {};
+}
+
+LayerDoc LayerDoc::Builder::finish() {
+    LayerDoc doc;
+    doc.root_ = state_->root;
+    doc.nextId_ = state_->highest + 1;
+    doc.specCount_ = state_->nodes.size();
+    doc.maxPathBytes_ = static_cast<std::uint32_t>(state_->extent.bytes);
+    doc.maxPathElements_ = static_cast<std::uint32_t>(state_->extent.elements);
+    state_ = std::make_unique<State>();
+    return doc;
+}
+
+}  // namespace usdlive

@@ -1,0 +1,304 @@
+#include "usdlive/common/layer/TransactionExecutor.h"
+
+#include <algorithm>
+#include <unordered_set>
+
+#include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/layer/FieldParts.h"
+
+namespace usdlive {
+
+std::string relativePath(std::string_view path, std::string_view created) {
+    if (path == created) return {};
+    if (created.ends_with("=}")) return std::string(path.substr(created.rfind('{')));
+    return std::string(path.substr(created.size()));
+}
+
+std::optional<std::string> absolutePath(std::string_view relative, std::string_view created) {
+    if (relative.empty()) return std::string(created);
+    if (created.ends_with("=}")) {
+        const std::size_t equals = relative.find('=');
+        if (!relative.starts_with('{') || equals == std::string_view::npos) return std::nullopt;
+        return std::string(created.substr(0, created.size() - 1))
+            .append(relative.substr(equals + 1));
+    }
+    const bool afterVariant = created.ends_with('}');
+    const bool separated = std::string_view("/.{").find(relative.front()) != std::string_view::npos;
+    if (afterVariant && relative.starts_with('/')) relative.remove_prefix(1);
+    if (!afterVariant && !separated) return std::nullopt;
+    return std::string(created).append(relative);
+}
+
+namespace {
+
+// Why an edit is not executed: it alone is dropped, or the whole transaction refused.
+struct Stop {
+    enum class What { Drop, Refuse } what;
+    Error error;
+};
+template <class T>
+using Attempt = tl::expected<T, Stop>;
+
+tl::unexpected<Stop> drop(ErrorCode code, std::string message) {
+    return tl::unexpected(Stop{Stop::What::Drop, {code, std::move(message)}});
+}
+tl::unexpected<Stop> refuse(Error error) {
+    return tl::unexpected(Stop{Stop::What::Refuse, std::move(error)});
+}
+
+bool isValueEdit(const EditAction& action) {
+    return std::holds_alternative<SetField>(action) || std::holds_alternative<EraseField>(action);
+}
+
+// What an edit that was executed did to the namespace.
+void record(NamespaceLog& log, Revision revision, const Edit& edit) {
+    if (std::holds_alternative<DeleteSpec>(edit.action))
+        log.recordDelete(revision, edit.layer, edit.address.path);
+    else if (const auto* move = std::get_if<MoveSpec>(&edit.action))
+        log.recordMove(
+            revision, edit.layer, edit.address.path,
+            specpath::child(move->parent.path, specpath::last(edit.address.path).list, move->name));
+}
+
+class Execution {
+public:
+    Execution(LayerDocs& layers, NamespaceLog& log, const OwnCreations& creations,
+              const Transaction& transaction, Revision revision)
+        : layers_(layers),
+          log_(log),
+          creations_(creations),
+          transaction_(transaction),
+          revision_(revision) {}
+
+    Outcome run() {
+        if (auto refused = checkAll()) return *std::move(refused);
+        const std::uint64_t mark = log_.mark();
+        const bool undoable = keepsCopies();
+        for (std::uint32_t index = 0; index < transaction_.edits.size(); ++index) {
+            const Edit& edit = transaction_.edits[index];
+            if (undoable) copies_.try_emplace(edit.layer, layers_.find(edit.layer)->second);
+            const auto done = executeEdit(edit, index);
+            if (done) continue;
+            if (done.error().what == Stop::What::Refuse) {
+                for (auto& [layer, doc] : copies_) layers_[layer] = std::move(doc);
+                log_.truncate(mark);
+                return Refused{done.error().error, index};
+            }
+            executed_.dropped.push_back({index, done.error().error.code, edit});
+        }
+        return std::move(executed_);
+    }
+
+    // Where the specs stand that were created, for later transactions of the author.
+    void recordCreations(OwnCreations& creations) {
+        for (auto& [index, entry] : created_)
+            creations.record({transaction_.id.sequence, index}, std::move(entry), revision_);
+    }
+
+private:
+    [[nodiscard]] std::optional<Refused> checkAll() const {
+        if (transaction_.base < log_.oldest())
+            return Refused{
+                {ErrorCode::StaleBase, "revision " + std::to_string(transaction_.base) +
+                                           " is older than what the moves are still known of"},
+                0};
+        if (transaction_.base >= revision_)
+            return Refused{{ErrorCode::FutureRevision,
+                            "revision " + std::to_string(transaction_.base) + " is not yet there"},
+                           0};
+        for (std::uint32_t index = 0; index < transaction_.edits.size(); ++index)
+            if (auto checked = check(transaction_.edits[index]); !checked)
+                return Refused{checked.error(), index};
+        return std::nullopt;
+    }
+
+    // Whatever can be said without looking at the layer, so that a transaction of values is not
+    // refused after some of them are set.
+    [[nodiscard]] Result<void> check(const Edit& edit) const {
+        if (!layers_.contains(edit.layer))
+            return fail(ErrorCode::LayerNotFound, "there is no layer " + quoted(edit.layer.value));
+        if (auto valid = checkPath(edit.address); !valid) return valid;
+        if (const auto* move = std::get_if<MoveSpec>(&edit.action)) return checkPath(move->parent);
+        const bool root = !edit.address.creation && edit.address.path == "/";
+        if (const auto* set = std::get_if<SetField>(&edit.action)) return checkSet(root, *set);
+        if (const auto* erase = std::get_if<EraseField>(&edit.action)) return checkErase(*erase);
+        return {};
+    }
+
+    // What follows a creation is checked when it is known where that stands.
+    [[nodiscard]] static Result<void> checkPath(const Address& address) {
+        if (address.creation) return {};
+        return specpath::parse(address.path).map([](const auto&) {});
+    }
+
+    // One edit leaves the layer as it was when it is refused, and values at known paths have passed
+    // all checks before; the rest needs something to go back to.
+    [[nodiscard]] bool keepsCopies() const {
+        return transaction_.edits.size() > 1 &&
+               std::any_of(transaction_.edits.begin(), transaction_.edits.end(),
+                           [](const Edit& edit) {
+                               return !isValueEdit(edit.action) || edit.address.creation;
+                           });
+    }
+
+    Attempt<void> executeEdit(const Edit& edit, std::uint32_t index) {
+        const bool creates = std::holds_alternative<CreateSpec>(edit.action);
+        auto path =
+            creates ? resolvePlace(edit.layer, edit.address) : resolve(edit.layer, edit.address);
+        if (!path) return tl::unexpected(path.error());
+        ExecutedEdit done{{edit.layer, {*std::move(path), {}}, edit.action}, {}};
+        if (auto* move = std::get_if<MoveSpec>(&done.edit.action)) {
+            auto parent = resolve(edit.layer, move->parent);
+            if (!parent) return tl::unexpected(parent.error());
+            move->parent = {*std::move(parent), {}};
+        }
+        auto applied =
+            layers_.find(edit.layer)->second.apply(done.edit.address.path, done.edit.action);
+        if (!applied) return tl::unexpected(stopFor(edit, applied.error()));
+        done.applied = *std::move(applied);
+        if (done.applied.changed) record(log_, revision_, done.edit);
+        if (creates) created_[index] = {edit.layer, done.edit.address.path, log_.mark()};
+        executed_.edits.push_back(std::move(done));
+        return {};
+    }
+
+    static Stop stopFor(const Edit& edit, const Error& error) {
+        // The path was valid when it was checked. Where its parents went, it has become so long
+        // that nothing can stand there.
+        const bool tooLong = error.code == ErrorCode::InvalidPath &&
+                             !std::holds_alternative<CreateSpec>(edit.action) &&
+                             !std::holds_alternative<MoveSpec>(edit.action);
+        if (error.code == ErrorCode::SpecNotFound || tooLong)
+            return {Stop::What::Drop, {ErrorCode::SpecNotFound, error.message}};
+        return {Stop::What::Refuse, error};
+    }
+
+    // Where a path is to be carried forward from.
+    struct Origin {
+        std::string path;
+        std::optional<std::uint64_t> mark;  // nothing: from the base revision on
+    };
+
+    [[nodiscard]] Attempt<Origin> origin(const LayerId& layer, const Address& address) const {
+        if (!address.creation) return Origin{address.path, {}};
+        const OwnCreations::Entry* entry = find(*address.creation);
+        if (!entry) return drop(ErrorCode::SpecDeleted, "what the edit is for was never created");
+        if (entry->layer != layer)
+            return refuse({ErrorCode::InvalidEdit,
+                           "what the edit is for was created in " + quoted(entry->layer.value)});
+        auto path = absolutePath(address.path, entry->path);
+        if (!path)
+            return refuse({ErrorCode::InvalidPath,
+                           quoted(address.path) + " cannot follow " + quoted(entry->path)});
+        if (const auto valid = specpath::parse(*path); !valid) return refuse(valid.error());
+        return Origin{*std::move(path), entry->mark};
+    }
+
+    [[nodiscard]] const OwnCreations::Entry* find(const Creation& creation) const {
+        if (creation.sequence != transaction_.id.sequence) return creations_.find(creation);
+        const auto found = created_.find(creation.edit);
+        return found == created_.end() ? nullptr : &found->second;
+    }
+
+    [[nodiscard]] Attempt<std::string> carryForward(const LayerId& layer, Origin origin) const {
+        auto path = origin.mark ? log_.translateFrom(layer, origin.path, *origin.mark)
+                                : log_.translate(layer, origin.path, transaction_.base);
+        if (!path)
+            return drop(ErrorCode::SpecDeleted, quoted(origin.path) + " was deleted meanwhile");
+        return *std::move(path);
+    }
+
+    [[nodiscard]] Attempt<std::string> resolve(const LayerId& layer, const Address& address) const {
+        auto from = origin(layer, address);
+        if (!from) return tl::unexpected(from.error());
+        return carryForward(layer, *std::move(from));
+    }
+
+    // Of a spec that is to be created only the parent can have moved. What was called so before and
+    // went elsewhere, or was deleted, is another spec.
+    [[nodiscard]] Attempt<std::string> resolvePlace(const LayerId& layer,
+                                                    const Address& address) const {
+        auto from = origin(layer, address);
+        if (!from) return tl::unexpected(from.error());
+        if (from->path == "/") return from->path;  // apply() says what is wrong with it
+        const auto parent = carryForward(layer, {specpath::parent(from->path), from->mark});
+        if (!parent) return tl::unexpected(parent.error());
+        const PathElement last = specpath::last(from->path);
+        return specpath::child(*parent, last.list, last.name);
+    }
+
+    LayerDocs& layers_;
+    NamespaceLog& log_;
+    const OwnCreations& creations_;
+    const Transaction& transaction_;
+    Revision revision_;
+
+    Executed executed_;
+    std::map<std::uint32_t, OwnCreations::Entry> created_;  // by this transaction's edits
+    LayerDocs copies_;                                      // as they were before
+};
+
+}  // namespace
+
+Outcome execute(LayerDocs& layers, NamespaceLog& log, OwnCreations& creations,
+                const Transaction& transaction, Revision revision) {
+    Execution execution(layers, log, creations, transaction, revision);
+    Outcome outcome = execution.run();
+    if (std::holds_alternative<Executed>(outcome)) {
+        execution.recordCreations(creations);
+    }
+    return outcome;
+}
+
+Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit) {
+    Result<void> result;
+    std::unordered_set<LayerId> diverged;
+    for (const Edit& edit : commit.edits) {
+        const auto layer = layers.find(edit.layer);
+        if (layer == layers.end() || diverged.contains(edit.layer)) continue;
+        const auto applied = layer->second.apply(edit.address.path, edit.action);
+        if (applied) {
+            if (applied->changed) record(log, commit.revision, edit);
+            continue;
+        }
+        diverged.insert(edit.layer);
+        if (result)
+            result = fail(applied.error().code,
+                          "layer " + quoted(edit.layer.value) + " has diverged at revision " +
+                              std::to_string(commit.revision) + ": " + applied.error().message);
+    }
+    return result;
+}
+
+void recordCreations(OwnCreations& creations, NamespaceLog& log, const Transaction& submitted,
+                     const Commit& commit) {
+    struct Created {
+        std::uint32_t index;
+        const Edit* edit;
+        std::uint64_t mark;
+    };
+    NamespaceLog own;  // the commit's moves and deletes, numbered from 0
+    std::vector<Created> created;
+    auto dropped = commit.dropped.begin();
+    auto executed = commit.edits.begin();
+    for (std::uint32_t index = 0; index < submitted.edits.size(); ++index) {
+        if (dropped != commit.dropped.end() && dropped->index == index) {
+            ++dropped;
+            continue;
+        }
+        if (executed == commit.edits.end()) break;
+        if (std::holds_alternative<CreateSpec>(executed->action))
+            created.push_back({index, &*executed, own.mark()});
+        record(own, commit.revision, *executed);
+        ++executed;
+    }
+    for (const Created& item : created) {
+        const LayerId& layer = item.edit->layer;
+        auto path = own.translateFrom(layer, item.edit->address.path, item.mark);
+        if (path)
+            creations.record({submitted.id.sequence, item.index},
+                             {layer, *std::move(path), log.mark()}, commit.revision);
+    }
+}
+
+}  // namespace usdlive

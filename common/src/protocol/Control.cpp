@@ -1,0 +1,288 @@
+#include "usdlive/common/protocol/Control.h"
+
+#include <array>
+#include <concepts>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "usdlive/common/core/LayerPath.h"
+
+namespace usdlive {
+
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::size_t kMaxControlBytes = 16 * 1024 * 1024;  // a welcome lists all layers
+constexpr std::size_t kMaxTextBytes = 64 * 1024;
+constexpr std::size_t kMaxIdBytes = 256;
+constexpr int kMaxDepth = 16;
+
+struct Stop {
+    Error error;
+};
+[[noreturn]] void stop(std::string message) {
+    throw Stop{{ErrorCode::MalformedControl, std::move(message)}};
+}
+
+template <class Message, class T>
+concept Is = std::same_as<std::remove_const_t<Message>, T>;
+
+// The members of each message, said once for both ways: `io` is a Writer or a Reader.
+void members(auto& io, Is<Hello> auto& message) {
+    io("protocol", message.protocol);
+    io("oldestProtocol", message.oldestProtocol);
+    io("features", message.features);
+    io("client", message.client);
+    io("user", message.user);
+    io("application", message.application);
+    io("resume", message.resume);
+}
+void members(auto& io, Is<Hello::Resume> auto& message) {
+    io("epoch", message.epoch);
+    io("revision", message.revision);
+    io("hash", message.hash);
+}
+void members(auto& io, Is<LayerInfo> auto& message) { io("layer", message.layer); }
+void members(auto& io, Is<Welcome> auto& message) {
+    io("protocol", message.protocol);
+    io("features", message.features);
+    io("project", message.project);
+    io("epoch", message.epoch);
+    io("revision", message.revision);
+    io("hash", message.hash);
+    io("resumed", message.resumed);
+    io("layers", message.layers);
+    io("maxFrameBytes", message.maxFrameBytes);
+    io("maxBlobBytes", message.maxBlobBytes);
+}
+void members(auto& io, Is<OpenLayer> auto& message) {
+    io("request", message.request);
+    io("layer", message.layer);
+    io("revision", message.revision);
+}
+void members(auto& io, Is<LayerOpened> auto& message) {
+    io("request", message.request);
+    io("layer", message.layer);
+    io("revision", message.revision);
+    io("specs", message.specs);
+}
+void members(auto& io, Is<CloseLayer> auto& message) { io("layer", message.layer); }
+void members(auto& io, Is<RequestBlob> auto& message) {
+    io("hash", message.hash);
+    io("offset", message.offset);
+}
+void members(auto& io, Is<BlobStored> auto& message) { io("hash", message.hash); }
+void members(auto& io, Is<AlreadyCommitted> auto& message) {
+    io("sequence", message.sequence);
+    io("revision", message.revision);
+}
+void members(auto& io, Is<SaveLayers> auto& message) {
+    io("request", message.request);
+    io("layers", message.layers);
+}
+void members(auto& io, Is<LayersSaved::Failure> auto& message) {
+    io("layer", message.layer);
+    io("code", message.code);
+    io("message", message.message);
+}
+void members(auto& io, Is<LayersSaved> auto& message) {
+    io("request", message.request);
+    io("revision", message.revision);
+    io("saved", message.saved);
+    io("failed", message.failed);
+}
+void members(auto& io, Is<RequestLog> auto& message) {
+    io("request", message.request);
+    io("from", message.from);
+    io("to", message.to);
+}
+void members(auto& io, Is<LogBegin> auto& message) { io("request", message.request); }
+void members(auto& io, Is<LogEnd> auto& message) { io("request", message.request); }
+void members(auto& io, Is<ErrorMessage> auto& message) {
+    io("code", message.code);
+    io("message", message.message);
+    io("closing", message.closing);
+    io("request", message.request);
+    io("blob", message.blob);
+}
+
+constexpr std::array<const char*, std::variant_size_v<ControlMessage>> kTypes{
+    "hello",       "welcome",    "openLayer",        "layerOpened", "closeLayer",
+    "requestBlob", "blobStored", "alreadyCommitted", "saveLayers",  "layersSaved",
+    "requestLog",  "logBegin",   "logEnd",           "errorMessage"};
+
+class Writer {
+public:
+    template <class T>
+    void operator()(const char* name, const T& value) {
+        object[name] = write(value);
+    }
+    template <class T>
+    void operator()(const char* name, const std::optional<T>& value) {
+        if (value) object[name] = write(*value);
+    }
+    Json object = Json::object();
+
+private:
+    template <class T>
+        requires std::is_arithmetic_v<T>
+    static Json write(const T& value) {
+        return value;
+    }
+    static Json write(const std::string& text) { return text.substr(0, kMaxTextBytes); }
+    template <class Tag>
+    static Json write(const Id<Tag>& id) {
+        return id.value;
+    }
+    static Json write(const Hash& hash) { return hash.hex(); }
+    template <class T>
+    static Json write(const std::vector<T>& values) {
+        Json array = Json::array();
+        for (const T& value : values) array.push_back(write(value));
+        return array;
+    }
+    template <class T>
+        requires std::is_aggregate_v<T>
+    static Json write(const T& message) {
+        Writer writer;
+        members(writer, message);
+        return std::move(writer.object);
+    }
+};
+
+class Reader {
+public:
+    explicit Reader(const Json& object) : object_(object) {}
+
+    template <class T>
+    void operator()(const char* name, T& value) {
+        const auto member = object_.find(name);
+        if (member == object_.end()) stop(std::string("member '") + name + "' is missing");
+        read(name, *member, value);
+    }
+    template <class T>
+    void operator()(const char* name, std::optional<T>& value) {
+        const auto member = object_.find(name);
+        if (member != object_.end() && !member->is_null()) read(name, *member, value.emplace());
+    }
+
+private:
+    [[noreturn]] static void wrong(const char* name) {
+        stop(std::string("member '") + name + "' is not what it has to be");
+    }
+    static const std::string& text(const char* name, const Json& json, std::size_t maxBytes) {
+        if (!json.is_string()) wrong(name);
+        const auto& text = json.get_ref<const std::string&>();
+        if (text.size() > maxBytes) stop(std::string("member '") + name + "' is too long");
+        return text;
+    }
+    static void read(const char* name, const Json& json, bool& value) {
+        if (!json.is_boolean()) wrong(name);
+        value = json.get<bool>();
+    }
+    static void read(const char* name, const Json& json, int& value) {
+        if (!json.is_number_unsigned() || json.get<std::uint64_t>() > 1'000'000) wrong(name);
+        value = json.get<int>();
+    }
+    static void read(const char* name, const Json& json, std::uint64_t& value) {
+        if (!json.is_number_unsigned()) wrong(name);
+        value = json.get<std::uint64_t>();
+    }
+    static void read(const char* name, const Json& json, std::string& value) {
+        value = text(name, json, kMaxTextBytes);
+    }
+    template <class Tag>
+    static void read(const char* name, const Json& json, Id<Tag>& value) {
+        value.value = text(name, json, kMaxIdBytes);
+    }
+    static void read(const char* name, const Json& json, LayerId& value) {
+        auto layer = parseLayerId(text(name, json, kMaxTextBytes));
+        if (!layer) throw Stop{layer.error()};
+        value = std::move(*layer);
+    }
+    static int digit(char character) {
+        if (character >= '0' && character <= '9') return character - '0';
+        if (character >= 'a' && character <= 'f') return character - 'a' + 10;
+        return -1;
+    }
+    static void read(const char* name, const Json& json, Hash& value) {
+        const std::string& digits = text(name, json, kMaxTextBytes);
+        if (digits.size() != 2 * value.bytes.size()) wrong(name);
+        for (std::size_t index = 0; index < value.bytes.size(); ++index) {
+            const int high = digit(digits[2 * index]), low = digit(digits[2 * index + 1]);
+            if (high < 0 || low < 0) wrong(name);
+            value.bytes[index] = std::uint8_t(high << 4 | low);
+        }
+    }
+    template <class T>
+    static void read(const char* name, const Json& json, std::vector<T>& values) {
+        if (!json.is_array()) wrong(name);
+        for (const Json& element : json) read(name, element, values.emplace_back());
+    }
+    template <class T>
+        requires std::is_aggregate_v<T>
+    static void read(const char* name, const Json& json, T& message) {
+        if (!json.is_object()) wrong(name);
+        Reader reader(json);
+        members(reader, message);
+    }
+
+    const Json& object_;
+};
+
+/// The parser takes memory by the level, so depth is bounded before it is asked.
+bool isTooDeep(std::string_view json) {
+    int depth = 0;
+    bool quoted = false;
+    for (std::size_t index = 0; index < json.size(); ++index) {
+        const char character = json[index];
+        if (quoted && character == '\\') ++index;
+        if (character == '"') quoted = !quoted;
+        if (quoted) continue;
+        if (character == '{' || character == '[') ++depth;
+        if (character == '}' || character == ']') --depth;
+        if (depth > kMaxDepth) return true;
+    }
+    return false;
+}
+
+template <std::size_t index = 0>
+ControlMessage readMessage(const std::string& type, const Json& object) {
+    if constexpr (index == std::variant_size_v<ControlMessage>) {
+        stop("a message of the unknown type '" + type.substr(0, 64) + "'");
+    } else {
+        if (type != kTypes[index]) return readMessage<index + 1>(type, object);
+        std::variant_alternative_t<index, ControlMessage> message;
+        Reader reader(object);
+        members(reader, message);
+        return message;
+    }
+}
+
+}  // namespace
+
+std::string encodeControl(const ControlMessage& message) {
+    Writer writer;
+    writer("type", std::string(kTypes[message.index()]));
+    std::visit([&](const auto& content) { members(writer, content); }, message);
+    return writer.object.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+Result<ControlMessage> decodeControl(std::string_view json) {
+    if (json.size() > kMaxControlBytes || isTooDeep(json))
+        return fail(ErrorCode::MalformedControl, "a control message is too large or too deep");
+    const Json object = Json::parse(json, nullptr, false);
+    if (!object.is_object())
+        return fail(ErrorCode::MalformedControl, "a control message is no JSON object");
+    const auto type = object.find("type");
+    if (type == object.end() || !type->is_string())
+        return fail(ErrorCode::MalformedControl, "a control message has no type");
+    try {
+        return readMessage(type->get_ref<const std::string&>(), object);
+    } catch (const Stop& stopped) {
+        return tl::unexpected(stopped.error);
+    }
+}
+
+}  // namespace usdlive

@@ -1,0 +1,345 @@
+#include <algorithm>
+#include <cmath>
+
+#include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/frames_generated.h"
+
+namespace usdlive {
+
+namespace {
+
+using Text = flatbuffers::String;
+using ByteVector = flatbuffers::Vector<std::uint8_t>;
+template <class T>
+using TableVector = flatbuffers::Vector<flatbuffers::Offset<T>>;
+
+// What cannot be told by return values without drowning the code in checks; never leaves
+// decodeFrame().
+struct Stop {
+    Error error;
+};
+
+[[noreturn]] void stop(ErrorCode code, std::string message) {
+    throw Stop{{code, std::move(message)}};
+}
+void require(bool condition, const char* message) {
+    if (!condition) stop(ErrorCode::MalformedFrame, message);
+}
+
+bool isSpecKind(std::uint8_t kind) {
+    switch (SpecKind(kind)) {
+        case SpecKind::Attribute:
+        case SpecKind::Prim:
+        case SpecKind::PseudoRoot:
+        case SpecKind::Relationship:
+        case SpecKind::Variant:
+        case SpecKind::VariantSet:
+            return true;
+    }
+    return false;
+}
+
+/// Turns a verified FlatBuffer into our types. FlatBuffers may refer to one text or table many
+/// times; what is copied and built is therefore counted against the size of the frame (FR7).
+class FrameDecoder {
+public:
+    explicit FrameDecoder(std::size_t frameBytes)
+        : textBudget_(10 * frameBytes + 16 * 1024 * 1024), maxEdits_(frameBytes / 32) {}
+
+    Frame decode(const wire::Frame& frame) {
+        switch (frame.body_type()) {
+            case wire::Body::Control:
+                return ControlFrame{text(frame.body_as_Control()->json())};
+            case wire::Body::Submit:
+                return submit(*frame.body_as_Submit());
+            case wire::Body::Commit:
+                return commit(*frame.body_as_Commit());
+            case wire::Body::Refusal:
+                return refusal(*frame.body_as_Refusal());
+            case wire::Body::Preview:
+                return preview(*frame.body_as_Preview());
+            case wire::Body::Snapshot:
+                return snapshot(*frame.body_as_Snapshot());
+            case wire::Body::Blob:
+                return blob(*frame.body_as_Blob());
+            case wire::Body::NONE:
+                break;
+        }
+        stop(ErrorCode::UnknownFrame, "a frame of kind " + std::to_string(int(frame.body_type())) +
+                                          ", which this version does not know");
+    }
+
+private:
+    // What our encoder writes stays below the budget even if every edit repeats a long name.
+    static constexpr std::size_t kCountedLayerBytes = 256;
+
+    void spend(std::size_t bytes) {
+        require(bytes <= textBudget_, "a frame refers to the same texts or values too often");
+        textBudget_ -= bytes;
+    }
+    std::string_view view(const Text* text) {
+        const std::string_view view(text->c_str(), text->size());
+        spend(view.size());
+        require(isUtf8(view), "a text is not UTF-8");
+        return view;
+    }
+    std::string text(const Text* text) { return std::string(view(text)); }
+    std::string optionalText(const Text* text) { return text ? this->text(text) : std::string(); }
+    ByteView bytes(const ByteVector* bytes) {
+        spend(bytes->size());
+        return {bytes->data(), bytes->size()};
+    }
+    Bytes copy(const ByteVector* bytes) {
+        const ByteView view = this->bytes(bytes);
+        return {view.begin(), view.end()};
+    }
+    Hash hash(const ByteVector* bytes) {
+        Hash hash;
+        require(bytes->size() == hash.bytes.size(), "a hash does not have 32 bytes");
+        std::copy(bytes->begin(), bytes->end(), hash.bytes.begin());
+        return hash;
+    }
+    FieldValue content(const ByteVector* bytes) {
+        auto value = decodeFieldValue(this->bytes(bytes));
+        if (!value) throw Stop{value.error()};
+        return std::move(*value);
+    }
+    Value leaf(const ByteVector* bytes) {
+        FieldValue content = this->content(bytes);
+        Value* value = content.as<Value>();
+        if (!value) stop(ErrorCode::InvalidValue, "an item or key is a composite value");
+        return std::move(*value);
+    }
+    ErrorCode errorCode(const Text* name) {
+        // A code of a newer version: the message still tells people what it was.
+        return errorFromName(view(name)).value_or(ErrorCode::Internal);
+    }
+    ClientId clientId(const Text* text) {
+        require(text->size() <= 64, "a client's id is longer than 64 bytes");
+        return {this->text(text)};
+    }
+    LayerId layerId(const Text* text) {
+        auto layer = parseLayerId(view(text));
+        if (!layer) throw Stop{layer.error()};
+        return std::move(*layer);
+    }
+    void layers(const TableVector<Text>* names) {
+        if (!names) return;
+        layers_.reserve(names->size());
+        for (const Text* name : *names) layers_.push_back(layerId(name));
+    }
+
+    Address address(const Text* path, std::uint64_t sequence, std::uint32_t edit) {
+        require(sequence != 0 || edit == 0, "an address names an edit of no transaction");
+        Address address{text(path), {}};
+        if (sequence != 0) address.creation = Creation{sequence, edit};
+        return address;
+    }
+    std::string fieldName(const Text* text) {
+        require(text->size() != 0 && text->size() <= 1024, "a field's name is empty or too long");
+        return this->text(text);
+    }
+
+    FieldPart part(wire::Part type, const void* part) {
+        if (type == wire::Part::NONE) return std::monostate{};
+        require(part, "a part of a field is missing");
+        switch (type) {
+            case wire::Part::DictionaryKey:
+                return dictionaryKey(*static_cast<const wire::DictionaryKey*>(part));
+            case wire::Part::SampleTime: {
+                const double time = static_cast<const wire::SampleTime*>(part)->time();
+                if (!std::isfinite(time))
+                    stop(ErrorCode::InvalidValue, "a time sample's time is not finite");
+                return SampleTime{time};
+            }
+            case wire::Part::ListItem:
+                return listItem(*static_cast<const wire::ListItem*>(part));
+            case wire::Part::MapKey:
+                return MapKey{leaf(static_cast<const wire::MapKey*>(part)->key())};
+            case wire::Part::NONE:
+                break;
+        }
+        stop(ErrorCode::MalformedFrame, "a part of a field is of an unknown kind");
+    }
+    DictionaryKey dictionaryKey(const wire::DictionaryKey& key) {
+        require(key.path()->size() >= 1 && key.path()->size() <= std::size_t(kMaxNesting),
+                "a dictionary key has no or too many parts");
+        DictionaryKey result;
+        for (const Text* name : *key.path()) result.path.push_back(text(name));
+        return result;
+    }
+    ListItem listItem(const wire::ListItem& item) {
+        require(item.list() < kListNames, "a list item is of an unknown list");
+        ListItem result{ListName(item.list()), leaf(item.item()), {}};
+        if (item.before()) result.before = leaf(item.before());
+        return result;
+    }
+
+    EditAction action(const wire::Edit& edit) {
+        switch (edit.action_type()) {
+            case wire::Action::CreateSpec: {
+                const std::uint8_t kind = edit.action_as_CreateSpec()->kind();
+                require(isSpecKind(kind), "a spec is of an unknown kind");
+                return CreateSpec{SpecKind(kind)};
+            }
+            case wire::Action::DeleteSpec:
+                return DeleteSpec{};
+            case wire::Action::MoveSpec: {
+                const wire::MoveSpec& move = *edit.action_as_MoveSpec();
+                const wire::Address& parent = *move.parent();
+                return MoveSpec{address(parent.path(), parent.sequence(), parent.edit()),
+                                text(move.name())};
+            }
+            case wire::Action::PlaceSpec:
+                return PlaceSpec{optionalText(edit.action_as_PlaceSpec()->before())};
+            case wire::Action::SetField:
+                return setField(*edit.action_as_SetField());
+            case wire::Action::EraseField: {
+                const wire::EraseField& erase = *edit.action_as_EraseField();
+                return EraseField{fieldName(erase.field()), part(erase.part_type(), erase.part())};
+            }
+            case wire::Action::NONE:
+                break;
+        }
+        stop(ErrorCode::MalformedFrame, "an edit is of an unknown kind");
+    }
+    SetField setField(const wire::SetField& set) {
+        SetField result{fieldName(set.field()), part(set.part_type(), set.part()), {}};
+        result.form = ValueType(set.form());
+        if (const auto* item = std::get_if<ListItem>(&result.part)) {
+            require(!set.value(), "a list item is its own value");
+            requireForm(result.form, item->item);
+            return result;
+        }
+        require(set.value(), "a field is set to no value");
+        result.value = content(set.value());
+        if (const auto* key = std::get_if<MapKey>(&result.part))
+            requireForm(result.form, key->key);
+        else
+            require(result.form == ValueType::None, "a form is given where there is none");
+        return result;
+    }
+    static void requireForm(ValueType form, const Value& item) {
+        require(form == ValueType::None || form == item.type(),
+                "an item or key is not of the type given");
+    }
+
+    Edit edit(const wire::Edit& edit) {
+        require(edit.layer() < layers_.size(), "an edit names no layer of the frame");
+        const LayerId& layer = layers_[edit.layer()];
+        spend(std::min(layer.value.size(), kCountedLayerBytes));
+        return {layer, address(edit.path(), edit.sequence(), edit.edit()), action(edit)};
+    }
+    std::vector<Edit> edits(const TableVector<wire::Edit>* edits) {
+        std::vector<Edit> result;
+        if (!edits) return result;
+        require(edits->size() <= maxEdits_, "a frame refers to the same edit too often");
+        result.reserve(edits->size());
+        for (const wire::Edit* one : *edits) result.push_back(edit(*one));
+        return result;
+    }
+
+    Frame submit(const wire::Submit& submit) {
+        layers(submit.layers());
+        require(submit.sequence() != 0, "a transaction has no number");
+        SubmitFrame frame;
+        frame.transaction.id = {clientId(submit.client()), submit.sequence()};
+        frame.transaction.base = submit.base();
+        frame.transaction.gesture = submit.gesture();
+        frame.transaction.edits = edits(submit.edits());
+        return frame;
+    }
+    Frame commit(const wire::Commit& commit) {
+        layers(commit.layers());
+        CommitFrame frame;
+        Commit& result = frame.commit;
+        result.revision = commit.revision();
+        result.epoch = commit.epoch();
+        result.id = {clientId(commit.client()), commit.sequence()};
+        result.user = {text(commit.user())};
+        result.timeMs = commit.time_ms();
+        result.gesture = commit.gesture();
+        if (commit.imported()) result.imported = layerId(commit.imported());
+        result.edits = edits(commit.edits());
+        if (commit.dropped()) {
+            require(commit.dropped()->size() <= maxEdits_, "too many dropped edits");
+            for (const wire::Dropped* dropped : *commit.dropped())
+                result.dropped.push_back(
+                    {dropped->index(), errorCode(dropped->reason()), edit(*dropped->edit())});
+        }
+        result.previous = hash(commit.previous());
+        if (commit.hash_after()) {
+            require(result.imported && result.edits.empty(), "a stub of no import");
+            frame.hashAfter = hash(commit.hash_after());
+        }
+        return frame;
+    }
+    Frame refusal(const wire::Refusal& refusal) {
+        return RefusalFrame{refusal.sequence(),
+                            refusal.edit(),
+                            {errorCode(refusal.code()), text(refusal.message())}};
+    }
+    Frame preview(const wire::Preview& preview) {
+        layers(preview.layers());
+        return PreviewFrame{clientId(preview.author()), preview.gesture(), preview.base(),
+                            edits(preview.edits())};
+    }
+    Frame snapshot(const wire::Snapshot& snapshot) {
+        return SnapshotFrame{snapshot.request(), snapshot.index(), snapshot.last(),
+                             snapshot.raw_bytes(), copy(snapshot.data())};
+    }
+    Frame blob(const wire::Blob& blob) {
+        return BlobFrame{hash(blob.hash()), blob.size(), blob.offset(), blob.raw_bytes(),
+                         copy(blob.data())};
+    }
+
+    std::size_t textBudget_;
+    std::size_t maxEdits_;
+    std::vector<LayerId> layers_;
+};
+
+/// The frame's root, its structure verified; nothing when it is no frame.
+const wire::Frame* verified(ByteView frame) {
+    if (frame.size() < 16 || frame.size() >= FLATBUFFERS_MAX_BUFFER_SIZE) return nullptr;
+    flatbuffers::Verifier::Options options;
+    options.max_depth = 16;
+    // No table of ours takes less than 8 bytes with the offset that refers to it.
+    options.max_tables = flatbuffers::uoffset_t(frame.size() / 8);
+    flatbuffers::Verifier verifier(frame.data(), frame.size(), options);
+    return wire::VerifyFrameBuffer(verifier) ? wire::GetFrame(frame.data()) : nullptr;
+}
+
+}  // namespace
+
+Result<Frame> decodeFrame(ByteView frame) {
+    const wire::Frame* root = verified(frame);
+    if (!root) return fail(ErrorCode::MalformedFrame, "a frame failed verification");
+    try {
+        return FrameDecoder(frame.size()).decode(*root);
+    } catch (const Stop& stopped) {
+        return tl::unexpected(stopped.error);
+    }
+}
+
+Result<std::optional<Bytes>> importStub(ByteView encodedCommit, const Hash& hash) {
+    const wire::Frame* root = verified(encodedCommit);
+    const wire::Commit* commit = root ? root->body_as_Commit() : nullptr;
+    if (!commit || commit->previous()->size() != sizeof(Hash))
+        return fail(ErrorCode::MalformedFrame, "a stored commit failed verification");
+    if (!commit->imported()) return std::nullopt;
+    CommitFrame stub;
+    stub.commit.revision = commit->revision();
+    stub.commit.epoch = commit->epoch();
+    stub.commit.id = {{commit->client()->str()}, commit->sequence()};
+    stub.commit.user = {commit->user()->str()};
+    stub.commit.timeMs = commit->time_ms();
+    stub.commit.imported = LayerId{commit->imported()->str()};
+    std::copy(commit->previous()->begin(), commit->previous()->end(),
+              stub.commit.previous.bytes.begin());
+    stub.hashAfter = hash;
+    return encodeFrame(stub);
+}
+
+}  // namespace usdlive

@@ -1,0 +1,235 @@
+#include <unordered_map>
+
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/frames_generated.h"
+
+namespace usdlive {
+
+namespace {
+
+template <class T>
+using Offset = flatbuffers::Offset<T>;
+using Text = Offset<flatbuffers::String>;
+using Vector = Offset<flatbuffers::Vector<std::uint8_t>>;
+
+template <class... Ts>
+struct Overloaded : Ts... {
+    using Ts::operator()...;
+};
+
+/// Writes one frame. Texts up to kSharedTextBytes are written once, however often they occur:
+/// longer ones are not, so that a decoder can bound what it copies by the size of the frame (FR7).
+class FrameEncoder {
+public:
+    Bytes encode(const Frame& frame) {
+        std::visit([this](const auto& content) { finish(write(content)); }, frame);
+        Bytes bytes;
+        bytes.reserve(sizeof(std::uint32_t) + builder_.GetSize());
+        appendLength(bytes);
+        bytes.insert(bytes.end(), builder_.GetBufferPointer(),
+                     builder_.GetBufferPointer() + builder_.GetSize());
+        return bytes;
+    }
+
+private:
+    static constexpr std::size_t kSharedTextBytes = 128;
+
+    template <class T>
+    void finish(Offset<T> body) {
+        const auto type = wire::BodyTraits<T>::enum_value;
+        wire::FinishFrameBuffer(builder_, wire::CreateFrame(builder_, type, body.Union()));
+    }
+    void appendLength(Bytes& bytes) const {
+        const std::uint32_t length = builder_.GetSize();
+        for (int shift = 0; shift < 32; shift += 8) bytes.push_back(std::uint8_t(length >> shift));
+    }
+
+    Text text(std::string_view value) {
+        if (value.size() > kSharedTextBytes) return builder_.CreateString(value);
+        const auto [entry, added] = texts_.try_emplace(std::string(value));
+        if (added) entry->second = builder_.CreateString(value);
+        return entry->second;
+    }
+    /// Most paths are new, or that of the edit before.
+    Text path(const std::string& value) {
+        if (lastPath_ && *lastPath_ == value && value.size() <= kSharedTextBytes)
+            return lastPathText_;
+        lastPath_ = &value;
+        return lastPathText_ = builder_.CreateString(value);
+    }
+    Vector bytes(ByteView value) { return builder_.CreateVector(value.data(), value.size()); }
+    Vector content(const FieldValue& value) {
+        scratch_.clear();
+        encodeFieldValue(value, scratch_);
+        return bytes(scratch_);
+    }
+    Vector content(const Value& value) { return content(FieldValue(value)); }
+
+    std::uint32_t layerIndex(const LayerId& layer) {
+        const auto [entry, added] = layerIndices_.try_emplace(layer, std::uint32_t(layers_.size()));
+        if (added) layers_.push_back(builder_.CreateString(layer.value));
+        return entry->second;
+    }
+
+    std::pair<wire::Part, Offset<void>> part(const FieldPart& part) {
+        using Pair = std::pair<wire::Part, Offset<void>>;
+        return std::visit(
+            Overloaded{
+                [&](const std::monostate&) { return Pair(wire::Part::NONE, 0); },
+                [&](const DictionaryKey& key) {
+                    std::vector<Text> keys;
+                    for (const std::string& name : key.path) keys.push_back(text(name));
+                    const auto path = builder_.CreateVector(keys);
+                    return Pair(wire::Part::DictionaryKey,
+                                wire::CreateDictionaryKey(builder_, path).Union());
+                },
+                [&](const SampleTime& sample) {
+                    return Pair(wire::Part::SampleTime,
+                                wire::CreateSampleTime(builder_, sample.time).Union());
+                },
+                [&](const ListItem& item) {
+                    const Vector value = content(item.item);
+                    const Vector before = item.before ? content(*item.before) : Vector();
+                    const auto list = std::uint8_t(item.list);
+                    return Pair(wire::Part::ListItem,
+                                wire::CreateListItem(builder_, list, value, before).Union());
+                },
+                [&](const MapKey& key) {
+                    return Pair(wire::Part::MapKey,
+                                wire::CreateMapKey(builder_, content(key.key)).Union());
+                },
+            },
+            part);
+    }
+
+    Offset<wire::Address> address(const Address& address) {
+        const Creation creation = address.creation.value_or(Creation{});
+        return wire::CreateAddress(builder_, path(address.path), creation.sequence, creation.edit);
+    }
+
+    std::pair<wire::Action, Offset<void>> action(const EditAction& action) {
+        using Pair = std::pair<wire::Action, Offset<void>>;
+        return std::visit(
+            Overloaded{
+                [&](const CreateSpec& create) {
+                    const auto kind = std::uint8_t(create.kind);
+                    return Pair(wire::Action::CreateSpec,
+                                wire::CreateCreateSpec(builder_, kind).Union());
+                },
+                [&](const DeleteSpec&) {
+                    return Pair(wire::Action::DeleteSpec, wire::CreateDeleteSpec(builder_).Union());
+                },
+                [&](const MoveSpec& move) {
+                    const auto parent = address(move.parent);
+                    return Pair(wire::Action::MoveSpec,
+                                wire::CreateMoveSpec(builder_, parent, text(move.name)).Union());
+                },
+                [&](const PlaceSpec& place) {
+                    const Text before = place.before.empty() ? Text() : text(place.before);
+                    return Pair(wire::Action::PlaceSpec,
+                                wire::CreatePlaceSpec(builder_, before).Union());
+                },
+                [&](const SetField& set) {
+                    const Text field = text(set.field);
+                    const auto [type, part] = this->part(set.part);
+                    const bool valued = !std::holds_alternative<ListItem>(set.part);
+                    const Vector value = valued ? content(set.value) : Vector();
+                    const auto form = std::uint16_t(set.form);
+                    return Pair(
+                        wire::Action::SetField,
+                        wire::CreateSetField(builder_, field, type, part, value, form).Union());
+                },
+                [&](const EraseField& erase) {
+                    const Text field = text(erase.field);
+                    const auto [type, part] = this->part(erase.part);
+                    return Pair(wire::Action::EraseField,
+                                wire::CreateEraseField(builder_, field, type, part).Union());
+                },
+            },
+            action);
+    }
+
+    Offset<wire::Edit> edit(const Edit& edit) {
+        const std::uint32_t layer = layerIndex(edit.layer);
+        const Text path = this->path(edit.address.path);
+        const Creation creation = edit.address.creation.value_or(Creation{});
+        const auto [type, action] = this->action(edit.action);
+        return wire::CreateEdit(builder_, layer, path, creation.sequence, creation.edit, type,
+                                action);
+    }
+    auto edits(const std::vector<Edit>& edits) {
+        std::vector<Offset<wire::Edit>> written;
+        written.reserve(edits.size());
+        for (const Edit& one : edits) written.push_back(edit(one));
+        return builder_.CreateVector(written);
+    }
+    auto dropped(const std::vector<DroppedEdit>& dropped) {
+        std::vector<Offset<wire::Dropped>> written;
+        for (const DroppedEdit& one : dropped) {
+            const auto edit = this->edit(one.edit);
+            const Text reason = text(errorName(one.reason));
+            written.push_back(wire::CreateDropped(builder_, one.index, reason, edit));
+        }
+        return builder_.CreateVector(written);
+    }
+
+    Offset<wire::Control> write(const ControlFrame& frame) {
+        return wire::CreateControl(builder_, builder_.CreateString(frame.json));
+    }
+    Offset<wire::Submit> write(const SubmitFrame& frame) {
+        const Transaction& transaction = frame.transaction;
+        const auto edits = this->edits(transaction.edits);
+        const auto layers = builder_.CreateVector(layers_);
+        const Text client = text(transaction.id.client.value);
+        return wire::CreateSubmit(builder_, client, transaction.id.sequence, transaction.base,
+                                  transaction.gesture, layers, edits);
+    }
+    Offset<wire::Commit> write(const CommitFrame& frame) {
+        const Commit& commit = frame.commit;
+        const auto edits = this->edits(commit.edits);
+        const auto dropped = this->dropped(commit.dropped);
+        const auto layers = builder_.CreateVector(layers_);
+        const Text client = text(commit.id.client.value);
+        const Text user = text(commit.user.value);
+        const Text imported = commit.imported ? text(commit.imported->value) : Text();
+        const Vector previous = bytes(commit.previous.bytes);
+        const Vector hashAfter = frame.hashAfter ? bytes(frame.hashAfter->bytes) : Vector();
+        return wire::CreateCommit(builder_, commit.revision, commit.epoch, client,
+                                  commit.id.sequence, user, commit.timeMs, commit.gesture, imported,
+                                  layers, edits, dropped, previous, hashAfter);
+    }
+    Offset<wire::Refusal> write(const RefusalFrame& frame) {
+        const Text code = text(errorName(frame.error.code));
+        const Text message = text(frame.error.message);
+        return wire::CreateRefusal(builder_, frame.sequence, frame.edit, code, message);
+    }
+    Offset<wire::Preview> write(const PreviewFrame& frame) {
+        const auto edits = this->edits(frame.edits);
+        const auto layers = builder_.CreateVector(layers_);
+        const Text author = text(frame.author.value);
+        return wire::CreatePreview(builder_, author, frame.gesture, frame.base, layers, edits);
+    }
+    Offset<wire::Snapshot> write(const SnapshotFrame& frame) {
+        return wire::CreateSnapshot(builder_, frame.request, frame.index, frame.last,
+                                    frame.rawBytes, bytes(frame.data));
+    }
+    Offset<wire::Blob> write(const BlobFrame& frame) {
+        const Vector hash = bytes(frame.hash.bytes);
+        return wire::CreateBlob(builder_, hash, frame.size, frame.offset, frame.rawBytes,
+                                bytes(frame.data));
+    }
+
+    flatbuffers::FlatBufferBuilder builder_;
+    std::unordered_map<std::string, Text> texts_;
+    std::unordered_map<LayerId, std::uint32_t> layerIndices_;
+    std::vector<Text> layers_;
+    const std::string* lastPath_ = nullptr;
+    Text lastPathText_;
+    Bytes scratch_;
+};
+
+}  // namespace
+
+Bytes encodeFrame(const Frame& frame) { return FrameEncoder().encode(frame); }
+
+}  // namespace usdlive

@@ -1,0 +1,223 @@
+#include "usdlive/common/protocol/Snapshot.h"
+
+#include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/core/Utf8.h"
+
+namespace usdlive {
+
+namespace {
+
+// SN2: what a record is.
+enum class Record : std::uint8_t { Spec = 1, Field = 2, FieldPart = 3 };
+
+// A chunk is closed once it holds kFullBytes; a record takes at most kPartBytes of content, so that
+// no chunk passes kChunkBytes.
+constexpr std::size_t kFullBytes = 128 * 1024;
+constexpr std::size_t kPartBytes = 96 * 1024;
+constexpr std::uint64_t kMaxFieldBytes = 1ull << 30;  // of one field; a decoder refuses more
+
+}  // namespace
+
+struct SnapshotEncoder::State {
+    State(LayerDoc doc, std::uint64_t request) : doc(std::move(doc)), request(request) {
+        // Views into nodes of `doc`, which stay as they are while it holds them.
+        this->doc.visit([this](const LayerDoc::SpecView& spec) { specs.push_back(spec); });
+    }
+
+    [[nodiscard]] bool done() const { return spec == specs.size() && rest.empty(); }
+
+    void appendRecord(Bytes& out) {
+        if (!rest.empty())
+            appendPart(out);
+        else if (!begun)
+            appendSpec(out);
+        else
+            appendField(out);
+        if (begun && rest.empty() && field == specs[spec].fields->size()) {
+            ++spec;
+            begun = false;
+        }
+    }
+
+    LayerDoc doc;
+    std::uint64_t request;
+    std::vector<LayerDoc::SpecView> specs;
+    std::size_t spec = 0;
+    bool begun = false;     // the record of specs[spec] is written
+    std::size_t field = 0;  // the next of specs[spec] to write
+    Bytes content;          // of the field being written
+    ByteView rest;          // of `content`, not written yet
+    std::uint32_t chunks = 0;
+
+private:
+    void appendSpec(Bytes& out) {
+        const LayerDoc::SpecView& view = specs[spec];
+        out.push_back(std::uint8_t(Record::Spec));
+        appendNumber<std::uint64_t>(out, view.node);
+        appendNumber<std::uint64_t>(out, view.parent);
+        appendNumber<std::uint64_t>(out, view.order);
+        out.push_back(std::uint8_t(view.kind));
+        appendText(out, view.name);
+        begun = true;
+        field = 0;
+    }
+    void appendField(Bytes& out) {
+        const auto& [name, value] = (*specs[spec].fields)[field++];
+        content.clear();
+        encodeFieldValue(value, content);
+        if (content.size() > kPartBytes) {
+            rest = content;
+            appendPart(out);
+            return;
+        }
+        out.push_back(std::uint8_t(Record::Field));
+        appendText(out, name);
+        appendNumber<std::uint32_t>(out, std::uint32_t(content.size()));
+        appendBytes(out, content);
+    }
+    void appendPart(Bytes& out) {
+        const ByteView part = rest.first(std::min(rest.size(), kPartBytes));
+        out.push_back(std::uint8_t(Record::FieldPart));
+        appendText(out, (*specs[spec].fields)[field - 1].first);
+        appendNumber<std::uint64_t>(out, content.size());
+        appendNumber<std::uint32_t>(out, std::uint32_t(part.size()));
+        appendBytes(out, part);
+        rest = rest.subspan(part.size());
+    }
+};
+
+SnapshotEncoder::SnapshotEncoder(LayerDoc doc, std::uint64_t request)
+    : state_(std::make_unique<State>(std::move(doc), request)) {}
+SnapshotEncoder::~SnapshotEncoder() = default;
+
+std::optional<SnapshotFrame> SnapshotEncoder::next() {
+    if (state_->done()) return std::nullopt;
+    Bytes raw;
+    while (!state_->done() && raw.size() < kFullBytes) state_->appendRecord(raw);
+    return SnapshotFrame{state_->request, state_->chunks++, state_->done(),
+                         std::uint32_t(raw.size()), deflate(raw)};
+}
+
+struct SnapshotDecoder::State {
+    Result<void> addChunk(ByteView raw) {
+        ByteReader reader(raw);
+        while (reader.left() != 0) {
+            auto added = addRecord(reader);
+            if (!added) return added;
+        }
+        return {};
+    }
+
+    LayerDoc::Builder builder;
+    std::uint64_t specs = 0;
+    std::uint32_t chunks = 0;
+    bool last = false;
+    std::optional<Error> failed;
+
+private:
+    static tl::unexpected<Error> malformed(const char* message) {
+        return fail(ErrorCode::MalformedFrame, message);
+    }
+
+    Result<void> addRecord(ByteReader& reader) {
+        const auto record = Record(reader.u8());
+        if (inField() && record != Record::FieldPart)
+            return malformed("a snapshot's field is not complete");
+        switch (record) {
+            case Record::Spec:
+                return addSpec(reader);
+            case Record::Field:
+                return addField(reader);
+            case Record::FieldPart:
+                return addPart(reader);
+        }
+        return malformed("a snapshot's record is of an unknown kind");
+    }
+
+    Result<void> addSpec(ByteReader& reader) {
+        const std::uint64_t id = reader.u64(), parent = reader.u64(), order = reader.u64();
+        const auto kind = SpecKind(reader.u8());
+        const std::string_view name = reader.text();
+        if (reader.failed()) return malformed("a snapshot's spec is cut short");
+        const bool isRoot = kind == SpecKind::PseudoRoot;
+        if (isRoot != (specs == 0) || isRoot != (id == kRootNode))
+            return malformed("a snapshot does not begin with its root");
+        node = id;
+        ++specs;
+        if (isRoot) return {};
+        auto added = builder.addSpec(id, parent, order, kind, name);
+        if (!added) return fail(ErrorCode::MalformedFrame, added.error().message);
+        return {};
+    }
+
+    Result<void> addField(ByteReader& reader) {
+        const std::string_view name = reader.text();
+        const ByteView bytes = reader.take(reader.u32());
+        if (reader.failed()) return malformed("a snapshot's field is cut short");
+        return put(name, bytes);
+    }
+
+    Result<void> addPart(ByteReader& reader) {
+        const std::string_view name = reader.text();
+        const std::uint64_t size = reader.u64();
+        const ByteView bytes = reader.take(reader.u32());
+        if (reader.failed() || bytes.empty()) return malformed("a snapshot's field is cut short");
+        if (!inField()) {
+            partName = name;
+            partSize = size;
+        }
+        if (name != partName || size != partSize || size > kMaxFieldBytes ||
+            part.size() + bytes.size() > size)
+            return malformed("a snapshot's field has parts that do not fit");
+        appendBytes(part, bytes);  // grows by what has arrived, not by what is claimed
+        if (part.size() < size) return {};
+        auto done = put(partName, part);
+        part = {};
+        return done;
+    }
+
+    Result<void> put(std::string_view name, ByteView bytes) {
+        if (specs == 0 || name.empty() || !isUtf8(name))
+            return malformed("a snapshot's field has no spec or no name");
+        auto value = decodeFieldValue(bytes);
+        if (!value) return tl::unexpected(value.error());
+        auto added = builder.addField(node, name, std::move(*value));
+        if (!added) return fail(ErrorCode::MalformedFrame, added.error().message);
+        return {};
+    }
+
+    [[nodiscard]] bool inField() const { return !part.empty(); }
+
+    NodeId node = 0;
+    std::string partName;
+    std::uint64_t partSize = 0;
+    Bytes part;
+
+    friend class SnapshotDecoder;
+};
+
+SnapshotDecoder::SnapshotDecoder() : state_(std::make_unique<State>()) {}
+SnapshotDecoder::~SnapshotDecoder() = default;
+
+Result<bool> SnapshotDecoder::add(const SnapshotFrame& frame) {
+    if (state_->failed) return tl::unexpected(*state_->failed);
+    const auto failWith = [this](Error error) {
+        state_->failed = error;
+        return tl::unexpected(std::move(error));
+    };
+    if (state_->last || frame.index != state_->chunks++)
+        return failWith({ErrorCode::MalformedFrame, "a snapshot's chunks are out of order"});
+    auto raw = inflate(frame.data, frame.rawBytes, kChunkBytes);
+    if (!raw) return failWith(raw.error());
+    const auto added = state_->addChunk(*raw);
+    if (!added) return failWith(added.error());
+    state_->last = frame.last;
+    if (frame.last && (state_->inField() || state_->specs == 0))
+        return failWith({ErrorCode::MalformedFrame, "a snapshot ends too early"});
+    return frame.last;
+}
+
+std::uint64_t SnapshotDecoder::specs() const { return state_->specs; }
+LayerDoc SnapshotDecoder::take() { return state_->builder.finish(); }
+
+}  // namespace usdlive

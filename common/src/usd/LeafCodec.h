@@ -1,0 +1,22 @@
+#pragma once
+
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/path.h>
+
+#include <typeinfo>
+
+#include "usdlive/common/usd/ValueCodec.h"
+
+namespace usdlive::usd {
+
+/// List ops, whose items are leaves and never blobs.
+[[nodiscard]] bool isListOp(const std::type_info& type);
+/// Precondition: it holds a list op.
+[[nodiscard]] Result<ListOp> encodeListOp(const pxr::VtValue& value);
+[[nodiscard]] Result<pxr::VtValue> decodeListOp(const ListOp& list);
+
+/// An absolute path, or the empty one, if this OpenUSD writes it as exactly this text; InvalidValue
+/// otherwise.
+[[nodiscard]] Result<pxr::SdfPath> parsePath(std::string_view text);
+
+}  // namespace usdlive::usd

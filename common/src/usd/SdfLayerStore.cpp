@@ -1,0 +1,412 @@
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+#include <pxr/base/vt/dictionary.h>
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <unordered_map>
+
+#include "LeafCodec.h"
+#include "StoreDelegate.h"
+#include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/layer/FieldParts.h"
+
+namespace usdlive::usd {
+
+namespace {
+
+using pxr::SdfPath;
+using pxr::TfToken;
+using pxr::VtValue;
+using Elements = std::vector<PathElement>;
+
+// Blobs that live for one edit of a field which is read, changed and written again.
+class ScratchBlobs : public BlobSink, public BlobSource {
+public:
+    explicit ScratchBlobs(BlobSource& others) : others_(others) {}
+    void keepBlob(const Hash& hash, SharedBytes bytes) override {
+        kept_.emplace(hash, std::move(bytes));
+    }
+    SharedBytes blob(const Hash& hash) override {
+        const auto found = kept_.find(hash);
+        return found == kept_.end() ? others_.blob(hash) : found->second;
+    }
+
+private:
+    BlobSource& others_;
+    std::unordered_map<Hash, SharedBytes> kept_;
+};
+
+// A path that specpath::parse() has taken.
+SdfPath toSdf(std::string_view path) { return SdfPath(std::string(path)); }
+
+// Can a dictionary key path be told to Sdf as one token, keys joined by ':'?
+bool isJoinable(const std::vector<std::string>& keys) {
+    return std::ranges::none_of(keys, [](const std::string& key) {
+        return key.empty() || key.find(':') != std::string::npos ||
+               key.find('\0') != std::string::npos;
+    });
+}
+
+TfToken joined(const std::vector<std::string>& keys) {
+    std::string path;
+    for (const auto& key : keys) path += (path.empty() ? "" : ":") + key;
+    return TfToken(path);
+}
+
+}  // namespace
+
+// One edit of one spec; every check comes before the first change.
+class SdfLayerStore::Applier {
+public:
+    Applier(Delegate& delegate, std::string_view path, const Elements& elements)
+        : delegate_(delegate), text_(path), elements_(elements), path_(toSdf(path)) {}
+
+    Result<void> operator()(const CreateSpec& create) {
+        if (elements_.empty() || !belongsIn(create.kind, list())) return misplaced();
+        const SdfPath parent = parentOf(path_);
+        const auto above = delegate_.kind(parent);
+        if (!above) return noSpec(specpath::parent(text_));
+        if (!hasList(*above, list())) return misplaced();
+        if (const auto present = delegate_.kind(path_)) {
+            if (*present == create.kind) return {};
+            return fail(ErrorCode::SpecKindConflict,
+                        "there is a spec of another kind at " + quoted(text_));
+        }
+        delegate_.CreateSpec(path_, pxr::SdfSpecType(create.kind), false);
+        append(parent, list(), path_.GetNameToken());
+        return {};
+    }
+
+    Result<void> operator()(const DeleteSpec&) {
+        if (elements_.empty()) return rootStays();
+        if (!delegate_.kind(path_)) return noSpec(text_);
+        const SdfPath parent = parentOf(path_);
+        delegate_.DeleteSpec(path_, false);
+        remove(parent, list(), nameOf(elements_));
+        return {};
+    }
+
+    Result<void> operator()(const MoveSpec& move) {
+        if (elements_.empty()) return rootStays();
+        if (!delegate_.kind(path_)) return noSpec(text_);
+        if (move.parent.creation)
+            return fail(ErrorCode::InvalidEdit, "the new parent has to be given by its path");
+        const auto parent = specpath::parse(move.parent.path);
+        if (!parent) return tl::unexpected(parent.error());
+        if (!hasPlaceFor(*parent)) return misplaced();
+        const std::string target = specpath::child(move.parent.path, list(), move.name);
+        const auto elements = specpath::parse(target);
+        if (!elements) return tl::unexpected(elements.error());
+        if (elements->size() != parent->size() + 1 || elements->back().list != list())
+            return fail(ErrorCode::InvalidPath, quoted(move.name) + " is no name for a spec");
+        return moveTo(target, TfToken(move.name));
+    }
+
+    Result<void> operator()(const PlaceSpec& place) {
+        if (elements_.empty()) return rootStays();
+        if (!delegate_.kind(path_)) return noSpec(text_);
+        const SdfPath parent = parentOf(path_);
+        auto names = children(parent, list());
+        const TfToken name = nameOf(elements_);
+        if (place.before == name.GetString()) return {};
+        std::erase(names, name);
+        names.insert(std::ranges::find(names, TfToken(place.before)), name);
+        setChildren(parent, list(), std::move(names));
+        return {};
+    }
+
+    Result<void> operator()(const SetField& set) {
+        if (auto checked = checkSet(elements_.empty(), set); !checked) return checked;
+        if (!delegate_.kind(path_)) return noSpec(text_);
+        const TfToken field(set.field);
+        if (isStructural(field)) return {};  // `subLayerOffsets` goes with `subLayers`
+        if (const auto* key = std::get_if<DictionaryKey>(&set.part))
+            return setKey(field, key->path, set);
+        if (const auto* sample = std::get_if<SampleTime>(&set.part))
+            if (field == pxr::SdfFieldKeys->TimeSamples) return setSample(sample->time, set);
+        if (std::holds_alternative<std::monostate>(set.part))
+            return delegate_.set(path_, field, set.value);
+        return setPart(field, set);
+    }
+
+    Result<void> operator()(const EraseField& erase) {
+        if (auto checked = checkErase(erase); !checked) return checked;
+        if (!delegate_.kind(path_)) return noSpec(text_);
+        const TfToken field(erase.field);
+        if (isStructural(field)) return {};
+        if (const auto* key = std::get_if<DictionaryKey>(&erase.part))
+            return eraseKey(field, key->path);
+        if (const auto* sample = std::get_if<SampleTime>(&erase.part))
+            if (field == pxr::SdfFieldKeys->TimeSamples) return eraseSample(sample->time);
+        if (!std::holds_alternative<std::monostate>(erase.part)) return erasePart(field, erase);
+        delegate_.erase(path_, field);
+        return {};
+    }
+
+private:
+    [[nodiscard]] ChildList list() const { return elements_.back().list; }
+    static TfToken nameOf(const Elements& elements) {
+        return TfToken(std::string(elements.back().name));
+    }
+
+    // ---- children
+
+    [[nodiscard]] pxr::TfTokenVector children(const SdfPath& parent, ChildList list) const {
+        return delegate_.data()
+            .Get(parent, childrenField(list))
+            .GetWithDefault<pxr::TfTokenVector>();
+    }
+
+    void setChildren(const SdfPath& parent, ChildList list, pxr::TfTokenVector names) {
+        delegate_.SetField(parent, childrenField(list),
+                           names.empty() ? VtValue() : VtValue::Take(names));
+    }
+
+    void append(const SdfPath& parent, ChildList list, const TfToken& name) {
+        if (delegate_.data().Has(parent, childrenField(list)))
+            delegate_.PushChild(parent, childrenField(list), name);
+        else
+            setChildren(parent, list, {name});
+    }
+
+    void remove(const SdfPath& parent, ChildList list, const TfToken& name) {
+        auto names = children(parent, list);
+        std::erase(names, name);
+        setChildren(parent, list, std::move(names));
+    }
+
+    // ---- moving
+
+    // Can a path be extended by a child of this list? The grammar of paths alone decides.
+    [[nodiscard]] bool hasPlaceFor(const Elements& parent) const {
+        if (parent.empty()) return list() == ChildList::Prims;
+        const ChildList last = parent.back().list;
+        if (last == ChildList::Properties) return false;
+        return (last == ChildList::VariantSets) == (list() == ChildList::Variants);
+    }
+
+    Result<void> moveTo(const std::string& target, const TfToken& name) {
+        if (target != text_ && specpath::hasPrefix(target, text_))
+            return fail(ErrorCode::MoveIntoItself, quoted(text_) + " cannot be moved below itself");
+        const SdfPath to = toSdf(target);
+        const SdfPath parent = parentOf(to);
+        const auto above = delegate_.kind(parent);
+        if (!above) return noSpec(specpath::parent(target));
+        const bool sameParent = parent == parentOf(path_);
+        if (!hasList(*above, list()) || (list() == ChildList::Variants && !sameParent))
+            return misplaced();
+        if (to == path_) return {};
+        if (delegate_.kind(to))
+            return fail(ErrorCode::SpecExists, "there is a spec at " + quoted(target));
+        if (sameParent)
+            rename(to, parent, name);
+        else
+            reparent(to, parent, name);
+        return {};
+    }
+
+    void rename(const SdfPath& to, const SdfPath& parent, const TfToken& name) {
+        auto names = children(parent, list());
+        std::ranges::replace(names, nameOf(elements_), name);
+        moveSpecs(to);
+        setChildren(parent, list(), std::move(names));
+    }
+
+    void reparent(const SdfPath& to, const SdfPath& parent, const TfToken& name) {
+        remove(parentOf(path_), list(), nameOf(elements_));
+        moveSpecs(to);
+        append(parent, list(), name);
+    }
+
+    // Sdf moves what is below by its prefix; the path of a variant set is no prefix of its
+    // variants'.
+    void moveSpecs(const SdfPath& to) {
+        if (list() == ChildList::Variants) return moveVariant(path_, to);
+        if (list() != ChildList::VariantSets) return delegate_.MoveSpec(path_, to);
+        auto variants = children(path_, ChildList::Variants);
+        setChildren(path_, ChildList::Variants, {});
+        delegate_.MoveSpec(path_, to);
+        for (const TfToken& variant : variants)
+            moveVariant(childOf(path_, ChildList::Variants, variant),
+                        childOf(to, ChildList::Variants, variant));
+        setChildren(to, ChildList::Variants, std::move(variants));
+    }
+
+    // Composition follows variants that come and go, and not ones that are renamed, which Sdf
+    // itself never does: so one comes and goes at both places.
+    void moveVariant(const SdfPath& from, const SdfPath& to) {
+        comeAndGo(to);
+        delegate_.MoveSpec(from, to);
+        comeAndGo(from);
+    }
+    void comeAndGo(const SdfPath& variant) {
+        delegate_.CreateSpec(variant, pxr::SdfSpecTypeVariant, false);
+        delegate_.DeleteSpec(variant, false);
+    }
+
+    // ---- parts of fields
+
+    [[nodiscard]] std::optional<pxr::VtDictionary> dictionary(const TfToken& field) const {
+        VtValue value;
+        if (!delegate_.data().Has(path_, field, &value)) return pxr::VtDictionary();
+        if (!value.IsHolding<pxr::VtDictionary>()) return std::nullopt;
+        return value.UncheckedGet<pxr::VtDictionary>();
+    }
+
+    Result<void> setKey(const TfToken& field, const std::vector<std::string>& keys,
+                        const SetField& set) {
+        if (auto proper = checkType(path_, field, typeid(pxr::VtDictionary)); !proper)
+            return proper;
+        auto value = decodeValue(TfToken(), set.value, delegate_.blobs);
+        if (!value) return orWait(field, set.value, value.error());
+        const auto present = dictionary(field);
+        if (present && isJoinable(keys)) {
+            delegate_.SetFieldDictValueByKey(path_, field, joined(keys), *value);
+            return {};
+        }
+        auto changed = present.value_or(pxr::VtDictionary());
+        changed.SetValueAtPath(keys, *value);
+        delegate_.SetField(path_, field, VtValue::Take(changed));
+        return {};
+    }
+
+    Result<void> eraseKey(const TfToken& field, const std::vector<std::string>& keys) {
+        auto present = dictionary(field);
+        if (!present || !present->GetValueAtPath(keys)) return {};
+        if (isJoinable(keys)) {
+            delegate_.SetFieldDictValueByKey(path_, field, joined(keys), VtValue());
+            return {};
+        }
+        present->EraseValueAtPath(keys);
+        delegate_.SetField(path_, field, present->empty() ? VtValue() : VtValue::Take(*present));
+        return {};
+    }
+
+    Result<void> setSample(double time, const SetField& set) {
+        const auto value = decodeLeaf(*set.value.as<Value>(), delegate_.blobs);
+        if (!value) return orWait(pxr::SdfFieldKeys->TimeSamples, set.value, value.error());
+        delegate_.SetTimeSample(path_, time, *value);
+        return {};
+    }
+
+    Result<void> eraseSample(double time) {
+        if (delegate_.data().QueryTimeSample(path_, time, static_cast<VtValue*>(nullptr)))
+            delegate_.SetTimeSample(path_, time, VtValue());
+        return {};
+    }
+
+    // The general case: read, change as the model does, write.
+    Result<void> setPart(const TfToken& field, const SetField& set) {
+        return change(field, [&](std::optional<FieldValue>& content) {
+            if (!content) content.emplace();
+            usdlive::setPart(*content, set);
+        });
+    }
+
+    Result<void> erasePart(const TfToken& field, const EraseField& erase) {
+        return change(field, [&](std::optional<FieldValue>& content) {
+            if (!content || !holdsPart(*content, erase.part)) return;
+            if (!usdlive::erasePart(*content, erase.part)) content.reset();
+        });
+    }
+
+    template <class Change>
+    Result<void> change(const TfToken& field, const Change& change) {
+        ScratchBlobs blobs(delegate_.blobs);
+        const auto present = readField(delegate_.data(), path_, field, blobs);
+        // What cannot be carried is not of the part's form, and gives way to it.
+        auto content = present ? *present : std::nullopt;
+        const auto before = content;
+        change(content);
+        if (content == before) return {};
+        if (!content) {
+            delegate_.erase(path_, field);
+            return {};
+        }
+        const auto decoded = decodeField(path_, field, *content, blobs);
+        if (!decoded) return orWait(field, *content, decoded.error());
+        delegate_.write(path_, field, *decoded);
+        return {};
+    }
+
+    Result<void> orWait(const TfToken& field, const FieldValue& value, const Error& error) {
+        if (error.code != ErrorCode::BlobNotFound)
+            return tl::unexpected(within(error, path_, field));
+        delegate_.waiting.add({path_, field}, value, delegate_.blobs);
+        return {};
+    }
+
+    // ---- errors
+
+    static tl::unexpected<Error> noSpec(std::string_view path) {
+        return fail(ErrorCode::SpecNotFound, "there is no spec at " + quoted(path));
+    }
+    [[nodiscard]] tl::unexpected<Error> misplaced() const {
+        return fail(ErrorCode::InvalidEdit,
+                    "such a spec cannot stand where the edit of " + quoted(text_) + " puts it");
+    }
+    static tl::unexpected<Error> rootStays() {
+        return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
+    }
+
+    Delegate& delegate_;
+    std::string_view text_;
+    const Elements& elements_;
+    SdfPath path_;
+};
+
+SdfLayerStore::SdfLayerStore(pxr::SdfLayerHandle layer, BlobSource& blobs,
+                             LayerWriteObserver* observer)
+    : delegate_(pxr::TfCreateRefPtr(new Delegate(blobs, observer))) {
+    const bool wasDirty = layer->IsDirty();
+    delegate_->previous = layer->GetStateDelegate();
+    layer->SetStateDelegate(delegate_);
+    if (wasDirty) delegate_->markDirty();
+}
+
+SdfLayerStore::~SdfLayerStore() {
+    const auto layer = delegate_->layer();
+    // By address: under C++20 Tf's comparison of a weak pointer with a strong one calls itself for
+    // ever.
+    if (layer && get_pointer(layer->GetStateDelegate()) == get_pointer(delegate_))
+        layer->SetStateDelegate(delegate_->previous);
+}
+
+const pxr::SdfLayerHandle& SdfLayerStore::layer() const { return delegate_->layer(); }
+
+Result<void> SdfLayerStore::apply(std::string_view path, const EditAction& action) {
+    const auto elements = specpath::parse(path);
+    if (!elements) return tl::unexpected(elements.error());
+    const pxr::SdfChangeBlock block;
+    const Delegate::Applying applying(*delegate_);
+    return std::visit(Applier(*delegate_, path, *elements), action);
+}
+
+void SdfLayerStore::blobArrived(
+    const Hash& hash,
+    const std::function<const FieldValue*(const std::string& path, const std::string& field)>&
+        current) {
+    const auto fields = delegate_->waiting.take(hash);
+    if (fields.empty()) return;
+    const pxr::SdfChangeBlock block;
+    const Delegate::Applying applying(*delegate_);
+    for (const auto& [path, field] : fields) {
+        const FieldValue* value = current(path.GetAsString(), field.GetString());
+        // What this OpenUSD cannot hold stays away, as in apply().
+        if (value && delegate_->kind(path)) (void)delegate_->set(path, field, *value);
+    }
+}
+
+bool SdfLayerStore::waitsForBlobs() const { return !delegate_->waiting.empty(); }
+
+Result<std::optional<FieldValue>> SdfLayerStore::read(const pxr::SdfPath& path,
+                                                      const pxr::TfToken& field,
+                                                      BlobSink& blobs) const {
+    return readField(delegate_->data(), path, field, blobs);
+}
+
+}  // namespace usdlive::usd

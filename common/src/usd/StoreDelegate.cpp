@@ -1,0 +1,197 @@
+#include "StoreDelegate.h"
+
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <unordered_set>
+
+namespace usdlive::usd {
+
+// ------------------------------------------------------------------ waiting fields
+
+void WaitingFields::add(const Field& field, const FieldValue& value, BlobSource& blobs) {
+    auto& hashes = hashes_[field];
+    forEachBlob(value, [&](const Value& blob) {
+        if (!blobs.blob(blob.hash())) hashes.insert(blob.hash());
+    });
+}
+
+void WaitingFields::remove(const Field& field) { hashes_.erase(field); }
+
+std::set<WaitingFields::Field> WaitingFields::take(const Hash& hash) {
+    std::set<Field> fields;
+    for (const auto& [field, hashes] : hashes_)
+        if (hashes.contains(hash)) fields.insert(field);
+    for (const auto& field : fields) hashes_.erase(field);
+    return fields;
+}
+
+void WaitingFields::specMoved(const pxr::SdfPath& from, const pxr::SdfPath& to) {
+    std::map<Field, std::set<Hash>> moved;
+    std::erase_if(hashes_, [&](const auto& entry) {
+        const auto& [path, field] = entry.first;
+        if (!path.HasPrefix(from)) return false;
+        moved.emplace(Field(path.ReplacePrefix(from, to, false), field), entry.second);
+        return true;
+    });
+    hashes_.merge(moved);
+}
+
+void WaitingFields::specDeleted(const pxr::SdfPath& path) {
+    if (hashes_.empty()) return;
+    const std::string deleted = path.GetAsString();
+    std::erase_if(hashes_, [&](const auto& entry) {
+        return specpath::hasPrefix(entry.first.first.GetAsString(), deleted);
+    });
+}
+
+// ------------------------------------------------------------------ writing
+
+void SdfLayerStore::Delegate::write(const Path& path, const Token& field,
+                                    const DecodedField& value) {
+    waiting.remove({path, field});
+    SetField(path, field, value.value);
+    if (value.offsets)
+        SetField(path, pxr::SdfFieldKeys->SubLayerOffsets, pxr::VtValue(*value.offsets));
+    if (const auto targets = targetFields(kind(path), field))
+        renewTargets(path, *targets, value.value);
+}
+
+void SdfLayerStore::Delegate::erase(const Path& path, const Token& field) {
+    waiting.remove({path, field});
+    if (!data().Has(path, field)) return;
+    SetField(path, field, pxr::VtValue());
+    if (field == pxr::SdfFieldKeys->SubLayers &&
+        data().Has(path, pxr::SdfFieldKeys->SubLayerOffsets))
+        SetField(path, pxr::SdfFieldKeys->SubLayerOffsets, pxr::VtValue());
+    if (const auto targets = targetFields(kind(path), field)) renewTargets(path, *targets, {});
+}
+
+Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,
+                                          const FieldValue& value) {
+    auto decoded = decodeField(path, field, value, blobs);
+    if (decoded) {
+        write(path, field, *decoded);
+        return {};
+    }
+    if (decoded.error().code != ErrorCode::BlobNotFound) return tl::unexpected(decoded.error());
+    waiting.add({path, field}, value, blobs);
+    return {};
+}
+
+// As Sdf's own list editors do after such a list op was set.
+void SdfLayerStore::Delegate::renewTargets(const Path& path, const TargetFields& fields,
+                                           const pxr::VtValue& value) {
+    const auto wanted = targetsIn(value);
+    const auto present = data().Get(path, fields.children).GetWithDefault<pxr::SdfPathVector>();
+    const std::unordered_set<Path, Path::Hash> stay(wanted.begin(), wanted.end());
+    const std::unordered_set<Path, Path::Hash> are(present.begin(), present.end());
+    for (const Path& target : present)
+        if (!stay.contains(target)) DeleteSpec(path.AppendTarget(target), true);
+    for (const Path& target : wanted)
+        if (!are.contains(target)) CreateSpec(path.AppendTarget(target), fields.childType, true);
+    if (wanted != present)
+        SetField(path, fields.children, wanted.empty() ? pxr::VtValue() : pxr::VtValue(wanted));
+}
+
+// ------------------------------------------------------------------ hooks
+
+void SdfLayerStore::Delegate::tellField(const Path& path, const Token& field) {
+    auto* observer = told(path);
+    if (!observer) return;
+    if (!isStructural(field)) return observer->fieldChanged(path, field);
+    if (field == pxr::SdfFieldKeys->SubLayerOffsets)
+        return observer->fieldChanged(path, pxr::SdfFieldKeys->SubLayers);
+    tellChildren(path, field, false);
+}
+
+void SdfLayerStore::Delegate::tellChildren(const Path& parent, const Token& field, bool appended) {
+    auto* observer = told(parent);
+    const bool ofModel = std::ranges::any_of(
+        kChildLists, [&](ChildList list) { return childrenField(list) == field; });
+    if (observer && ofModel) observer->childrenChanged(parent, field, appended);
+}
+
+void SdfLayerStore::Delegate::_OnSetLayer(const pxr::SdfLayerHandle& layer) {
+    Base::_OnSetLayer(layer);
+    layer_ = layer;
+}
+
+void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
+                                          const pxr::VtValue& value) {
+    Base::_OnSetField(path, field, value);
+    tellField(path, field);
+}
+void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
+                                          const ConstValue& value) {
+    Base::_OnSetField(path, field, value);
+    tellField(path, field);
+}
+
+void SdfLayerStore::Delegate::_OnSetFieldDictValueByKey(const Path& path, const Token& field,
+                                                        const Token& key,
+                                                        const pxr::VtValue& value) {
+    Base::_OnSetFieldDictValueByKey(path, field, key, value);
+    if (auto* observer = told(path)) observer->dictionaryKeyChanged(path, field, key);
+}
+void SdfLayerStore::Delegate::_OnSetFieldDictValueByKey(const Path& path, const Token& field,
+                                                        const Token& key, const ConstValue& value) {
+    Base::_OnSetFieldDictValueByKey(path, field, key, value);
+    if (auto* observer = told(path)) observer->dictionaryKeyChanged(path, field, key);
+}
+
+void SdfLayerStore::Delegate::_OnSetTimeSample(const Path& path, double time,
+                                               const pxr::VtValue& value) {
+    Base::_OnSetTimeSample(path, time, value);
+    if (auto* observer = told(path)) observer->timeSampleChanged(path, time);
+}
+void SdfLayerStore::Delegate::_OnSetTimeSample(const Path& path, double time,
+                                               const ConstValue& value) {
+    Base::_OnSetTimeSample(path, time, value);
+    if (auto* observer = told(path)) observer->timeSampleChanged(path, time);
+}
+
+void SdfLayerStore::Delegate::_OnCreateSpec(const Path& path, pxr::SdfSpecType type, bool inert) {
+    Base::_OnCreateSpec(path, type, inert);
+    auto* observer = told(path);
+    if (observer && specKind(type)) observer->specCreated(path, type);
+}
+
+void SdfLayerStore::Delegate::_OnDeleteSpec(const Path& path, bool inert) {
+    Base::_OnDeleteSpec(path, inert);
+    waiting.specDeleted(path);
+    auto* observer = told(path);
+    if (observer && kind(path)) observer->specDeleted(path);
+}
+
+void SdfLayerStore::Delegate::_OnMoveSpec(const Path& from, const Path& to) {
+    Base::_OnMoveSpec(from, to);
+    waiting.specMoved(from, to);
+    auto* observer = told(from);
+    if (observer && kind(from)) observer->specMoved(from, to);
+}
+
+void SdfLayerStore::Delegate::_OnPushChild(const Path& parent, const Token& field,
+                                           const Token& child) {
+    Base::_OnPushChild(parent, field, child);
+    tellChildren(parent, field, true);
+}
+void SdfLayerStore::Delegate::_OnPushChild(const Path& parent, const Token& field,
+                                           const Path& child) {
+    Base::_OnPushChild(parent, field, child);
+    tellChildren(parent, field, true);
+}
+void SdfLayerStore::Delegate::_OnPopChild(const Path& parent, const Token& field,
+                                          const Token& child) {
+    Base::_OnPopChild(parent, field, child);
+    tellChildren(parent, field, false);
+}
+void SdfLayerStore::Delegate::_OnPopChild(const Path& parent, const Token& field,
+                                          const Path& child) {
+    Base::_OnPopChild(parent, field, child);
+    tellChildren(parent, field, false);
+}
+
+}  // namespace usdlive::usd

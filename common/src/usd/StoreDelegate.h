@@ -1,0 +1,105 @@
+#pragma once
+
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/layerStateDelegate.h>
+
+#include <map>
+#include <set>
+#include <unordered_map>
+
+#include "LayerAccess.h"
+
+namespace usdlive::usd {
+
+/// Fields that could not be set because a blob was not here. Few, and for a short time.
+class WaitingFields {
+public:
+    using Field = std::pair<pxr::SdfPath, pxr::TfToken>;
+
+    void add(const Field& field, const FieldValue& value, BlobSource& blobs);
+    void remove(const Field& field);
+    [[nodiscard]] std::set<Field> take(const Hash& hash);
+    [[nodiscard]] bool empty() const { return hashes_.empty(); }
+    void clear() { hashes_.clear(); }
+
+    void specMoved(const pxr::SdfPath& from, const pxr::SdfPath& to);
+    void specDeleted(const pxr::SdfPath& path);
+
+private:
+    std::map<Field, std::set<Hash>> hashes_;
+};
+
+/// Stands between a layer and all that writes to it.
+class SdfLayerStore::Delegate : public pxr::SdfSimpleLayerStateDelegate {
+public:
+    Delegate(BlobSource& blobs, LayerWriteObserver* observer) : blobs(blobs), observer_(observer) {}
+
+    /// While it lives, writes are ours, and nobody is told. Must end before the change block around
+    /// it does, because those who get Sdf's notice may write, too.
+    class Applying {
+    public:
+        explicit Applying(Delegate& delegate) : delegate_(delegate) { ++delegate_.applying_; }
+        ~Applying() { --delegate_.applying_; }
+        Applying(const Applying&) = delete;
+        Applying& operator=(const Applying&) = delete;
+
+    private:
+        Delegate& delegate_;
+    };
+
+    [[nodiscard]] const pxr::SdfLayerHandle& layer() const { return layer_; }
+    [[nodiscard]] pxr::SdfAbstractData& data() const { return *_GetLayerData(); }
+    [[nodiscard]] std::optional<SpecKind> kind(const pxr::SdfPath& path) const {
+        return specKind(data().GetSpecType(path));
+    }
+    void markDirty() { _MarkCurrentStateAsDirty(); }
+
+    /// Sets a field and what follows from it.
+    void write(const pxr::SdfPath& path, const pxr::TfToken& field, const DecodedField& value);
+    void erase(const pxr::SdfPath& path, const pxr::TfToken& field);
+    /// Sets it, or remembers that a blob is missing.
+    Result<void> set(const pxr::SdfPath& path, const pxr::TfToken& field, const FieldValue& value);
+
+    BlobSource& blobs;
+    WaitingFields waiting;
+    pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< whom the layer had before
+
+protected:
+    using Base = pxr::SdfSimpleLayerStateDelegate;
+    using Path = pxr::SdfPath;
+    using Token = pxr::TfToken;
+    using ConstValue = pxr::SdfAbstractDataConstValue;
+
+    void _OnSetLayer(const pxr::SdfLayerHandle& layer) override;
+    void _OnSetField(const Path&, const Token&, const pxr::VtValue&) override;
+    void _OnSetField(const Path&, const Token&, const ConstValue&) override;
+    void _OnSetFieldDictValueByKey(const Path&, const Token&, const Token&,
+                                   const pxr::VtValue&) override;
+    void _OnSetFieldDictValueByKey(const Path&, const Token&, const Token&,
+                                   const ConstValue&) override;
+    void _OnSetTimeSample(const Path&, double, const pxr::VtValue&) override;
+    void _OnSetTimeSample(const Path&, double, const ConstValue&) override;
+    void _OnCreateSpec(const Path&, pxr::SdfSpecType, bool inert) override;
+    void _OnDeleteSpec(const Path&, bool inert) override;
+    void _OnMoveSpec(const Path& from, const Path& to) override;
+    void _OnPushChild(const Path&, const Token&, const Token&) override;
+    void _OnPushChild(const Path&, const Token&, const Path&) override;
+    void _OnPopChild(const Path&, const Token&, const Token&) override;
+    void _OnPopChild(const Path&, const Token&, const Path&) override;
+
+private:
+    /// Who is told of a write to this path, if anyone. What is below targets follows from list ops.
+    [[nodiscard]] LayerWriteObserver* told(const Path& path) const {
+        return applying_ || path.ContainsTargetPath() ? nullptr : observer_;
+    }
+    void tellField(const Path& path, const Token& field);
+    void tellChildren(const Path& parent, const Token& field, bool appended);
+    void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);
+
+    LayerWriteObserver* observer_;
+    pxr::SdfLayerHandle layer_;
+    int applying_ = 0;
+};
+
+}  // namespace usdlive::usd

@@ -1,0 +1,122 @@
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/strand.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+
+#include "usdlive/server/app/Intake.h"
+#include "usdlive/server/app/Metrics.h"
+#include "usdlive/server/app/SharedStore.h"
+#include "usdlive/server/app/StorageThread.h"
+#include "usdlive/server/project/Project.h"
+#include "usdlive/server/transport/Log.h"
+#include "usdlive/server/transport/WebSocketServer.h"
+
+namespace usdlive::server {
+
+using WallClock = std::function<std::int64_t()>;  ///< milliseconds since 1970; the network thread
+/// Makes the project from where the store stands.
+using ProjectFactory = std::function<Result<std::unique_ptr<Project>>(ProjectHost&)>;
+
+/// The project's folder and what is done to the files in it. Any thread.
+struct ProjectFiles {
+    std::filesystem::path folder;
+    /// What is served: the files, and the layers that only the store holds by now.
+    std::function<Result<std::vector<LayerId>>()> list;
+    std::function<Result<LayerDoc>(const LayerId&)> import;
+    std::function<Result<void>(const LayerId&, const LayerDoc&)> save;
+};
+
+/// The process around a project: passes between it and sockets, store, files and disk. The
+/// project's strand is the network thread, so that what a client sends is ordered and sent on
+/// without a hand-over; what blocks runs on the storage thread and on workers and comes back by a
+/// post.
+class ServerHost final : public ProjectHost, public SessionHandler {
+public:
+    ServerHost(boost::asio::io_context& network, boost::asio::thread_pool& workers,
+               SharedStore& store, StorageThread& storage, BlobStore& blobs, ProjectFiles files,
+               Metrics& metrics, WallClock clock, Log& log);
+
+    // Network thread, as all that is not said otherwise.
+    Result<void> start(ProjectFactory factory);
+    /// Who carries the messages; from now on new files are noticed, too.
+    void serve(WebSocketServer& server);
+    /// Sends what is acknowledged, says goodbye, appends the rest; then `done`.
+    void stop(std::function<void()> done);
+
+    [[nodiscard]] HttpReply health();
+    [[nodiscard]] HttpReply metricsPage();
+
+private:
+    // SessionHandler
+    void opened(SessionId session) override;
+    void received(SessionId session, ByteView message) override;
+    void closed(SessionId session) override;
+    void drained(SessionId session) override;
+
+    // ProjectHost
+    void send(SessionId session, SharedBytes frames) override;
+    bool congested(SessionId session) override;
+    void close(SessionId session) override;
+    void append(CommitRecord commit) override;
+    void loadLayer(const LayerId& layer) override;
+    void readCommits(SessionId session, Revision from, Revision to) override;
+    void readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
+                     Revision revision) override;
+    void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override;
+    void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
+    void writeBlob(SessionId session, BlobFrame part) override;
+    bool hasBlob(const Hash& hash) override;
+    bool hasSpace() override;
+    void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override;
+    std::vector<LayerId> unsavedLayers() override;
+    std::optional<Revision> committed(const TransactionId& transaction) override;
+    std::int64_t wallClockMs() override { return clock_(); }
+
+    // What workers do.
+    Result<LoadedLayer> loadOrImport(const LayerId& layer);
+    Result<LayerDoc> layerInHistory(const LayerId& layer, Revision revision);
+    LayersSaved save(const std::vector<SaveJob>& jobs);
+    Result<bool> write(SessionId session, const BlobFrame& part);
+
+    template <class Executor, class Work, class Tell>
+    void inBackground(Executor& executor, SessionId session, std::size_t bytes, Work work,
+                      Tell tell);
+    template <class Tell>
+    void onProject(Tell tell);
+    template <class Tell>
+    void guarded(Tell&& tell);
+    void startAgain();
+    void makeProject();
+    void scanFilesIn(std::chrono::milliseconds pause);
+    void filesScanned(Result<std::vector<LayerId>> layers, std::chrono::milliseconds time);
+
+    boost::asio::io_context& network_;
+    boost::asio::thread_pool& workers_;
+    // In order: parts of a big value; saves of a layer, of which the last has to win.
+    boost::asio::strand<boost::asio::thread_pool::executor_type> blobWriter_, saver_;
+    SharedStore& store_;
+    StorageThread& storage_;
+    BlobStore& blobs_;
+    const ProjectFiles files_;
+    Metrics& metrics_;
+    const WallClock clock_;
+    Log& log_;
+    boost::asio::steady_timer retryTimer_, scanTimer_;
+
+    ProjectFactory factory_;
+    std::unique_ptr<Project> project_;  ///< missing while it is made again
+    std::uint64_t generation_ = 0;      ///< answers to a project before are dropped
+    WebSocketServer* server_ = nullptr;
+    Intake intake_;
+    std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store
+    std::map<Hash, SessionId> uploads_;          ///< blobWriter_: who writes which value
+    std::vector<LayerId> scanned_;               ///< the last time
+};
+
+}  // namespace usdlive::server

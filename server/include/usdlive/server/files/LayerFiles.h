@@ -1,0 +1,45 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <vector>
+
+#include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/server/project/CommitStore.h"
+
+namespace usdlive::server {
+
+/// The `.usd`, `.usda` and `.usdc` files of a project's folder. Any thread; one at a time saves a
+/// layer.
+class LayerFiles {
+public:
+    virtual ~LayerFiles() = default;
+
+    /// The project's folder, absolute and without links.
+    [[nodiscard]] virtual const std::filesystem::path& folder() const = 0;
+
+    /// All layers in the folder and below, sorted. Hidden files and folders, `.usdlive` among them,
+    /// links and names that are no layer's (LN1) are passed over.
+    [[nodiscard]] virtual Result<std::vector<LayerId>> list() const = 0;
+
+    /// Where the layer's file is or would be. InvalidLayerName: a link leads out of the project, or
+    /// to a file that has a name of its own in it (two layers would be saved over each other).
+    [[nodiscard]] virtual Result<std::filesystem::path> resolve(const LayerId& layer) const = 0;
+
+    /// Reads a file, whatever other parts of the process hold of it. Its big values go to the blob
+    /// store. LayerNotFound; LayerUnreadable with OpenUSD's own reason, also for what no layer may
+    /// hold (D1) or the protocol cannot carry; StorageFull.
+    [[nodiscard]] virtual Result<LayerDoc> import(const LayerId& layer) = 0;
+
+    /// Writes a file, or leaves the one there is as it is: SaveFailed names the file and the
+    /// reason. The file is in the format it had; a new `.usd` is in binary. What was written has
+    /// been read back and is on the disk.
+    [[nodiscard]] virtual Result<void> save(const LayerId& layer, const LayerDoc& doc) = 0;
+};
+
+/// Removes what saves that were cut short have left behind. InvalidConfiguration: no such folder.
+[[nodiscard]] Result<std::unique_ptr<LayerFiles>> createLayerFiles(
+    const std::filesystem::path& folder, BlobStore& blobs);
+
+}  // namespace usdlive::server

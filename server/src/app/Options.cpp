@@ -1,0 +1,194 @@
+#include "usdlive/server/app/Options.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+namespace usdlive::server {
+
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr int kUsageError = 2;
+constexpr const char* kFooter = R"(
+Examples:
+  usdlive-server shots/s010                    serve a folder on this machine
+  usdlive-server shots/s010 --port 0           on any free port, which it prints
+  usdlive-server shots/s010 --config live.json {"port": 8000, "log-format": "json"}
+
+Editors connect to the URL it prints. GET /healthz and /metrics on the same port answer over HTTP.
+History and state are kept in DIR/.usdlive. SIGTERM stops it; SIGKILL loses nothing acknowledged.)";
+
+// What stands for a value in the help; whole numbers are told from texts by it.
+constexpr const char* kNumber = "N";
+
+/// A check that says what it wants in errors, and not in the help.
+CLI::Validator between(std::uint64_t least, std::uint64_t most) {
+    return CLI::Range(least, most).description("");
+}
+CLI::Validator oneOf(std::vector<std::string> names) {
+    return CLI::IsMember(std::move(names)).description("");
+}
+
+void addNetworkOptions(CLI::App& app, ServerOptions& options) {
+    const std::string group = "Network";
+    app.add_option("--host", options.host, "Address to listen at")
+        ->type_name("ADDRESS")
+        ->group(group);
+    app.add_option("--port", options.port, "Port to listen at; 0 takes a free one")
+        ->type_name(kNumber)
+        ->group(group);
+    app.add_option("--port-file", options.portFile, "Write the port to this file once listening")
+        ->type_name("FILE")
+        ->group(group);
+    app.add_option("--allow-origin", options.allowedOrigins,
+                   "Let web pages of this origin connect, or of \"*\"")
+        ->type_name("ORIGIN")
+        ->default_str("")
+        ->allow_extra_args(false)
+        ->group(group);
+}
+
+void addStorageOptions(CLI::App& app, ServerOptions& options) {
+    const std::string group = "Storage";
+    app.add_option("--durability", options.durability,
+                   "An edit is acknowledged once it is on disk (sync), or\n"
+                   "once the system has it (os): faster, and lost if the\n"
+                   "machine itself goes down")
+        ->check(oneOf({"sync", "os"}))
+        ->type_name("sync|os")
+        ->group(group);
+    app.add_option("--min-free-mib", options.minFreeMib,
+                   "Refuse edits while the disk has less free; if not given\n"
+                   "512 or 2 % of it, whichever is more")
+        ->type_name(kNumber)
+        ->default_str("")
+        ->check(between(0, 1ull << 40))
+        ->group(group);
+}
+
+void addLimits(CLI::App& app, ServerOptions& options) {
+    const std::string group = "Limits";
+    const auto add = [&](const char* name, std::uint64_t& value, std::uint64_t least,
+                         std::uint64_t most, const char* what) {
+        app.add_option(name, value, what)
+            ->type_name(kNumber)
+            ->check(between(least, most))
+            ->group(group);
+    };
+    add("--max-frame-mib", options.maxFrameMib, 1, 2047, "Size of one message from a client");
+    add("--max-blob-mib", options.maxBlobMib, 1, 1 << 20, "Size of one big value");
+    add("--max-sessions", options.maxSessions, 1, 1'000'000, "Clients at the same time");
+    add("--slow-reader-mib", options.slowReaderMib, 1, 1 << 20,
+        "What may wait for a client before it is cut");
+    add("--flush-interval-ms", options.flushIntervalMs, 0, 1'000,
+        "Join what is sent within this time: less work, more delay");
+}
+
+void addLogOptions(CLI::App& app, ServerOptions& options) {
+    const std::string group = "Log, on stderr";
+    app.add_option("--log-level", options.logLevel, "The least that is logged")
+        ->check(oneOf({std::begin(kLogLevels), std::end(kLogLevels)}))
+        ->type_name("debug|info|warning|error")
+        ->group(group);
+    app.add_option_function<std::string>(
+           "--log-format",
+           [&options](const std::string& format) {
+               options.logFormat = format == "json" ? LogFormat::Json : LogFormat::Text;
+           },
+           "Lines for people, or one JSON object a line")
+        ->check(oneOf({"text", "json"}))
+        ->type_name("text|json")
+        ->default_str("text")
+        ->group(group);
+}
+
+void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
+    app.option_defaults()->always_capture_default();
+    app.add_option("DIR", options.folder, "The folder whose .usd, .usda and .usdc files are served")
+        ->required()
+        ->type_name("");
+    addNetworkOptions(app, options);
+    addStorageOptions(app, options);
+    addLimits(app, options);
+    addLogOptions(app, options);
+    app.add_option("--config", config, "A JSON file with options by these names; flags win")
+        ->type_name("FILE")
+        ->configurable(false);
+}
+
+/// The values of one entry as they would stand on the command line.
+std::vector<std::string> textsOf(const CLI::Option& option, const std::string& name,
+                                 const Json& value) {
+    if (option.get_items_expected_max() > 1) {
+        std::vector<std::string> texts;
+        for (const Json& item : value.is_array() ? value : Json::array({value})) {
+            if (!item.is_string()) throw CLI::ConfigError("\"" + name + "\" has to be texts");
+            texts.push_back(item.get<std::string>());
+        }
+        return texts;
+    }
+    if (option.get_type_name() == kNumber) {
+        if (!value.is_number_unsigned())
+            throw CLI::ConfigError("\"" + name + "\" has to be a whole number");
+        return {value.dump()};
+    }
+    if (!value.is_string()) throw CLI::ConfigError("\"" + name + "\" has to be a text");
+    return {value.get<std::string>()};
+}
+
+/// Gives the options that are not on the command line what the file says of them.
+void readConfig(CLI::App& app, const std::string& path) {
+    std::ifstream file(path);
+    if (!file) throw CLI::ConfigError("cannot be read");
+    const Json config = Json::parse(file, nullptr, false);
+    if (!config.is_object()) throw CLI::ConfigError("is not a JSON object");
+    for (const auto& [name, value] : config.items()) {
+        CLI::Option* option = app.get_option_no_throw("--" + name);
+        if (!option || !option->get_configurable() || name == "help")
+            throw CLI::ConfigError("there is no option \"" + name + "\"");
+        const auto texts = textsOf(*option, name, value);
+        if (option->count() != 0 || texts.empty()) continue;
+        for (const std::string& text : texts) option->add_result(text);
+        option->run_callback();
+    }
+}
+
+}  // namespace
+
+std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv) {
+    ServerOptions options;
+    std::string config;
+    CLI::App app("Serves a folder of OpenUSD layers, which many editors then edit at once.",
+                 "usdlive-server");
+    app.get_formatter()->column_width(44);
+    app.footer(kFooter);
+    addOptions(app, options, config);
+    const auto wrong = [](const std::string& what) {
+        std::cerr << "usdlive-server: " << what << '\n';
+        return kUsageError;
+    };
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::Success& asked) {
+        return app.exit(asked);
+    } catch (const CLI::ExtrasError&) {
+        const auto rest = app.remaining();
+        const auto flag = std::find_if(rest.begin(), rest.end(),
+                                       [](const auto& text) { return text.starts_with('-'); });
+        return wrong("there is no option " + (flag == rest.end() ? rest.front() : *flag));
+    } catch (const CLI::Error& error) {
+        return wrong(error.what());
+    }
+    try {
+        if (!config.empty()) readConfig(app, config);
+    } catch (const CLI::Error& error) {
+        return wrong(config + ": " + error.what());
+    }
+    return options;
+}
+
+}  // namespace usdlive::server

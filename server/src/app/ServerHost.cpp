@@ -1,0 +1,463 @@
+#include "usdlive/server/app/ServerHost.h"
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "usdlive/common/protocol/Snapshot.h"
+#include "usdlive/server/app/Faults.h"
+#include "usdlive/server/app/LayerHistory.h"
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+constexpr milliseconds kGoodbyeTime{2'000};
+constexpr milliseconds kRetryPause{1'000};
+// Looking for new files: so often, and never more than this part of the time.
+constexpr milliseconds kScanPause{2'000};
+constexpr int kScanPart = 20;
+
+SharedBytes encoded(const Frame& frame) {
+    return std::make_shared<const Bytes>(encodeFrame(frame));
+}
+
+SharedBytes blobError(const Hash& hash, const Error& error) {
+    return encoded(ControlFrame{encodeControl(
+        ErrorMessage{std::string(errorName(error.code)), error.message, false, {}, hash})});
+}
+
+/// The parts of a big value, one at each call.
+class BlobSource {
+public:
+    BlobSource(const BlobStore& blobs, const Hash& hash, std::uint64_t offset)
+        : blobs_(blobs), hash_(hash), offset_(offset) {}
+
+    SharedBytes operator()() {
+        if (done_) return nullptr;
+        const auto size = blobs_.size(hash_);
+        if (!size) return failed(size.error());
+        const auto part = blobs_.read(hash_, offset_, kChunkBytes);
+        if (!part) return failed(part.error());
+        done_ = part->empty() || offset_ + part->size() >= *size;
+        if (part->empty()) return nullptr;
+        return encoded(BlobFrame{hash_, *size, std::exchange(offset_, offset_ + part->size()),
+                                 std::uint32_t(part->size()), deflate(*part)});
+    }
+
+private:
+    SharedBytes failed(const Error& error) {
+        done_ = true;
+        return blobError(hash_, error);
+    }
+
+    const BlobStore& blobs_;
+    Hash hash_;
+    std::uint64_t offset_;
+    bool done_ = false;
+};
+
+/// What `work` returns, or what it threw as an error.
+template <class Work>
+auto resultOf(Work& work) -> decltype(work()) {
+    try {
+        return work();
+    } catch (const std::exception& fault) {
+        return fail(ErrorCode::Internal, fault.what());
+    }
+}
+
+}  // namespace
+
+ServerHost::ServerHost(asio::io_context& network, asio::thread_pool& workers, SharedStore& store,
+                       StorageThread& storage, BlobStore& blobs, ProjectFiles files,
+                       Metrics& metrics, WallClock clock, Log& log)
+    : network_(network),
+      workers_(workers),
+      blobWriter_(asio::make_strand(workers.get_executor())),
+      saver_(asio::make_strand(workers.get_executor())),
+      store_(store),
+      storage_(storage),
+      blobs_(blobs),
+      files_(std::move(files)),
+      metrics_(metrics),
+      clock_(std::move(clock)),
+      log_(log),
+      retryTimer_(network),
+      scanTimer_(network),
+      intake_([this](SessionId session, bool reading) { server_->setReading(session, reading); }) {}
+
+Result<void> ServerHost::start(ProjectFactory factory) {
+    factory_ = std::move(factory);
+    auto project = factory_(*this);
+    if (!project) return tl::unexpected(project.error());
+    project_ = std::move(*project);
+    storage_.start({
+        .appended =
+            [this](Revision upTo) {
+                onProject([this, upTo](Project& project) {
+                    while (!appending_.empty() && appending_.begin()->first <= upTo)
+                        intake_.endStore(appending_.extract(appending_.begin()).mapped());
+                    project.appended(upTo);
+                });
+            },
+        .failed =
+            [this](Error error, CommitStore::Head head) {
+                onProject([this, error = std::move(error), head](Project& project) {
+                    for (const auto& [revision, bytes] : std::exchange(appending_, {}))
+                        intake_.endStore(bytes);
+                    storage_.goOn();
+                    project.appendFailed(error, head);
+                });
+            },
+        .measured = [this](std::size_t commits,
+                           std::chrono::nanoseconds time) { metrics_.appended(commits, time); },
+    });
+    return {};
+}
+
+void ServerHost::serve(WebSocketServer& server) {
+    server_ = &server;
+    scanFilesIn(kScanPause);
+}
+
+void ServerHost::stop(std::function<void()> done) {
+    // First what is on its way to the store, so that its authors hear of it before the goodbye.
+    storage_.flush([this, done = std::move(done)]() mutable {
+        asio::post(network_, [this, done = std::move(done)]() mutable {
+            server_->stop(
+                Error{ErrorCode::ShuttingDown, std::string(errorText(ErrorCode::ShuttingDown))},
+                kGoodbyeTime, std::move(done));
+        });
+    });
+}
+
+HttpReply ServerHost::health() {
+    nlohmann::json answer{{"status", hasSpace() ? "ok" : "storageFull"},
+                          {"project", files_.folder.filename().string()},
+                          {"revision", project_ ? project_->durableRevision() : 0}};
+    if (!project_) answer["status"] = "starting";
+    return {"application/json",
+            answer.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"};
+}
+
+HttpReply ServerHost::metricsPage() {
+    Figures figures;
+    figures.transport = server_->counters();
+    figures.appendQueueBytes = intake_.storeBytes();
+    figures.storageHasSpace = hasSpace();
+    std::error_code ignored;
+    figures.storageFreeBytes = std::filesystem::space(files_.folder, ignored).available;
+    if (project_) {
+        figures.project = project_->counters();
+        figures.sessions = project_->sessionCount();
+        figures.durableRevision = project_->durableRevision();
+    }
+    return {"text/plain; version=0.0.4", metrics_.page(figures)};
+}
+
+// --- Sessions
+
+void ServerHost::opened(SessionId session) {
+    if (!project_) return server_->close(session, Error{ErrorCode::Internal, "starting again"});
+    project_->connected(session);
+}
+
+void ServerHost::received(SessionId session, ByteView message) {
+    if (!project_) return;
+    project_->received(session, message);
+    intake_.received(session);
+}
+
+void ServerHost::closed(SessionId session) {
+    intake_.closed(session);
+    asio::post(blobWriter_, [this, session] {
+        std::erase_if(uploads_, [&](const auto& upload) { return upload.second == session; });
+    });
+    guarded([&] {
+        if (project_) project_->disconnected(session);
+    });
+}
+
+void ServerHost::drained(SessionId session) {
+    guarded([&] {
+        if (project_) project_->drained(session);
+    });
+}
+
+void ServerHost::send(SessionId session, SharedBytes frames) {
+    server_->send(session, std::move(frames));
+}
+
+bool ServerHost::congested(SessionId session) { return server_->congested(session); }
+
+void ServerHost::close(SessionId session) { server_->close(session); }
+
+void ServerHost::sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) {
+    auto encoder = std::make_shared<SnapshotEncoder>(std::move(doc), request);
+    server_->sendBeside(session, [encoder]() -> SharedBytes {
+        const auto frame = encoder->next();
+        return frame ? encoded(*frame) : nullptr;
+    });
+}
+
+void ServerHost::sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) {
+    server_->sendBeside(session, BlobSource(blobs_, hash, offset));
+}
+
+// --- What blocks
+
+/// Calls `tell(Project&)` on the network thread, unless the project is another one by then.
+template <class Tell>
+void ServerHost::onProject(Tell tell) {
+    asio::post(network_, [this, tell = std::move(tell)]() mutable {
+        guarded([&] {
+            if (project_) tell(*project_);
+        });
+    });
+}
+
+/// A bug met while no session's message was at work: the project is made again from its store.
+template <class Tell>
+void ServerHost::guarded(Tell&& tell) {
+    try {
+        tell();
+    } catch (const std::exception& fault) {
+        log_.write(LogLevel::Error, "project met a fault", {{"error", fault.what()}});
+        startAgain();
+    }
+}
+
+/// Runs `work()`, which returns a Result, on `executor`, then `tell(Project&, result)` here. Counts
+/// as `bytes` of the session's share until then.
+template <class Executor, class Work, class Tell>
+void ServerHost::inBackground(Executor& executor, SessionId session, std::size_t bytes, Work work,
+                              Tell tell) {
+    intake_.begin(session, bytes);
+    asio::post(executor, [this, session, bytes, generation = generation_, work = std::move(work),
+                          tell = std::move(tell)]() mutable {
+        auto result = resultOf(work);
+        asio::post(network_, [this, session, bytes, generation, tell = std::move(tell),
+                              result = std::move(result)]() mutable {
+            intake_.end(session, bytes);
+            if (generation != generation_) return;
+            guarded([&] {
+                if (project_) tell(*project_, std::move(result));
+            });
+        });
+    });
+}
+
+void ServerHost::append(CommitRecord commit) {
+    std::size_t bytes = Intake::kJobBytes / 64;
+    if (commit.frame) bytes += 2 * commit.frame->size();  // the state changes are about as much
+    intake_.beginStore(bytes);
+    appending_[commit.revision] = bytes;
+    storage_.append(std::move(commit));
+}
+
+void ServerHost::loadLayer(const LayerId& layer) {
+    inBackground(
+        workers_, 0, 0, [this, layer] { return loadOrImport(layer); },
+        [layer](Project& project, Result<LoadedLayer> loaded) {
+            project.layerLoaded(layer, std::move(loaded));
+        });
+}
+
+Result<LoadedLayer> ServerHost::loadOrImport(const LayerId& layer) {
+    auto stored = store_.use([&](CommitStore& store) { return store.loadLayer(layer); });
+    if (!stored) return tl::unexpected(stored.error());
+    if (*stored) return LoadedLayer{std::move(**stored), false};
+    faultPoint("import");
+    const auto begin = steady_clock::now();
+    auto imported = files_.import(layer);
+    if (!imported) {
+        log_.write(LogLevel::Warning, "layer cannot be read",
+                   {{"layer", layer.value}, {"error", imported.error().message}});
+        return tl::unexpected(imported.error());
+    }
+    const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
+    log_.write(LogLevel::Info, "layer imported",
+               {{"layer", layer.value}, {"specs", imported->specCount()}, {"ms", time.count()}});
+    return LoadedLayer{std::move(*imported), true};
+}
+
+void ServerHost::readCommits(SessionId session, Revision from, Revision to) {
+    inBackground(
+        workers_, session, Intake::kJobBytes,
+        [this, from, to] {
+            return store_.use([&](CommitStore& store) -> Result<std::vector<StoredCommit>> {
+                std::vector<StoredCommit> commits;
+                const auto read = store.read(from, to, [&](const StoredCommit& commit) {
+                    commits.push_back(commit);
+                    return true;
+                });
+                if (!read) return tl::unexpected(read.error());
+                return commits;
+            });
+        },
+        [session](Project& project, Result<std::vector<StoredCommit>> commits) {
+            project.commitsRead(session, std::move(commits));
+        });
+}
+
+void ServerHost::readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
+                             Revision revision) {
+    inBackground(
+        workers_, session, Intake::kJobBytes,
+        [this, layer, revision] { return layerInHistory(layer, revision); },
+        [session, request](Project& project, Result<LayerDoc> doc) {
+            project.historyRead(session, request, std::move(doc));
+        });
+}
+
+Result<LayerDoc> ServerHost::layerInHistory(const LayerId& layer, Revision revision) {
+    auto doc = store_.use([&](CommitStore& store) { return layerAt(store, layer, revision); });
+    if (doc || doc.error().code != ErrorCode::LayerNotFound) return doc;
+    return files_.import(layer);
+}
+
+void ServerHost::writeBlob(SessionId session, BlobFrame part) {
+    const Hash hash = part.hash;
+    const std::size_t bytes = Intake::kJobBytes + part.data.size();
+    inBackground(
+        blobWriter_, session, bytes,
+        [this, session, part = std::move(part)] { return write(session, part); },
+        [session, hash](Project& project, Result<bool> whole) {
+            project.blobWritten(session, hash, std::move(whole));
+        });
+}
+
+// One writer for a value: of who else uploads it at the same time only the last part matters, which
+// finds it there or has to be sent again with all before it.
+Result<bool> ServerHost::write(SessionId session, const BlobFrame& part) {
+    const bool last = part.offset + part.rawBytes >= part.size;
+    const auto writer = uploads_.try_emplace(part.hash, session).first->second;
+    if (writer != session) {
+        if (!last || blobs_.has(part.hash)) return last;
+        return fail(ErrorCode::BlobMismatch, "the value was being uploaded by another client");
+    }
+    auto whole = inflate(part.data, part.rawBytes, kChunkBytes).and_then([&](const Bytes& raw) {
+        return blobs_.write(part.hash, part.size, part.offset, raw);
+    });
+    if (!whole || *whole) uploads_.erase(part.hash);
+    return whole;
+}
+
+bool ServerHost::hasBlob(const Hash& hash) { return blobs_.has(hash); }
+
+bool ServerHost::hasSpace() {
+    return store_.use([](CommitStore& store) -> Result<bool> { return store.hasSpace(); })
+        .value_or(false);
+}
+
+void ServerHost::saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) {
+    inBackground(
+        saver_, session, Intake::kJobBytes,
+        [this, jobs = std::move(jobs)]() -> Result<LayersSaved> { return save(jobs); },
+        [session, request](Project& project, Result<LayersSaved> saved) {
+            saved->request = request;
+            project.layersSaved(session, request, std::move(*saved));
+        });
+}
+
+LayersSaved ServerHost::save(const std::vector<SaveJob>& jobs) {
+    LayersSaved outcome;
+    for (const SaveJob& job : jobs) {
+        outcome.revision = std::max(outcome.revision, job.revision);
+        auto work = [&]() -> Result<void> {
+            faultPoint("save-before");
+            const auto saved = files_.save(job.layer, job.doc);
+            faultPoint("save-after");
+            if (!saved) return saved;
+            return store_.use([&](CommitStore& store) {
+                return store.setSavedRevision(job.layer, job.revision);
+            });
+        };
+        if (const Result<void> saved = resultOf(work)) {
+            outcome.saved.push_back(job.layer);
+        } else {
+            log_.write(LogLevel::Error, "layer not saved",
+                       {{"layer", job.layer.value}, {"error", saved.error().message}});
+            outcome.failed.push_back(
+                {job.layer, std::string(errorName(saved.error().code)), saved.error().message});
+        }
+    }
+    return outcome;
+}
+
+std::vector<LayerId> ServerHost::unsavedLayers() {
+    return store_.use([](CommitStore& store) { return store.unsavedLayers(); })
+        .value_or(std::vector<LayerId>{});
+}
+
+std::optional<Revision> ServerHost::committed(const TransactionId& transaction) {
+    const auto found = store_.use([&](CommitStore& store) { return store.committed(transaction); });
+    // "No" could commit it twice; the session ends, and its client asks again.
+    if (!found) throw std::runtime_error(found.error().message);
+    return *found;
+}
+
+// --- The project itself
+
+/// Everybody has to come again. What the project before had handed to the store is kept.
+void ServerHost::startAgain() {
+    project_.reset();
+    ++generation_;
+    server_->closeAll(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+    storage_.flush([this] {
+        asio::post(network_, [this] {
+            for (const auto& [revision, bytes] : std::exchange(appending_, {}))
+                intake_.endStore(bytes);
+            storage_.goOn();
+            makeProject();
+        });
+    });
+}
+
+void ServerHost::makeProject() {
+    auto project = factory_(*this);
+    if (project) {
+        project_ = std::move(*project);
+        log_.write(LogLevel::Warning, "project started again");
+        return;
+    }
+    log_.write(LogLevel::Error, "project cannot start again", {{"error", project.error().message}});
+    retryTimer_.expires_after(kRetryPause);
+    retryTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (!error) makeProject();
+    });
+}
+
+// Polled: the folder may be on a share, whose changes no system call tells.
+void ServerHost::scanFilesIn(milliseconds pause) {
+    scanTimer_.expires_after(pause);
+    scanTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        asio::post(workers_, [this] {
+            const auto begin = steady_clock::now();
+            auto layers = resultOf(files_.list);
+            const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
+            asio::post(network_, [this, time, layers = std::move(layers)]() mutable {
+                filesScanned(std::move(layers), time);
+            });
+        });
+    });
+}
+
+void ServerHost::filesScanned(Result<std::vector<LayerId>> layers, milliseconds time) {
+    scanFilesIn(std::max(kScanPause, time * kScanPart));
+    if (!layers || *layers == scanned_) return;
+    scanned_ = *layers;
+    guarded([&] {
+        if (project_) project_->setLayers(std::move(*layers));
+    });
+}
+
+}  // namespace usdlive::server

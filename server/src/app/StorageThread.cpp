@@ -1,0 +1,105 @@
+#include "usdlive/server/app/StorageThread.h"
+
+#include <utility>
+
+#include "usdlive/server/app/Faults.h"
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::chrono::milliseconds kReopenPause{1'000};
+
+}  // namespace
+
+void StorageThread::start(Events events) {
+    events_ = std::move(events);
+    thread_ = std::thread([this] { run(); });
+}
+
+void StorageThread::stop() {
+    {
+        const std::lock_guard lock(mutex_);
+        stopping_ = true;
+    }
+    changed_.notify_all();
+    if (thread_.joinable()) thread_.join();
+}
+
+void StorageThread::append(CommitRecord commit) {
+    const std::lock_guard lock(mutex_);
+    if (throwingAway_) return;
+    waiting_.commits.push_back(std::move(commit));
+    if (waiting_.commits.size() == 1) changed_.notify_all();
+}
+
+void StorageThread::goOn() {
+    const std::lock_guard lock(mutex_);
+    throwingAway_ = false;
+}
+
+void StorageThread::flush(std::function<void()> done) {
+    const std::lock_guard lock(mutex_);
+    waiting_.flushes.push_back(std::move(done));
+    changed_.notify_all();
+}
+
+void StorageThread::run() {
+    for (;;) {
+        Work work;
+        {
+            std::unique_lock lock(mutex_);
+            changed_.wait(lock, [this] {
+                return stopping_ || !waiting_.commits.empty() || !waiting_.flushes.empty();
+            });
+            work = std::exchange(waiting_, {});
+        }
+        const bool idle = work.commits.empty() && work.flushes.empty();
+        if (!work.commits.empty()) appendGroup(work.commits);
+        for (const auto& done : work.flushes) done();
+        if (idle) return;
+    }
+}
+
+void StorageThread::appendGroup(const std::vector<CommitRecord>& commits) {
+    faultPoint("append-before");
+    const auto begin = std::chrono::steady_clock::now();
+    const auto appended = store_.use([&](CommitStore& store) { return store.append(commits); });
+    if (!appended) return recover(appended.error());
+    faultPoint("append-after");
+    events_.measured(commits.size(), std::chrono::steady_clock::now() - begin);
+    events_.appended(commits.back().revision);
+}
+
+void StorageThread::recover(const Error& error) {
+    log_.write(LogLevel::Error, "append failed",
+               {{"code", errorName(error.code)}, {"error", error.message}});
+    {
+        const std::lock_guard lock(mutex_);
+        throwingAway_ = true;
+        waiting_.commits.clear();
+    }
+    // A full disk leaves the store as it was. After anything else only a new opening knows what is
+    // there: a failed sync is never tried again.
+    if (error.code != ErrorCode::StorageFull) {
+        for (;;) {
+            const auto opened = store_.open();
+            if (opened) break;
+            log_.write(LogLevel::Error, "store cannot be opened again",
+                       {{"error", opened.error().message}});
+            if (!pause(kReopenPause)) return;
+        }
+        log_.write(LogLevel::Warning, "store opened again");
+    }
+    const auto head =
+        store_.use([](CommitStore& store) -> Result<CommitStore::Head> { return store.head(); });
+    if (head) events_.failed(error, *head);
+}
+
+/// False: it is time to stop.
+bool StorageThread::pause(std::chrono::milliseconds time) {
+    std::unique_lock lock(mutex_);
+    return !changed_.wait_for(lock, time, [this] { return stopping_; });
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,206 @@
+// usdlive-server: what the server is made of, from the outside in.
+
+#include <signal.h>
+#include <unistd.h>
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/signal_set.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <chrono>
+#include <fstream>
+#include <iostream>
+#include <set>
+
+#include "usdlive/server/app/Metrics.h"
+#include "usdlive/server/app/Options.h"
+#include "usdlive/server/app/ServerHost.h"
+#include "usdlive/server/app/SharedStore.h"
+#include "usdlive/server/app/SpdLog.h"
+#include "usdlive/server/app/StorageThread.h"
+#include "usdlive/server/files/LayerFiles.h"
+#include "usdlive/server/project/Project.h"
+#include "usdlive/server/storage/BlobStore.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
+#include "usdlive/server/transport/WebSocketServer.h"
+
+namespace {
+
+using namespace usdlive;
+using namespace usdlive::server;
+namespace asio = boost::asio;
+
+constexpr std::uint64_t kMib = 1024 * 1024;
+constexpr int kStartError = 1;
+constexpr int kWorkers = 2;
+// A message holds its frames and their lengths.
+constexpr std::size_t kMessageSlack = 64 * 1024;
+// Beside sessions there are /metrics, /healthz, and those that are told that there are too many.
+constexpr std::size_t kMoreConnections = 256;
+// After this a stop that hangs, in a file system that does not answer, ends the hard way. Nothing
+// that was acknowledged is lost by it.
+constexpr unsigned kStopSeconds = 10;
+
+std::int64_t wallClockMs() {
+    using namespace std::chrono;
+    return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
+}
+
+/// What is served: the files, and the layers that only the store holds by now.
+Result<std::vector<LayerId>> servedLayers(const LayerFiles& files, SharedStore& store) {
+    auto inFiles = files.list();
+    if (!inFiles) return inFiles;
+    const auto stored = store.use([](CommitStore& opened) { return opened.layers(); });
+    if (!stored) return stored;
+    std::set<LayerId> all(inFiles->begin(), inFiles->end());
+    all.insert(stored->begin(), stored->end());
+    return std::vector(all.begin(), all.end());
+}
+
+ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
+                              const LayerFiles& files) {
+    Project::Options project;
+    project.name = std::filesystem::canonical(options.folder).filename().string();
+    project.maxFrameBytes = options.maxFrameMib * kMib;
+    project.maxBlobBytes = options.maxBlobMib * kMib;
+    project.maxSessions = options.maxSessions;
+    return [=, &store, &files](ProjectHost& host) -> Result<std::unique_ptr<Project>> {
+        auto layers = servedLayers(files, store);
+        if (!layers) return tl::unexpected(layers.error());
+        return store.use([&](CommitStore& opened) -> Result<std::unique_ptr<Project>> {
+            const auto head = opened.head();
+            auto changes = opened.namespaceChanges(Project::firstNamespaceRevision(project, head));
+            if (!changes) return tl::unexpected(changes.error());
+            return std::make_unique<Project>(project, host, head, std::move(*layers),
+                                             std::move(*changes));
+        });
+    };
+}
+
+WebSocketServerOptions transportOptions(const ServerOptions& options) {
+    WebSocketServerOptions transport;
+    transport.host = options.host;
+    transport.port = options.port;
+    transport.maxMessageBytes = options.maxFrameMib * kMib + kMessageSlack;
+    transport.maxConnections = options.maxSessions + kMoreConnections;
+    transport.slowReaderBytes = options.slowReaderMib * kMib;
+    transport.flushInterval = std::chrono::milliseconds(options.flushIntervalMs);
+    transport.allowedOrigins = options.allowedOrigins;
+    return transport;
+}
+
+std::string url(const ServerOptions& options, std::uint16_t port) {
+    const bool isV6 = options.host.find(':') != std::string::npos;
+    return "ws://" + (isV6 ? "[" + options.host + "]" : options.host) + ":" + std::to_string(port);
+}
+
+/// Whole or not at all, for who waits for it to appear.
+Result<void> writePortFile(const std::filesystem::path& path, std::uint16_t port) {
+    const std::filesystem::path draft = path.string() + ".new";
+    std::ofstream file(draft);
+    file << port << '\n';
+    file.close();
+    std::error_code error;
+    if (file) std::filesystem::rename(draft, path, error);
+    if (!file || error)
+        return fail(ErrorCode::InvalidConfiguration, "cannot write " + path.string());
+    return {};
+}
+
+int failed(const Error& error) {
+    std::cerr << "usdlive-server: " << error.message << '\n';
+    return kStartError;
+}
+
+int serve(const ServerOptions& options) {
+    if (!std::filesystem::is_directory(options.folder))
+        return failed(
+            {ErrorCode::InvalidConfiguration, options.folder.string() + " is not a folder"});
+    const auto log = createSpdLog(options.logLevel, options.logFormat);
+
+    // Disk.
+    const auto storeFolder = options.folder / ".usdlive";
+    RocksCommitStoreOptions storeOptions;
+    BlobStoreOptions blobOptions;
+    if (options.durability == "os") storeOptions.durability = Durability::OperatingSystem;
+    if (options.minFreeMib)
+        storeOptions.minFreeBytes = blobOptions.minFreeBytes = *options.minFreeMib * kMib;
+    blobOptions.maxBytes = options.maxBlobMib * kMib;
+    SharedStore store([&] { return createRocksCommitStore(storeFolder / "store", storeOptions); });
+    if (const auto opened = store.open(); !opened) return failed(opened.error());
+    auto blobs = createFileBlobStore(storeFolder / "blobs", blobOptions);
+    if (!blobs) return failed(blobs.error());
+    auto files = createLayerFiles(options.folder, **blobs);
+    if (!files) return failed(files.error());
+
+    // Threads: this one for the network and the project, one that appends, some that read and
+    // write.
+    asio::io_context network(1);
+    asio::thread_pool workers(kWorkers);
+    StorageThread storage(store, *log);
+    Metrics metrics;
+
+    // The project, and who carries its messages.
+    LayerFiles& layerFiles = **files;
+    ProjectFiles projectFiles{
+        std::filesystem::canonical(options.folder), [&] { return servedLayers(layerFiles, store); },
+        [&](const LayerId& layer) { return layerFiles.import(layer); },
+        [&](const LayerId& layer, const LayerDoc& doc) { return layerFiles.save(layer, doc); }};
+    ServerHost host(network, workers, store, storage, **blobs, std::move(projectFiles), metrics,
+                    wallClockMs, *log);
+    if (const auto made = host.start(projectFactory(options, store, **files)); !made)
+        return failed(made.error());
+    HttpRoutes routes;
+    routes["/healthz"] = [&] { return host.health(); };
+    routes["/metrics"] = [&] { return host.metricsPage(); };
+    auto transport = createWebSocketServer(
+        network, transportOptions(options), host, std::move(routes),
+        [&](std::function<void()> job) { asio::post(workers, std::move(job)); }, *log);
+    if (!transport) return failed(transport.error());
+    host.serve(**transport);
+
+    // Until somebody says stop.
+    asio::signal_set signals(network, SIGINT, SIGTERM);
+    signals.async_wait([&](const boost::system::error_code& error, int) {
+        if (error) return;
+        ::alarm(kStopSeconds);
+        log->write(LogLevel::Info, "stopping");
+        host.stop([&] { network.stop(); });
+    });
+
+    const std::uint16_t port = (*transport)->port();
+    if (!(*transport)->isLoopback())
+        log->write(LogLevel::Warning,
+                   "anyone who reaches this address can read and edit: there is no "
+                   "authentication yet",
+                   {{"host", options.host}});
+    if (!options.portFile.empty())
+        if (const auto written = writePortFile(options.portFile, port); !written)
+            return failed(written.error());
+    const auto layers = servedLayers(**files, store);
+    std::cout << "serving " << options.folder.string() << " (" << (layers ? layers->size() : 0)
+              << " layers) at " << url(options, port) << std::endl;
+
+    network.run();
+    transport->reset();
+    workers.stop();
+    workers.join();
+    storage.stop();
+    store.close();
+    log->write(LogLevel::Info, "stopped");
+    return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    ::signal(SIGPIPE, SIG_IGN);
+    const auto options = parseOptions(argc, argv);
+    if (const int* code = std::get_if<int>(&options)) return *code;
+    try {
+        return serve(std::get<ServerOptions>(options));
+    } catch (const std::exception& fault) {
+        std::cerr << "usdlive-server: " << fault.what() << '\n';
+        return kStartError;
+    }
+}

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <mutex>
+
+#include "usdlive/common/usd/ValueCodec.h"
+#include "usdlive/server/project/CommitStore.h"
+
+namespace usdlive::server {
+
+/// Big values found in a file, into the store.
+class BlobKeeper final : public usd::BlobSink {
+public:
+    BlobKeeper(BlobStore& store, std::mutex& writing) : store_(store), writing_(writing) {}
+    void keepBlob(const Hash& hash, SharedBytes bytes) override;
+    /// The first error, if there was one.
+    [[nodiscard]] const Result<void>& kept() const { return kept_; }
+
+private:
+    BlobStore& store_;
+    std::mutex& writing_;  // one writer for a hash
+    Result<void> kept_;
+};
+
+/// Big values of the store, for a file.
+class StoredBlobs final : public usd::BlobSource {
+public:
+    explicit StoredBlobs(const BlobStore& store) : store_(store) {}
+    [[nodiscard]] SharedBytes blob(const Hash& hash) override;
+
+private:
+    const BlobStore& store_;
+};
+
+}  // namespace usdlive::server

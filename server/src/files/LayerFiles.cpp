@@ -1,0 +1,211 @@
+#include "usdlive/server/files/LayerFiles.h"
+
+#include <pxr/usd/sdf/fileFormat.h>
+#include <pxr/usd/sdf/layer.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <mutex>
+
+#include "BlobBridge.h"
+#include "SafeFile.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
+#include "usdlive/common/usd/TfComplaints.h"
+
+namespace usdlive::server {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// No part of a layer's name begins so (LN1).
+constexpr std::string_view kTemporaryPrefix = ".usdlive-save-";
+
+bool isHidden(const fs::path& path) { return path.filename().native().starts_with('.'); }
+
+// Calls `visit` for every file in the folder and below, without following links.
+Result<void> forEachFile(const fs::path& folder, const auto& visit) {
+    std::error_code problem;
+    auto entry = fs::recursive_directory_iterator(
+        folder, fs::directory_options::skip_permission_denied, problem);
+    while (!problem && entry != fs::recursive_directory_iterator()) {
+        std::error_code ignored;
+        const auto type = entry->symlink_status(ignored).type();
+        if (type == fs::file_type::directory && isHidden(entry->path()))
+            entry.disable_recursion_pending();
+        if (type == fs::file_type::regular) visit(entry->path());
+        entry.increment(problem);
+    }
+    if (!problem) return {};
+    return fail(ErrorCode::LayerUnreadable,
+                "the folder " + folder.string() + " cannot be listed: " + problem.message());
+}
+
+class SdfLayerFiles final : public LayerFiles {
+public:
+    SdfLayerFiles(fs::path folder, BlobStore& blobs) : folder_(std::move(folder)), blobs_(blobs) {}
+
+    const fs::path& folder() const override { return folder_; }
+
+    Result<std::vector<LayerId>> list() const override {
+        std::vector<LayerId> layers;
+        auto listed = forEachFile(folder_, [&](const fs::path& path) {
+            if (isHidden(path)) return;
+            if (auto layer = parseLayerId(path.lexically_relative(folder_).native()))
+                layers.push_back(*std::move(layer));
+        });
+        if (!listed) return tl::unexpected(listed.error());
+        std::ranges::sort(layers);
+        return layers;
+    }
+
+    Result<fs::path> resolve(const LayerId& layer) const override {
+        if (auto valid = parseLayerId(layer.value); !valid) return tl::unexpected(valid.error());
+        fs::path path = folder_;
+        for (const fs::path& part : fs::path(layer.value)) {
+            path /= part;
+            std::error_code ignored;
+            if (fs::symlink_status(path, ignored).type() == fs::file_type::symlink)
+                return isLink(layer, path);
+        }
+        return path;
+    }
+
+    Result<LayerDoc> import(const LayerId& layer) override {
+        const auto path = resolve(layer);
+        if (!path) return tl::unexpected(path.error());
+        std::error_code ignored;
+        const auto type = fs::status(*path, ignored).type();
+        if (type == fs::file_type::not_found)
+            return fail(ErrorCode::LayerNotFound, "the project has no file " + layer.value);
+        const auto unreadable = [&](const std::string& reason) {
+            return fail(ErrorCode::LayerUnreadable, layer.value + " cannot be read: " + reason);
+        };
+        if (type != fs::file_type::regular) return unreadable("it is no file");
+        const usd::TfComplaints complaints;
+        const auto opened = pxr::SdfLayer::OpenAsAnonymous(path->string());
+        if (!opened) return unreadable(complaints.text("OpenUSD gives no reason"));
+        BlobKeeper keeper(blobs_, importing_);
+        auto doc = usd::readLayer(opened, keeper);
+        if (!keeper.kept()) return tl::unexpected(keeper.kept().error());
+        if (!doc) return unreadable(doc.error().message);
+        if (auto harmless = checkHarmless(*doc); !harmless)
+            return unreadable(harmless.error().message);
+        return doc;
+    }
+
+    Result<void> save(const LayerId& layer, const LayerDoc& doc) override {
+        auto saved =
+            resolve(layer).and_then([&](const fs::path& path) { return write(path, doc); });
+        if (saved || saved.error().code == ErrorCode::InvalidLayerName) return saved;
+        return fail(ErrorCode::SaveFailed,
+                    layer.value + " could not be saved: " + saved.error().message);
+    }
+
+private:
+    [[nodiscard]] tl::unexpected<Error> isLink(const LayerId& layer, const fs::path& link) const {
+        std::error_code problem;
+        const fs::path real = fs::canonical(link, problem);
+        const fs::path inside = real.lexically_relative(folder_);
+        if (problem || inside.empty() || *inside.begin() == "..")
+            return fail(ErrorCode::InvalidLayerName, layer.value + " leads out of the project");
+        return fail(ErrorCode::InvalidLayerName,
+                    layer.value + " leads over a link to " + inside.string() + ": use that name");
+    }
+
+    // D1, which a file can break and an edit cannot.
+    static Result<void> checkHarmless(const LayerDoc& doc) {
+        constexpr const char* kField = "timeCodesPerSecond";
+        const FieldValue* value = doc.field("/", kField);
+        if (!value) return {};
+        LayerDoc copy = doc;
+        const auto set = copy.apply("/", SetField{kField, {}, *value});
+        if (!set) return tl::unexpected(set.error());
+        return {};
+    }
+
+    // What a file of that name is written as: "usda" or "usdc".
+    static std::string formatOf(const fs::path& path) {
+        if (path.extension() == ".usda") return "usda";
+        std::error_code ignored;
+        const auto text = pxr::SdfFileFormat::FindById(pxr::TfToken("usda"));
+        const bool isText = path.extension() == ".usd" && fs::exists(path, ignored) && text &&
+                            text->CanRead(path.string());
+        return isText ? "usda" : "usdc";
+    }
+
+    Result<void> write(const fs::path& path, const LayerDoc& doc) {
+        StoredBlobs blobs(blobs_);
+        const std::string format = formatOf(path);
+        const auto layer = usd::makeLayer(doc, blobs, format);
+        if (!layer) return tl::unexpected(layer.error());
+        return makeFolders(path.parent_path())
+            .and_then([&] { return SafeFile::create(path, kTemporaryPrefix, format); })
+            .and_then([&](SafeFile file) -> Result<void> {
+                if (auto done = exportTo(file.temporary(), **layer); !done) return done;
+                if (auto same = compare(file.temporary(), **layer); !same) return same;
+                return file.replace();
+            });
+    }
+
+    static Result<void> makeFolders(const fs::path& folder) {
+        std::error_code problem;
+        fs::create_directories(folder, problem);
+        if (!problem) return {};
+        return fail(ErrorCode::SaveFailed, "its folder cannot be made: " + problem.message());
+    }
+
+    static Result<void> exportTo(const fs::path& file, const pxr::SdfLayer& layer) {
+        const usd::TfComplaints complaints;
+        errno = 0;
+        if (layer.Export(file.string()) && !complaints.hasErrors()) return {};
+        return fail(ErrorCode::SaveFailed, complaints.text(std::strerror(errno)));
+    }
+
+    // Read back, does the file hold what it should?
+    static Result<void> compare(const fs::path& file, const pxr::SdfLayer& layer) {
+        const usd::TfComplaints complaints;
+        const auto written = pxr::SdfLayer::OpenAsAnonymous(file.string());
+        std::string is, ought;
+        if (!written || !written->ExportToString(&is) || !layer.ExportToString(&ought))
+            return fail(ErrorCode::SaveFailed, "what was written cannot be read back: " +
+                                                   complaints.text("OpenUSD gives no reason"));
+        if (is == ought) return {};
+        return fail(ErrorCode::SaveFailed,
+                    "what was written reads back differently" + differenceOf(is, ought));
+    }
+
+    static std::string differenceOf(const std::string& is, const std::string& ought) {
+        const auto [at, unused] = std::ranges::mismatch(is, ought);
+        const auto line = std::count(is.begin(), at, '\n') + 1;
+        return ", from line " + std::to_string(line) + " of its text on";
+    }
+
+    const fs::path folder_;
+    BlobStore& blobs_;
+    std::mutex importing_;  // a blob has one writer
+};
+
+void removeLeftovers(const fs::path& folder) {
+    std::vector<fs::path> leftovers;
+    (void)forEachFile(folder, [&](const fs::path& path) {
+        if (path.filename().native().starts_with(kTemporaryPrefix)) leftovers.push_back(path);
+    });
+    std::error_code ignored;
+    for (const auto& path : leftovers) fs::remove(path, ignored);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<LayerFiles>> createLayerFiles(const fs::path& folder, BlobStore& blobs) {
+    std::error_code problem;
+    const fs::path real = fs::canonical(folder, problem);
+    if (problem || !fs::is_directory(real))
+        return fail(ErrorCode::InvalidConfiguration,
+                    folder.string() + " is no folder that can be served");
+    removeLeftovers(real);
+    return std::make_unique<SdfLayerFiles>(real, blobs);
+}
+
+}  // namespace usdlive::server

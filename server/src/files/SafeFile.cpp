@@ -1,0 +1,75 @@
+#include "SafeFile.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <utility>
+
+namespace usdlive::server {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr mode_t kPermissionBits = 07777;
+constexpr mode_t kNewFile = 0644;
+
+tl::unexpected<Error> failedTo(const char* what) {
+    return fail(ErrorCode::SaveFailed, std::string(what) + ": " + std::strerror(errno));
+}
+
+Result<void> syncPath(const fs::path& path, int flags) {
+    const int file = ::open(path.c_str(), flags | O_CLOEXEC);
+    if (file < 0) return failedTo("cannot be opened to be synced");
+    const bool synced = ::fsync(file) == 0;
+    const int problem = errno;
+    ::close(file);
+    errno = problem;
+    if (!synced) return failedTo("cannot be brought to the disk");
+    return {};
+}
+
+}  // namespace
+
+SafeFile::SafeFile(fs::path target, fs::path temporary)
+    : target_(std::move(target)), temporary_(std::move(temporary)) {}
+
+SafeFile::SafeFile(SafeFile&& other) noexcept
+    : target_(std::move(other.target_)), temporary_(std::exchange(other.temporary_, {})) {}
+
+SafeFile::~SafeFile() {
+    std::error_code ignored;
+    if (!temporary_.empty()) fs::remove(temporary_, ignored);
+}
+
+Result<SafeFile> SafeFile::create(const fs::path& target, std::string_view prefix,
+                                  std::string_view extension) {
+    struct stat present{};
+    const bool exists = ::stat(target.c_str(), &present) == 0;
+    if (exists && ::access(target.c_str(), W_OK) != 0) return failedTo("may not be written to");
+    const std::string suffix = "." + std::string(extension);
+    std::string name = target.parent_path() / (std::string(prefix) + "XXXXXX" + suffix);
+    const int file = ::mkostemps(name.data(), int(suffix.size()), O_CLOEXEC);
+    if (file < 0) return failedTo("its folder cannot be written to");
+    SafeFile safe(target, name);
+    const mode_t mode = exists ? present.st_mode & kPermissionBits : kNewFile;
+    const bool permitted = ::fchmod(file, mode) == 0;
+    ::close(file);
+    if (!permitted) return failedTo("cannot be given its permissions");
+    return safe;
+}
+
+Result<void> SafeFile::replace() {
+    if (auto synced = syncPath(temporary_, O_RDONLY); !synced) return synced;
+    if (std::rename(temporary_.c_str(), target_.c_str()) != 0)
+        return failedTo("cannot be put into place");
+    temporary_.clear();
+    return syncPath(target_.parent_path(), O_RDONLY | O_DIRECTORY);
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,212 @@
+// What was executed, until it is durable and everybody has been told.
+#include <stdexcept>
+
+#include "ProjectImpl.h"
+#include "usdlive/server/project/StateChanges.h"
+
+namespace usdlive::server {
+
+namespace {
+
+ByteView withoutLength(const Bytes& frame) {
+    return ByteView(frame).subspan(sizeof(std::uint32_t));
+}
+
+}  // namespace
+
+/// Makes a commit of what was executed. False, and nothing done, when it does not fit into a frame.
+bool Project::Impl::commit(Session& session, Author& author, const Transaction& transaction,
+                           Executed executed, std::uint64_t mark) {
+    InFlightCommit made;
+    CommitRecord record;
+    record.revision = made.revision = executed_ + 1;
+    record.id = made.id = transaction.id;
+    record.changes = stateChanges(docs_, executed.edits);
+    record.namespaceChanges = namespaceChanges(made.revision, executed.edits);
+    made.session = session.id;
+    made.gesture = transaction.gesture;
+    made.edits = executed.edits.size();
+    made.dropped = executed.dropped.size();
+    made.mark = mark;
+
+    CommitFrame frame;
+    frame.commit = {made.revision,
+                    epoch_,
+                    made.id,
+                    session.user,
+                    host_.wallClockMs(),
+                    transaction.gesture,
+                    {},
+                    {},
+                    std::move(executed.dropped),
+                    executedHash_};
+    for (ExecutedEdit& edit : executed.edits) {
+        made.layers.insert(edit.edit.layer);
+        frame.commit.edits.push_back(std::move(edit.edit));
+    }
+    record.frame = std::make_shared<const Bytes>(encodeFrame(frame));
+    const ByteView encoded = withoutLength(*record.frame);
+    if (encoded.size() > options_.maxFrameBytes) return false;
+    record.hash = made.hash = chainHash(executedHash_, encoded);
+    made.broadcast = record.frame;
+
+    history_.executed(made.revision);
+    author.inFlight[transaction.id.sequence] = made.revision;
+    author.newest = made.revision;
+    append(std::move(made), std::move(record));
+    return true;
+}
+
+void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
+    for (const LayerId& layer : commit.layers) layers_[layer].changed = commit.revision;
+    executed_ = commit.revision;
+    executedHash_ = commit.hash;
+    if (executed_ > options_.namespaceLogRevisions)
+        history_.prune(executed_ - options_.namespaceLogRevisions);
+    inFlight_.push_back(std::move(commit));
+    host_.append(std::move(record));
+}
+
+void Project::Impl::appended(Revision upTo) {
+    while (!inFlight_.empty() && inFlight_.front().revision <= upTo) {
+        const InFlightCommit commit = std::move(inFlight_.front());
+        inFlight_.pop_front();
+        commitDurable(commit);
+    }
+    settle();
+}
+
+void Project::Impl::commitDurable(const InFlightCommit& commit) {
+    durable_ = commit.revision;
+    durableHash_ = commit.hash;
+    recent_.add({commit.revision, commit.broadcast, commit.hash});
+    ++counters_.commits;
+    counters_.edits += commit.edits;
+    counters_.dropped += commit.dropped;
+    if (commit.gesture != 0) previews_.end(commit.id.client, commit.gesture);
+    for (auto& [id, session] : sessions_) {
+        if (!session.isLive()) continue;
+        host_.send(id, commit.broadcast);
+        session.position = commit.revision;
+        ++counters_.delivered;
+        releaseAnswers(session);
+    }
+    if (const auto author = authors_.find(commit.id.client); author != authors_.end()) {
+        author->second.inFlight.erase(commit.id.sequence);
+        forgetAuthor(commit.id.client);
+    }
+}
+
+/// After durable_ has moved: whoever waited for it.
+void Project::Impl::settle() {
+    for (auto& [id, session] : sessions_) pump(session);
+    while (!readyOpens_.empty() && readyOpens_.front().revision <= durable_) {
+        sendOpened(readyOpens_.front());
+        readyOpens_.pop_front();
+    }
+    while (!readySaves_.empty() && readySaves_.front().revision <= durable_) {
+        sendSave(readySaves_.front());
+        readySaves_.pop_front();
+    }
+}
+
+void Project::Impl::appendFailed(const Error& error, const CommitStore::Head& head) {
+    appended(head.revision);
+    if (head.revision != durable_ || head.hash != durableHash_)
+        throw std::logic_error("the store's head is not a commit of this project");
+    if (head.epoch > epoch_)
+        storeFailed_ = false;  // it was opened anew
+    else if (error.code != ErrorCode::StorageFull)
+        storeFailed_ = true;
+    epoch_ = std::max(epoch_, head.epoch);
+    const std::vector<InFlightCommit> lost(std::make_move_iterator(inFlight_.begin()),
+                                           std::make_move_iterator(inFlight_.end()));
+    inFlight_.clear();
+    if (!lost.empty()) takeBack(error, lost);
+}
+
+void Project::Impl::takeBack(const Error& error, const std::vector<InFlightCommit>& lost) {
+    executed_ = durable_;
+    executedHash_ = durableHash_;
+    history_.truncate(lost.front().mark);
+    for (auto& [client, author] : authors_) author.newest = std::min(author.newest, durable_);
+    for (const InFlightCommit& commit : lost) {
+        ++counters_.refused;
+        const auto author = authors_.find(commit.id.client);
+        if (author != authors_.end()) {
+            author->second.creations.forget(commit.id.sequence);
+            author->second.inFlight.erase(commit.id.sequence);
+            forgetAuthor(commit.id.client);
+        }
+        if (commit.gesture != 0 && previews_.end(commit.id.client, commit.gesture))
+            withdraw(commit.id.client, commit.gesture);
+    }
+    for (auto& [id, session] : sessions_) {
+        refuseLost(session, error, lost);
+        releaseAnswers(session);
+    }
+    reloadLost(error, lost);
+    settle();
+    workAll();
+}
+
+/// SE5: the refusals of what was lost take their place among the answers that waited for it. A
+/// session that has not submitted it, nor again, hears nothing: when it does, that is executed like
+/// any other.
+void Project::Impl::refuseLost(Session& session, const Error& error,
+                               const std::vector<InFlightCommit>& lost) {
+    std::deque<Answer> waiting = std::move(session.answers);
+    session.answers.clear();
+    const auto keepUntil = [&](Revision revision) {
+        for (; !waiting.empty() && waiting.front().after < revision; waiting.pop_front()) {
+            Answer& answer = waiting.front();
+            if (answer.repeats && answer.after > durable_) continue;  // refused below
+            answer.after = std::min(answer.after, durable_);
+            session.answers.push_back(std::move(answer));
+        }
+    };
+    std::set<Revision> repeated;
+    for (const Answer& answer : waiting)
+        if (answer.repeats) repeated.insert(answer.after);
+    for (const InFlightCommit& commit : lost) {
+        if (commit.imported) continue;  // nobody's
+        if (commit.session != session.id && !repeated.contains(commit.revision)) continue;
+        keepUntil(commit.revision);
+        const RefusalFrame refusal{commit.id.sequence, 0, error};
+        session.answers.push_back(
+            {durable_, std::make_shared<const Bytes>(encodeFrame(refusal)), false, false});
+    }
+    keepUntil(~Revision(0));
+}
+
+/// The layers the lost commits had changed stand at what the store holds again.
+void Project::Impl::reloadLost(const Error& error, const std::vector<InFlightCommit>& lost) {
+    std::set<LayerId> changed, imported;
+    for (const InFlightCommit& commit : lost) {
+        changed.insert(commit.layers.begin(), commit.layers.end());
+        if (commit.imported) imported.insert(*commit.imported);
+    }
+    for (const LayerId& layer : changed) {
+        docs_.erase(layer);
+        layers_[layer].state = NotLoaded{};
+    }
+    std::deque<ReadyOpen> opens = std::move(readyOpens_);
+    readyOpens_.clear();
+    for (ReadyOpen& ready : opens) {
+        ready.revision = std::min(ready.revision, durable_);
+        if (!changed.contains(ready.layer)) {
+            readyOpens_.push_back(std::move(ready));
+        } else if (!imported.contains(ready.layer)) {
+            layers_[ready.layer].opens.push_back(ready.open);
+        } else if (Session* session = find(ready.open.session)) {
+            sendError(*session, error, ready.open.request);
+        }
+    }
+    for (ReadySave& ready : readySaves_) saves_.push_back(std::move(ready.save));
+    readySaves_.clear();
+    for (const LayerId& layer : changed)
+        if (!imported.contains(layer)) load(layer);
+    continueSaves();
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,175 @@
+// Layers: loaded on first use, imported if the store has none, opened by sessions.
+#include "ProjectImpl.h"
+#include "usdlive/server/project/StateChanges.h"
+
+namespace usdlive::server {
+
+namespace {
+
+// An import is one commit; FlatBuffers end at 2 GiB.
+constexpr std::size_t kMaxImportBytes = 1 << 30;
+
+constexpr std::size_t kMaxHistoryReads = 16;  // of one session at once: each replays a layer
+constexpr std::size_t kMaxOpens = 10'000;     // that wait for one layer
+
+Result<std::vector<Edit>> editsOf(const LayerId& layer, const LayerDoc& doc) {
+    std::vector<Edit> edits;
+    std::size_t bytes = 0;
+    Bytes scratch;
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        if (bytes > kMaxImportBytes) return;
+        const Address address{std::string(spec.path), {}};
+        if (spec.kind != SpecKind::PseudoRoot)
+            edits.push_back({layer, address, CreateSpec{spec.kind}});
+        for (const auto& [name, value] : *spec.fields) {
+            scratch.clear();
+            encodeFieldValue(value, scratch);
+            bytes += scratch.size() + spec.path.size() + 128;
+            edits.push_back({layer, address, SetField{name, {}, value}});
+        }
+        bytes += spec.path.size() + 64;
+    });
+    if (bytes > kMaxImportBytes)
+        return fail(ErrorCode::LayerUnreadable, layer.value + " is too large to be imported");
+    return edits;
+}
+
+}  // namespace
+
+void Project::Impl::setLayers(const std::vector<LayerId>& layers) {
+    const std::set<LayerId> listed(layers.begin(), layers.end());
+    std::erase_if(layers_, [&](const auto& entry) {
+        return std::holds_alternative<NotLoaded>(entry.second.state) &&
+               !listed.contains(entry.first);
+    });
+    for (const LayerId& layer : listed) layers_.try_emplace(layer);
+}
+
+void Project::Impl::openLayer(Session& session, const OpenLayer& open) {
+    const auto found = layers_.find(open.layer);
+    if (found == layers_.end())
+        return sendError(session,
+                         {ErrorCode::LayerNotFound, "the project has no layer " + open.layer.value},
+                         open.request);
+    if (open.revision != 0) return openHistory(session, open);
+    const WaitingOpen waiting{session.id, open.request};
+    if (std::holds_alternative<Loaded>(found->second.state)) return openLoaded(waiting, open.layer);
+    if (found->second.opens.size() >= kMaxOpens)
+        return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
+    found->second.opens.push_back(waiting);
+    if (std::holds_alternative<NotLoaded>(found->second.state)) load(open.layer);
+}
+
+void Project::Impl::openHistory(Session& session, const OpenLayer& open) {
+    if (open.revision > durable_)
+        return sendError(
+            session,
+            {ErrorCode::FutureRevision, "the newest revision is " + std::to_string(durable_)},
+            open.request);
+    if (session.historyReads.size() >= kMaxHistoryReads ||
+        !session.historyReads.emplace(open.request, open).second)
+        return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
+    host_.readHistory(session.id, open.request, open.layer, open.revision);
+}
+
+void Project::Impl::historyRead(SessionId id, std::uint64_t request, Result<LayerDoc> doc) {
+    Session* session = find(id);
+    if (!session || !session->isGreeted()) return;
+    const auto found = session->historyReads.find(request);
+    if (found == session->historyReads.end()) return;
+    const OpenLayer open = found->second;
+    session->historyReads.erase(found);
+    if (!doc) return sendError(*session, doc.error(), request);
+    sendOpened({{id, request}, open.layer, std::move(*doc), open.revision});
+}
+
+/// A snapshot is of what was executed, and sent once that is durable.
+void Project::Impl::openLoaded(const WaitingOpen& open, const LayerId& layer) {
+    ReadyOpen ready{open, layer, docs_.at(layer), executed_};
+    if (ready.revision <= durable_)
+        sendOpened(ready);
+    else
+        readyOpens_.push_back(std::move(ready));
+}
+
+void Project::Impl::sendOpened(const ReadyOpen& ready) {
+    const auto& [open, layer, doc, revision] = ready;
+    Session* session = find(open.session);
+    if (!session || !session->isGreeted()) return;
+    send(*session, LayerOpened{open.request, layer, revision, doc.specCount()});
+    host_.sendSnapshot(open.session, open.request, doc);
+}
+
+void Project::Impl::load(const LayerId& layer) {
+    layers_[layer].state = Loading{};
+    host_.loadLayer(layer);
+}
+
+void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded) {
+    const auto found = layers_.find(layer);
+    if (found == layers_.end() || !std::holds_alternative<Loading>(found->second.state)) return;
+    if (!loaded) return loadFailed(layer, loaded.error());
+    docs_.insert_or_assign(layer, loaded->doc);
+    found->second.state = Loaded{};
+    if (loaded->imported) {
+        if (const auto imported = import(layer, loaded->doc); !imported) {
+            docs_.erase(layer);
+            return loadFailed(layer, imported.error());
+        }
+    }
+    const auto opens = std::exchange(found->second.opens, {});
+    for (const WaitingOpen& open : opens) openLoaded(open, layer);
+    workAll();
+    continueSaves();
+}
+
+/// Whoever waits for it is told; whoever asks next makes another attempt.
+void Project::Impl::loadFailed(const LayerId& layer, const Error& error) {
+    LayerEntry& entry = layers_[layer];
+    entry.state = LoadFailed{error};
+    const auto opens = std::exchange(entry.opens, {});
+    for (const WaitingOpen& open : opens)
+        if (Session* session = find(open.session); session && session->isGreeted())
+            sendError(*session, error, open.request);
+    workAll();
+    continueSaves();
+    entry.state = NotLoaded{};
+}
+
+void Project::Impl::workAll() {
+    for (auto& [id, session] : sessions_) work(session);
+}
+
+/// The layer came from its file: its whole content becomes a commit, so that the history holds all
+/// there is. Others are told by a stub (CH2).
+Result<void> Project::Impl::import(const LayerId& layer, const LayerDoc& doc) {
+    if (storeFailed_) return fail(ErrorCode::StorageFailed, "the store has failed");
+    if (!host_.hasSpace()) return fail(ErrorCode::StorageFull, "the disk of the server is full");
+    auto edits = editsOf(layer, doc);
+    if (!edits) return tl::unexpected(edits.error());
+
+    InFlightCommit made;
+    CommitRecord record;
+    record.revision = made.revision = executed_ + 1;
+    record.imported = made.imported = layer;
+    record.changes = stateChanges(layer, doc);
+    made.layers = {layer};
+    made.edits = edits->size();
+    made.mark = history_.log().mark();
+
+    CommitFrame frame;
+    frame.commit = {made.revision,     epoch_, {},           {}, host_.wallClockMs(), 0, layer,
+                    std::move(*edits), {},     executedHash_};
+    record.frame = std::make_shared<const Bytes>(encodeFrame(frame));
+    record.hash = made.hash =
+        chainHash(executedHash_, ByteView(*record.frame).subspan(sizeof(std::uint32_t)));
+    frame.commit.edits.clear();
+    frame.hashAfter = made.hash;
+    made.broadcast = std::make_shared<const Bytes>(encodeFrame(frame));
+    const Revision revision = made.revision;
+    append(std::move(made), std::move(record));
+    layers_[layer].saved = revision;
+    return {};
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,39 @@
+#include "Previews.h"
+
+namespace usdlive::server {
+
+std::uint64_t Previews::keep(const ClientId& author, std::uint64_t gesture, SharedBytes frame) {
+    auto& gestures = kept_[author];
+    gestures[gesture] = std::move(frame);
+    if (gestures.size() <= kMaxGestures) return 0;
+    // Clients number their gestures upwards. The one just kept stays, whatever its number.
+    auto oldest = gestures.begin();
+    if (oldest->first == gesture) ++oldest;
+    const std::uint64_t pushedOut = oldest->first;
+    gestures.erase(oldest);
+    return pushedOut;
+}
+
+bool Previews::end(const ClientId& author, std::uint64_t gesture) {
+    const auto found = kept_.find(author);
+    if (found == kept_.end() || found->second.erase(gesture) == 0) return false;
+    if (found->second.empty()) kept_.erase(found);
+    return true;
+}
+
+std::vector<std::uint64_t> Previews::endAll(const ClientId& author) {
+    std::vector<std::uint64_t> ended;
+    const auto found = kept_.find(author);
+    if (found == kept_.end()) return ended;
+    for (const auto& [gesture, frame] : found->second) ended.push_back(gesture);
+    kept_.erase(found);
+    return ended;
+}
+
+void Previews::forEach(
+    const std::function<void(const ClientId&, const SharedBytes&)>& visit) const {
+    for (const auto& [author, gestures] : kept_)
+        for (const auto& [gesture, frame] : gestures) visit(author, frame);
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,297 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <unordered_set>
+#include <variant>
+#include <vector>
+
+#include "NamespaceHistory.h"
+#include "Previews.h"
+#include "RecentCommits.h"
+#include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/server/project/Project.h"
+
+namespace usdlive::server {
+
+// --- Sessions
+
+/// Said nothing yet.
+struct AwaitingHello {};
+/// Wants to resume at a revision whose hash is being read from the store. What it sends meanwhile
+/// waits.
+struct CheckingResume {
+    Hello hello;
+    std::vector<Bytes> waiting;  ///< frames
+    std::size_t waitingBytes = 0;
+};
+struct Greeted {};
+/// Told to go, not gone yet.
+struct Closing {};
+using SessionPhase = std::variant<AwaitingHello, CheckingResume, Greeted, Closing>;
+
+/// Gets every commit as it becomes durable.
+struct Live {};
+/// Gets commits of the past until it has reached the newest.
+struct CatchingUp {};
+/// Gets the commits [next, to] again; live ones wait until it has them.
+struct SendingLog {
+    std::uint64_t request = 0;
+    Revision next = 0, to = 0;
+};
+using SessionStream = std::variant<Live, CatchingUp, SendingLog>;
+
+/// What commits are read from the store for. One read of a session is under way at a time.
+enum class ReadPurpose { ResumeCheck, Stream, Creations };
+struct Read {
+    ReadPurpose purpose{};
+    Revision from = 0, to = 0;
+    std::uint64_t sequence = 0;  ///< of Creations
+};
+
+struct QueuedTransaction {
+    Transaction transaction;
+    std::size_t bytes = 0;
+    std::set<std::uint64_t> lookedUp;  ///< transactions whose creations were asked of the store
+};
+
+/// To the author of a transaction; stays behind that author's earlier commits (SE5).
+struct Answer {
+    Revision after = 0;
+    SharedBytes frame;
+    bool repeats = false;  ///< says that a transaction is committed already, by `after`
+    bool closing = false;
+};
+
+struct Session {
+    SessionId id = 0;
+    SessionPhase phase;
+    ClientId client;
+    UserName user;
+    Revision greetedAt = 0;  ///< the newest durable commit then
+    Revision position = 0;   ///< commits up to this one were sent
+    SessionStream stream;
+    std::deque<RequestLog> logs;  ///< asked for and not begun
+    std::deque<Read> reads;
+    std::deque<QueuedTransaction> transactions;
+    std::size_t transactionBytes = 0;
+    std::deque<Answer> answers;
+    std::map<std::uint64_t, OpenLayer> historyReads;  ///< by request
+    /// By request: what the host was not asked to save.
+    std::map<std::uint64_t, std::vector<LayersSaved::Failure>> failedSaves;
+
+    [[nodiscard]] bool isGreeted() const { return std::holds_alternative<Greeted>(phase); }
+    [[nodiscard]] bool isLive() const {
+        return isGreeted() && std::holds_alternative<Live>(stream);
+    }
+};
+
+/// A client, over all its connections.
+struct Author {
+    OwnCreations creations;
+    std::map<std::uint64_t, Revision> inFlight;  ///< by sequence: executed and not durable yet
+    Revision newest = 0;                         ///< of its commits, as far as known
+};
+
+// --- Layers
+
+struct WaitingOpen {
+    SessionId session = 0;
+    std::uint64_t request = 0;
+};
+struct NotLoaded {};
+struct Loading {};
+struct Loaded {};
+struct LoadFailed {
+    Error error;
+};
+/// What is known of a layer beside its content.
+struct LayerEntry {
+    std::variant<NotLoaded, Loading, Loaded, LoadFailed> state;
+    std::vector<WaitingOpen> opens;  ///< until it is loaded
+    Revision changed = 0;            ///< by which commit since the start, 0 none
+    Revision saved = 0;
+};
+
+/// A copy of a layer that is sent once everything in it is durable.
+struct ReadyOpen {
+    WaitingOpen open;
+    LayerId layer;
+    LayerDoc doc;
+    Revision revision = 0;
+};
+
+struct SaveRequest {
+    SessionId session = 0;
+    std::uint64_t request = 0;
+    std::set<LayerId> layers;
+    std::vector<LayersSaved::Failure> failed;
+};
+struct ReadySave {
+    SaveRequest save;
+    std::vector<ProjectHost::SaveJob> jobs;
+    Revision revision = 0;
+};
+
+// --- Commits
+
+/// Executed and handed to the host, not durable yet.
+struct InFlightCommit {
+    Revision revision = 0;
+    SharedBytes broadcast;
+    Hash hash;
+    TransactionId id;
+    SessionId session = 0;  ///< that submitted it
+    std::uint64_t gesture = 0;
+    std::size_t edits = 0, dropped = 0;
+    std::set<LayerId> layers;
+    std::optional<LayerId> imported;
+    std::uint64_t mark = 0;  ///< of the NamespaceLog before it
+};
+
+class Project::Impl {
+public:
+    Impl(Options options, ProjectHost& host, CommitStore::Head head, std::vector<LayerId> layers,
+         std::vector<NamespaceChange> changes);
+
+    // Sessions.cpp
+    void connected(SessionId id);
+    void received(SessionId id, ByteView message);
+    void disconnected(SessionId id);
+
+    // Stream.cpp
+    void drained(SessionId id);
+    void commitsRead(SessionId id, Result<std::vector<StoredCommit>> commits);
+
+    // Commits.cpp
+    void appended(Revision upTo);
+    void appendFailed(const Error& error, const CommitStore::Head& head);
+
+    // Layers.cpp
+    void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
+    void historyRead(SessionId id, std::uint64_t request, Result<LayerDoc> doc);
+    void setLayers(const std::vector<LayerId>& layers);
+
+    // Blobs.cpp
+    void blobWritten(SessionId id, const Hash& hash, const Result<bool>& whole);
+
+    // Saves.cpp
+    void layersSaved(SessionId id, std::uint64_t request, LayersSaved outcome);
+
+    [[nodiscard]] Revision durableRevision() const { return durable_; }
+    [[nodiscard]] const ProjectCounters& counters() const { return counters_; }
+    [[nodiscard]] std::size_t sessionCount() const { return sessions_.size(); }
+    [[nodiscard]] const LayerDoc* layer(const LayerId& layer) const;
+
+private:
+    // Sessions.cpp: what arrives and who sent it.
+    Session* find(SessionId id);
+    void receiveFrame(Session& session, ByteView frame);
+    void receiveControl(Session& session, const std::string& json);
+    void receive(Session& session, const ControlMessage& message);
+    void greet(Session& session, const Hello& hello);
+    void checkResume(Session& session);
+    void resumeChecked(Session& session, const Result<Hash>& hash);
+    void welcome(Session& session, std::optional<Error> whyNotResumed);
+    void send(Session& session, const ControlMessage& message);
+    void sendError(Session& session, const Error& error, std::optional<std::uint64_t> request = {},
+                   std::optional<Hash> blob = {});
+    void supersede(const ClientId& client);
+    void close(Session& session, const Error& error);
+    [[nodiscard]] bool isConnected(const ClientId& client) const;
+    void forgetAuthor(const ClientId& client);
+
+    // Stream.cpp: commits of the past, until a session has caught up.
+    void pump(Session& session);
+    void sendPast(Session& session, const SharedBytes& frame);
+    void requestRead(Session& session, Read read);
+    void streamRead(Session& session, Result<std::vector<StoredCommit>> commits);
+    void requestLog(Session& session, const RequestLog& request);
+    void beginLog(Session& session);
+    void endLog(Session& session);
+    void becomeLive(Session& session);
+    void releaseAnswers(Session& session);
+    [[nodiscard]] std::optional<Hash> knownHash(Revision revision) const;
+
+    // Transactions.cpp: what authors submit, until it is executed.
+    void submit(Session& session, Transaction transaction, std::size_t bytes);
+    void work(Session& session);
+    bool workOff(Session& session, QueuedTransaction& queued);
+    [[nodiscard]] std::optional<Refused> objection(const Author& author,
+                                                   const QueuedTransaction& queued) const;
+    [[nodiscard]] std::optional<Refused> blobObjection(const Transaction& transaction) const;
+    [[nodiscard]] std::size_t expandedBytes(const Author& author,
+                                            const Transaction& transaction) const;
+    std::variant<bool, Refused> layersReady(const Transaction& transaction);
+    bool creationsKnown(Session& session, Author& author, QueuedTransaction& queued);
+    void learnCreations(Author& author, std::uint64_t sequence, const StoredCommit& stored);
+    void execute(Session& session, Author& author, const QueuedTransaction& queued);
+    void refuse(Session& session, const Transaction& transaction, const Refused& refused);
+    void answer(Session& session, Answer answer);
+
+    // Commits.cpp: what was executed, until it is durable and told.
+    bool commit(Session& session, Author& author, const Transaction& transaction, Executed executed,
+                std::uint64_t mark);
+    void append(InFlightCommit commit, CommitRecord record);
+    void commitDurable(const InFlightCommit& commit);
+    void settle();
+    void takeBack(const Error& error, const std::vector<InFlightCommit>& lost);
+    void refuseLost(Session& session, const Error& error, const std::vector<InFlightCommit>& lost);
+    void reloadLost(const Error& error, const std::vector<InFlightCommit>& lost);
+
+    // Layers.cpp
+    void openLayer(Session& session, const OpenLayer& open);
+    void openHistory(Session& session, const OpenLayer& open);
+    void openLoaded(const WaitingOpen& open, const LayerId& layer);
+    void sendOpened(const ReadyOpen& ready);
+    void load(const LayerId& layer);
+    void loadFailed(const LayerId& layer, const Error& error);
+    Result<void> import(const LayerId& layer, const LayerDoc& doc);
+    void workAll();
+
+    // Blobs.cpp
+    void requestBlob(Session& session, const RequestBlob& request);
+    void receiveBlob(Session& session, BlobFrame part);
+
+    // Saves.cpp
+    void saveLayers(Session& session, const SaveLayers& request);
+    void continueSaves();
+    bool continueSave(SaveRequest& save);
+    void sendSave(const ReadySave& ready);
+
+    // Gestures.cpp
+    void receivePreview(Session& session, PreviewFrame preview, std::size_t bytes);
+    void withdraw(const ClientId& author, std::uint64_t gesture);
+    void withdrawAll(const ClientId& author);
+
+    Options options_;
+    ProjectHost& host_;
+    Epoch epoch_;
+    ProjectCounters counters_;
+
+    std::map<SessionId, Session> sessions_;
+    std::unordered_map<ClientId, Author> authors_;
+
+    LayerDocs docs_;  ///< as executed, ahead of what is durable
+    std::map<LayerId, LayerEntry> layers_;
+    std::vector<SaveRequest> saves_;
+
+    NamespaceHistory history_;
+    Revision executed_;
+    Hash executedHash_;
+    std::deque<InFlightCommit> inFlight_;
+    bool storeFailed_ = false;
+
+    Revision durable_;
+    Hash durableHash_;
+    RecentCommits recent_;
+    std::deque<ReadyOpen> readyOpens_;  ///< by revision
+    std::deque<ReadySave> readySaves_;  ///< by revision
+
+    Previews previews_;
+};
+
+}  // namespace usdlive::server

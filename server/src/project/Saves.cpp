@@ -1,0 +1,83 @@
+// Writing layers to their files.
+#include "ProjectImpl.h"
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::size_t kMaxSaves = 1'000;  // not begun yet, of all sessions
+
+}  // namespace
+
+void Project::Impl::saveLayers(Session& session, const SaveLayers& request) {
+    if (saves_.size() + readySaves_.size() >= kMaxSaves)
+        return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
+    SaveRequest save{session.id, request.request, {}, {}};
+    for (const LayerId& layer : request.layers) {
+        if (layers_.contains(layer))
+            save.layers.insert(layer);
+        else
+            save.failed.push_back({layer, std::string(errorName(ErrorCode::LayerNotFound)),
+                                   "the project has no such layer"});
+    }
+    if (request.layers.empty()) {
+        for (const auto& [layer, entry] : layers_)
+            if (entry.changed > entry.saved) save.layers.insert(layer);
+        for (const LayerId& layer : host_.unsavedLayers())
+            if (layers_.contains(layer)) save.layers.insert(layer);
+    }
+    for (const LayerId& layer : save.layers)
+        if (std::holds_alternative<NotLoaded>(layers_[layer].state)) load(layer);
+    saves_.push_back(std::move(save));
+    continueSaves();
+}
+
+void Project::Impl::continueSaves() {
+    std::erase_if(saves_, [this](SaveRequest& save) { return continueSave(save); });
+}
+
+/// True when all its layers are there, and it was handed on.
+bool Project::Impl::continueSave(SaveRequest& save) {
+    for (auto layer = save.layers.begin(); layer != save.layers.end();) {
+        const auto& state = layers_[*layer].state;
+        const auto* failed = std::get_if<LoadFailed>(&state);
+        if (!failed && !std::holds_alternative<Loaded>(state)) return false;
+        if (failed)
+            save.failed.push_back(
+                {*layer, std::string(errorName(failed->error.code)), failed->error.message});
+        layer = failed ? save.layers.erase(layer) : std::next(layer);
+    }
+    ReadySave ready{std::move(save), {}, executed_};
+    for (const LayerId& layer : ready.save.layers)
+        ready.jobs.push_back({layer, docs_.at(layer), executed_});
+    if (ready.revision <= durable_)
+        sendSave(ready);
+    else
+        readySaves_.push_back(std::move(ready));
+    return true;
+}
+
+void Project::Impl::sendSave(const ReadySave& ready) {
+    Session* session = find(ready.save.session);
+    if (!session || !session->isGreeted()) return;
+    const std::uint64_t request = ready.save.request;
+    if (ready.jobs.empty())
+        return send(*session, LayersSaved{request, ready.revision, {}, ready.save.failed});
+    if (!ready.save.failed.empty()) session->failedSaves[request] = ready.save.failed;
+    host_.saveLayers(session->id, request, ready.jobs);
+}
+
+void Project::Impl::layersSaved(SessionId id, std::uint64_t request, LayersSaved outcome) {
+    for (const LayerId& layer : outcome.saved)
+        if (const auto found = layers_.find(layer); found != layers_.end())
+            found->second.saved = std::max(found->second.saved, outcome.revision);
+    Session* session = find(id);
+    if (!session || !session->isGreeted()) return;
+    const auto failed = session->failedSaves.extract(request);
+    if (!failed.empty())
+        outcome.failed.insert(outcome.failed.end(), failed.mapped().begin(), failed.mapped().end());
+    outcome.request = request;
+    send(*session, outcome);
+}
+
+}  // namespace usdlive::server

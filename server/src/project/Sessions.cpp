@@ -1,0 +1,257 @@
+// Who is connected, and what arrives from them.
+#include <algorithm>
+#include <cctype>
+
+#include "ProjectImpl.h"
+
+namespace usdlive::server {
+
+namespace {
+
+// PR1: what a client may find out that the server has, beyond the basics.
+const std::vector<std::string> kFeatures{"history", "log", "previews"};
+
+// A client further behind than this joins anew: snapshots are then quicker than commits.
+constexpr Revision kMaxResumeCommits = 50'000;
+
+template <class... Ts>
+struct Overloaded : Ts... {
+    using Ts::operator()...;
+};
+
+bool isClientId(const std::string& text) {
+    return !text.empty() && text.size() <= 64 &&
+           std::all_of(text.begin(), text.end(), [](unsigned char character) {
+               return std::isalnum(character) || character == '-' || character == '_';
+           });
+}
+
+std::vector<std::string> common(const std::vector<std::string>& asked) {
+    std::vector<std::string> both;
+    for (const std::string& feature : kFeatures)
+        if (std::find(asked.begin(), asked.end(), feature) != asked.end()) both.push_back(feature);
+    return both;
+}
+
+int commonProtocol(const Hello& hello) {
+    const int newest = std::min(hello.protocol, kProtocolVersion);
+    return newest >= std::max(hello.oldestProtocol, kOldestProtocolVersion) ? newest : 0;
+}
+
+}  // namespace
+
+Session* Project::Impl::find(SessionId id) {
+    const auto found = sessions_.find(id);
+    return found == sessions_.end() ? nullptr : &found->second;
+}
+
+void Project::Impl::connected(SessionId id) {
+    Session& session = sessions_[id];
+    session.id = id;
+    if (sessions_.size() > options_.maxSessions)
+        close(session, {ErrorCode::TooManySessions, "the project has " +
+                                                        std::to_string(options_.maxSessions) +
+                                                        " sessions, as many as it may have"});
+}
+
+void Project::Impl::received(SessionId id, ByteView message) {
+    Session* session = find(id);
+    if (!session || std::holds_alternative<Closing>(session->phase)) return;
+    const auto frames = splitMessage(message, options_.maxFrameBytes);
+    if (!frames) return close(*session, frames.error());
+    for (const ByteView frame : *frames) receiveFrame(*session, frame);
+}
+
+void Project::Impl::receiveFrame(Session& session, ByteView bytes) {
+    if (std::holds_alternative<Closing>(session.phase)) return;
+    if (auto* checking = std::get_if<CheckingResume>(&session.phase)) {
+        checking->waitingBytes += bytes.size();
+        if (checking->waitingBytes > options_.maxFrameBytes)
+            return close(session, {ErrorCode::NotGreeted, "too much was sent before the welcome"});
+        checking->waiting.emplace_back(bytes.begin(), bytes.end());
+        return;
+    }
+    auto frame = decodeFrame(bytes);
+    if (!frame) return close(session, frame.error());
+    const auto* control = std::get_if<ControlFrame>(&*frame);
+    if (control) return receiveControl(session, control->json);
+    if (!session.isGreeted())
+        return close(session, {ErrorCode::NotGreeted, "the first frame was no hello"});
+    std::visit(Overloaded{
+                   [&](SubmitFrame& submitted) {
+                       submit(session, std::move(submitted.transaction), bytes.size());
+                   },
+                   [&](PreviewFrame& preview) {
+                       receivePreview(session, std::move(preview), bytes.size());
+                   },
+                   [&](BlobFrame& part) { receiveBlob(session, std::move(part)); },
+                   [&](auto&) {
+                       close(session, {ErrorCode::UnknownFrame,
+                                       "a frame of a kind that only the server sends"});
+                   },
+               },
+               *frame);
+}
+
+void Project::Impl::receiveControl(Session& session, const std::string& json) {
+    const auto message = decodeControl(json);
+    if (!message) return close(session, message.error());
+    const auto* hello = std::get_if<Hello>(&*message);
+    if (hello && session.isGreeted())
+        return close(session, {ErrorCode::SecondHello, "a second hello"});
+    if (hello) return greet(session, *hello);
+    if (!session.isGreeted())
+        return close(session, {ErrorCode::NotGreeted, "the first frame was no hello"});
+    receive(session, *message);
+}
+
+void Project::Impl::receive(Session& session, const ControlMessage& message) {
+    std::visit(Overloaded{
+                   [&](const OpenLayer& open) { openLayer(session, open); },
+                   // Every session gets every commit, so there is nothing to stop.
+                   [&](const CloseLayer&) {},
+                   [&](const RequestBlob& request) { requestBlob(session, request); },
+                   [&](const SaveLayers& request) { saveLayers(session, request); },
+                   [&](const RequestLog& request) { requestLog(session, request); },
+                   [&](const auto&) {
+                       close(session, {ErrorCode::MalformedControl,
+                                       "a message of a type that only the server sends"});
+                   },
+               },
+               message);
+}
+
+void Project::Impl::greet(Session& session, const Hello& hello) {
+    if (commonProtocol(hello) == 0)
+        return close(
+            session,
+            {ErrorCode::UnsupportedProtocol,
+             "the server speaks versions " + std::to_string(kOldestProtocolVersion) + " to " +
+                 std::to_string(kProtocolVersion) + ", the client " +
+                 std::to_string(hello.oldestProtocol) + " to " + std::to_string(hello.protocol)});
+    if (!isClientId(hello.client.value))
+        return close(session, {ErrorCode::MalformedControl,
+                               "a client's id is 1 to 64 letters, digits, '-' or '_'"});
+    supersede(hello.client);
+    session.client = hello.client;
+    session.user = hello.user;
+    session.phase = CheckingResume{hello, {}, 0};
+    if (hello.resume)
+        checkResume(session);
+    else
+        welcome(session, std::nullopt);
+}
+
+/// A connection its client has given up may still deliver. What comes over it now would be executed
+/// beside what the client sends anew, after it was told that it is refused.
+void Project::Impl::supersede(const ClientId& client) {
+    for (auto& [id, other] : sessions_) {
+        if (other.client != client || std::holds_alternative<Closing>(other.phase)) continue;
+        host_.close(id);
+        other.phase = Closing{};
+        other.transactions.clear();
+        other.answers.clear();
+    }
+}
+
+void Project::Impl::checkResume(Session& session) {
+    const auto& resume = *std::get<CheckingResume>(session.phase).hello.resume;
+    const std::string at = "revision " + std::to_string(resume.revision);
+    if (resume.epoch > epoch_)
+        return welcome(session, Error{ErrorCode::HistoryDiverged,
+                                      "the client has seen epoch " + std::to_string(resume.epoch) +
+                                          ", this server has " + std::to_string(epoch_)});
+    if (resume.revision > durable_)
+        return welcome(session, Error{ErrorCode::FutureRevision, "the client is at " + at +
+                                                                     ", the server at " +
+                                                                     std::to_string(durable_)});
+    if (durable_ - resume.revision > kMaxResumeCommits)
+        return welcome(session,
+                       Error{ErrorCode::StaleBase, at + " is too far back to resume from"});
+    if (const auto hash = knownHash(resume.revision))
+        resumeChecked(session, *hash);
+    else
+        requestRead(session, {ReadPurpose::ResumeCheck, resume.revision, resume.revision});
+}
+
+void Project::Impl::resumeChecked(Session& session, const Result<Hash>& hash) {
+    const auto* checking = std::get_if<CheckingResume>(&session.phase);
+    if (!checking) return;
+    if (!hash) return welcome(session, hash.error());
+    const auto& resume = *checking->hello.resume;
+    if (*hash == resume.hash) return welcome(session, std::nullopt);
+    welcome(session, Error{ErrorCode::HistoryDiverged,
+                           "at revision " + std::to_string(resume.revision) +
+                               " the client's history is another than the server's"});
+}
+
+void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed) {
+    const CheckingResume checked = std::move(std::get<CheckingResume>(session.phase));
+    const auto& [hello, waiting, waitingBytes] = checked;
+    const bool resumed = hello.resume && !whyNotResumed;
+    session.phase = Greeted{};
+    session.greetedAt = durable_;
+    session.position = resumed ? hello.resume->revision : durable_;
+    session.stream = CatchingUp{};
+    if (whyNotResumed) sendError(session, *whyNotResumed);
+
+    Welcome message;
+    message.protocol = commonProtocol(hello);
+    message.features = common(hello.features);
+    message.project = options_.name;
+    message.epoch = epoch_;
+    message.revision = durable_;
+    message.hash = durableHash_;
+    message.resumed = resumed;
+    for (const auto& [layer, entry] : layers_) message.layers.push_back({layer});
+    message.maxFrameBytes = options_.maxFrameBytes;
+    message.maxBlobBytes = options_.maxBlobBytes;
+    send(session, message);
+
+    pump(session);
+    for (const Bytes& frame : waiting) receiveFrame(session, frame);
+}
+
+void Project::Impl::send(Session& session, const ControlMessage& message) {
+    host_.send(session.id,
+               std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)})));
+}
+
+void Project::Impl::sendError(Session& session, const Error& error,
+                              std::optional<std::uint64_t> request, std::optional<Hash> blob) {
+    send(session,
+         ErrorMessage{std::string(errorName(error.code)), error.message, false, request, blob});
+}
+
+void Project::Impl::close(Session& session, const Error& error) {
+    send(session, ErrorMessage{std::string(errorName(error.code)), error.message, true, {}, {}});
+    host_.close(session.id);
+    session.phase = Closing{};
+    session.transactions.clear();
+    session.answers.clear();
+}
+
+void Project::Impl::disconnected(SessionId id) {
+    const auto found = sessions_.find(id);
+    if (found == sessions_.end()) return;
+    const ClientId client = found->second.client;
+    sessions_.erase(found);
+    if (client.empty() || isConnected(client)) return;
+    withdrawAll(client);
+    forgetAuthor(client);
+}
+
+bool Project::Impl::isConnected(const ClientId& client) const {
+    return std::any_of(sessions_.begin(), sessions_.end(),
+                       [&client](const auto& entry) { return entry.second.client == client; });
+}
+
+// What is known of an author beyond its durable commits is nothing once none are under way: the
+// rest is looked up in the store when it comes back (see creationsKnown()).
+void Project::Impl::forgetAuthor(const ClientId& client) {
+    const auto author = authors_.find(client);
+    if (author != authors_.end() && author->second.inFlight.empty() && !isConnected(client))
+        authors_.erase(author);
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,262 @@
+// What authors submit, until it is executed or refused.
+#include <algorithm>
+#include <unordered_map>
+
+#include "ProjectImpl.h"
+#include "usdlive/common/layer/SpecPath.h"
+
+namespace usdlive::server {
+
+namespace {
+
+// Transactions of one session that wait for a layer to load; more ends the session.
+constexpr std::size_t kMaxWaitingBytes = 256 * 1024 * 1024;
+
+SharedBytes shared(const Frame& frame) { return std::make_shared<const Bytes>(encodeFrame(frame)); }
+
+/// Every address of a transaction that names a creation.
+void forEachCreation(const Transaction& transaction,
+                     const std::function<void(const Creation&)>& visit) {
+    for (const Edit& edit : transaction.edits) {
+        if (edit.address.creation) visit(*edit.address.creation);
+        const auto* move = std::get_if<MoveSpec>(&edit.action);
+        if (move && move->parent.creation) visit(*move->parent.creation);
+    }
+}
+
+void forEachValue(const EditAction& action, const std::function<void(const FieldValue&)>& visit) {
+    const auto* set = std::get_if<SetField>(&action);
+    if (!set) return;
+    visit(set->value);
+    if (const auto* item = std::get_if<ListItem>(&set->part)) visit(item->item);
+    if (const auto* key = std::get_if<MapKey>(&set->part)) visit(key->key);
+}
+
+/// Does an executed edit stand in the NamespaceLog?
+bool changesNamespace(const Edit& edit) {
+    if (std::holds_alternative<DeleteSpec>(edit.action)) return true;
+    const auto* move = std::get_if<MoveSpec>(&edit.action);
+    return move && specpath::child(move->parent.path, specpath::last(edit.address.path).list,
+                                   move->name) != edit.address.path;
+}
+
+}  // namespace
+
+void Project::Impl::submit(Session& session, Transaction transaction, std::size_t bytes) {
+    if (transaction.id.client != session.client)
+        return close(session, {ErrorCode::MalformedFrame, "a transaction of another client"});
+    session.transactionBytes += bytes;
+    if (session.transactionBytes > kMaxWaitingBytes)
+        return close(session, {ErrorCode::TransactionTooLarge,
+                               "too many transactions wait for a layer to load"});
+    session.transactions.push_back({std::move(transaction), bytes, {}});
+    if (session.transactions.size() == 1) work(session);
+}
+
+void Project::Impl::work(Session& session) {
+    while (session.isGreeted() && !session.transactions.empty()) {
+        QueuedTransaction& queued = session.transactions.front();
+        if (!workOff(session, queued)) return;
+        // An answer may have closed the session and cleared its queue.
+        if (session.transactions.empty()) return;
+        session.transactionBytes -= queued.bytes;
+        session.transactions.pop_front();
+    }
+}
+
+/// False: it has to wait; work() is called again when what it waits for is there.
+bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
+    const Transaction& transaction = queued.transaction;
+    Author& author = authors_[session.client];
+    const auto inFlight = author.inFlight.find(transaction.id.sequence);
+    const auto known = inFlight != author.inFlight.end() ? std::optional(inFlight->second)
+                                                         : host_.committed(transaction.id);
+    if (known) {
+        ++counters_.duplicates;
+        const AlreadyCommitted message{transaction.id.sequence, *known};
+        answer(session, {*known, shared(ControlFrame{encodeControl(message)}), true, false});
+        return true;
+    }
+    if (const auto refused = objection(author, queued)) {
+        refuse(session, transaction, *refused);
+        return true;
+    }
+    const auto ready = layersReady(transaction);
+    if (const auto* refused = std::get_if<Refused>(&ready)) {
+        refuse(session, transaction, *refused);
+        return true;
+    }
+    if (!std::get<bool>(ready) || !creationsKnown(session, author, queued)) return false;
+    execute(session, author, queued);
+    return true;
+}
+
+std::optional<Refused> Project::Impl::objection(const Author& author,
+                                                const QueuedTransaction& queued) const {
+    const Transaction& transaction = queued.transaction;
+    if (storeFailed_)
+        return Refused{{ErrorCode::StorageFailed, "the store has failed and is not opened yet"}};
+    if (transaction.edits.size() > options_.maxEditsPerTransaction ||
+        expandedBytes(author, transaction) + queued.bytes > options_.maxFrameBytes)
+        return Refused{{ErrorCode::TransactionTooLarge,
+                        "a transaction of " + std::to_string(transaction.edits.size()) +
+                            " edits and " + std::to_string(queued.bytes) + " bytes"}};
+    if (!host_.hasSpace())
+        return Refused{{ErrorCode::StorageFull, "the disk of the server is full"}};
+    return blobObjection(transaction);
+}
+
+std::optional<Refused> Project::Impl::blobObjection(const Transaction& transaction) const {
+    std::unordered_set<Hash> checked;
+    for (std::size_t index = 0; index < transaction.edits.size(); ++index) {
+        std::optional<Refused> refused;
+        const auto check = [&](const Value& blob) {
+            if (refused || !checked.insert(blob.hash()).second) return;
+            if (blob.size() > options_.maxBlobBytes)
+                refused = Refused{{ErrorCode::BlobTooLarge,
+                                   "a value of " + std::to_string(blob.size()) + " bytes"}};
+            else if (!host_.hasBlob(blob.hash()))
+                refused = Refused{{ErrorCode::BlobNotFound,
+                                   "the value " + blob.hash().hex() + " was not uploaded"}};
+        };
+        forEachValue(transaction.edits[index].action,
+                     [&](const FieldValue& value) { forEachBlob(value, check); });
+        if (!refused) continue;
+        refused->edit = std::uint32_t(index);
+        return refused;
+    }
+    return std::nullopt;
+}
+
+/// By how much addresses that follow a created spec grow when they are written out: a small
+/// transaction may name a long path very often.
+std::size_t Project::Impl::expandedBytes(const Author& author,
+                                         const Transaction& transaction) const {
+    std::unordered_map<std::uint32_t, std::size_t>
+        own;  // by edit: bytes of the created spec's path
+    const auto lengthOf = [&](const Creation& creation) -> std::size_t {
+        if (creation.sequence == transaction.id.sequence) {
+            const auto found = own.find(creation.edit);
+            return found == own.end() ? 0 : found->second;
+        }
+        const auto* entry = author.creations.find(creation);
+        return entry ? entry->path.size() : 0;
+    };
+    std::size_t expanded = 0;
+    for (std::size_t index = 0; index < transaction.edits.size(); ++index) {
+        const Edit& edit = transaction.edits[index];
+        const std::size_t base = edit.address.creation ? lengthOf(*edit.address.creation) : 0;
+        expanded += base;
+        if (std::holds_alternative<CreateSpec>(edit.action))
+            own[std::uint32_t(index)] = base + edit.address.path.size();
+        const auto* move = std::get_if<MoveSpec>(&edit.action);
+        if (move && move->parent.creation) expanded += lengthOf(*move->parent.creation);
+    }
+    return expanded;
+}
+
+/// Begins to load what is not there yet; false while it is under way.
+std::variant<bool, Refused> Project::Impl::layersReady(const Transaction& transaction) {
+    bool ready = true;
+    const LayerId* previous = nullptr;
+    for (std::size_t index = 0; index < transaction.edits.size(); ++index) {
+        const LayerId& layer = transaction.edits[index].layer;
+        if (previous && *previous == layer) continue;
+        previous = &layer;
+        const auto found = layers_.find(layer);
+        if (found == layers_.end())
+            return Refused{{ErrorCode::LayerNotFound, "the project has no layer " + layer.value},
+                           std::uint32_t(index)};
+        if (const auto* failed = std::get_if<LoadFailed>(&found->second.state))
+            return Refused{failed->error, std::uint32_t(index)};
+        if (std::holds_alternative<NotLoaded>(found->second.state)) load(layer);
+        ready = ready && std::holds_alternative<Loaded>(found->second.state);
+    }
+    return ready;
+}
+
+/// M3: after a restart, or when its author was away, the store is asked what an earlier transaction
+/// created. False while that is under way.
+bool Project::Impl::creationsKnown(Session& session, Author& author, QueuedTransaction& queued) {
+    bool known = true;
+    forEachCreation(queued.transaction, [&](const Creation& creation) {
+        const std::uint64_t sequence = creation.sequence;
+        if (sequence == queued.transaction.id.sequence || author.creations.find(creation)) return;
+        if (author.inFlight.contains(sequence) || !queued.lookedUp.insert(sequence).second) return;
+        const auto revision = host_.committed({session.client, sequence});
+        if (!revision) return;
+        known = false;
+        requestRead(session, {ReadPurpose::Creations, *revision, *revision, sequence});
+    });
+    return known;
+}
+
+void Project::Impl::learnCreations(Author& author, std::uint64_t sequence,
+                                   const StoredCommit& stored) {
+    const auto frame = decodeFrame(ByteView(*stored.frame).subspan(sizeof(std::uint32_t)));
+    const auto* found = frame ? std::get_if<CommitFrame>(&*frame) : nullptr;
+    if (!found) return;
+    const Commit& commit = found->commit;
+    std::uint64_t mark = history_.markBefore(commit.revision);
+    auto dropped = commit.dropped.begin();
+    std::uint32_t index = 0;  // of the edit in the transaction
+    for (const Edit& edit : commit.edits) {
+        for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
+        if (changesNamespace(edit)) ++mark;
+        if (std::holds_alternative<CreateSpec>(edit.action))
+            author.creations.record({sequence, index}, {edit.layer, edit.address.path, mark},
+                                    commit.revision);
+        ++index;
+    }
+}
+
+void Project::Impl::execute(Session& session, Author& author, const QueuedTransaction& queued) {
+    // A commit repeats its transaction with every path written out. Where that might not fit into a
+    // frame, the layers are kept as they are until it is known to.
+    constexpr std::size_t kMaxPathBytes = 16 * 1024;
+    const Transaction& transaction = queued.transaction;
+    LayerDocs before;
+    const bool mayNotFit =
+        queued.bytes + (transaction.edits.size() + 1) * kMaxPathBytes > options_.maxFrameBytes;
+    if (mayNotFit)
+        for (const Edit& edit : transaction.edits)
+            before.try_emplace(edit.layer, docs_.at(edit.layer));
+
+    author.creations.seen(transaction.base);
+    const std::uint64_t mark = history_.log().mark();
+    Outcome outcome =
+        usdlive::execute(docs_, history_.log(), author.creations, transaction, executed_ + 1);
+    if (const auto* refused = std::get_if<Refused>(&outcome))
+        return refuse(session, transaction, *refused);
+    if (commit(session, author, transaction, std::move(std::get<Executed>(outcome)), mark)) return;
+
+    for (auto& [layer, doc] : before) docs_[layer] = std::move(doc);
+    history_.truncate(mark);
+    author.creations.forget(transaction.id.sequence);
+    refuse(session, transaction,
+           {{ErrorCode::TransactionTooLarge, "the commit would be larger than a frame may be"}, 0});
+}
+
+/// M6. The preview its gesture left with others goes, too.
+void Project::Impl::refuse(Session& session, const Transaction& transaction,
+                           const Refused& refused) {
+    ++counters_.refused;
+    if (transaction.gesture != 0 && previews_.end(session.client, transaction.gesture))
+        withdraw(session.client, transaction.gesture);
+    // Of a session that resumes all commits up to its welcome may be its author's.
+    const Revision after = std::max(authors_[session.client].newest, session.greetedAt);
+    answer(session,
+           {after, shared(RefusalFrame{transaction.id.sequence, refused.edit, refused.error})});
+    // Such a transaction never came from an editor.
+    if (refused.error.code != ErrorCode::InvalidPath) return;
+    const ErrorMessage message{
+        std::string(errorName(refused.error.code)), refused.error.message, true, {}, {}};
+    answer(session, {after, shared(ControlFrame{encodeControl(message)}), false, true});
+}
+
+void Project::Impl::answer(Session& session, Answer answer) {
+    session.answers.push_back(std::move(answer));
+    releaseAnswers(session);
+}
+
+}  // namespace usdlive::server

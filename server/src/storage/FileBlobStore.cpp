@@ -1,0 +1,204 @@
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <map>
+#include <mutex>
+#include <utility>
+
+#include "BlobRules.h"
+#include "Files.h"
+#include "FreeSpace.h"
+#include "usdlive/common/core/Sha256.h"
+#include "usdlive/server/storage/BlobStore.h"
+
+namespace usdlive::server {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A value that is being written, in a file that goes with it unless it was kept.
+class Unfinished {
+public:
+    static Result<Unfinished> begin(fs::path path) {
+        auto file = openFile(path, O_RDWR | O_CREAT | O_TRUNC);
+        if (!file) return tl::unexpected(file.error());
+        return Unfinished(std::move(*file), std::move(path));
+    }
+    Unfinished(Unfinished&& other) noexcept
+        : file_(std::move(other.file_)),
+          path_(std::exchange(other.path_, {})),
+          hash_(std::move(other.hash_)),
+          written_(other.written_) {}
+    Unfinished& operator=(Unfinished&&) = delete;
+    ~Unfinished() {
+        if (!path_.empty()) ::unlink(path_.c_str());
+    }
+
+    [[nodiscard]] std::uint64_t written() const { return written_; }
+
+    Result<void> add(ByteView part) {
+        hash_.add(part);
+        const auto added = writeAt(file_, written_, part, path_);
+        written_ += part.size();
+        return added;
+    }
+    [[nodiscard]] Hash finish() { return hash_.finish(); }
+
+    /// Durable under its name, or an error.
+    Result<void> keep(const fs::path& name) {
+        if (const auto synced = syncFile(file_, path_); !synced) return synced;
+        if (::rename(path_.c_str(), name.c_str()) != 0)
+            return tl::unexpected(systemError("rename to", name));
+        path_.clear();
+        return syncFolder(name.parent_path());
+    }
+
+private:
+    Unfinished(File file, fs::path path) : file_(std::move(file)), path_(std::move(path)) {}
+
+    File file_;
+    fs::path path_;  // empty: somebody else's by now
+    Sha256 hash_;
+    std::uint64_t written_ = 0;
+};
+
+class FileBlobStore final : public BlobStore {
+public:
+    FileBlobStore(fs::path folder, const BlobStoreOptions& options)
+        : folder_(std::move(folder)), options_(options) {}
+
+    Result<void> open() {
+        std::error_code ignored;
+        fs::remove_all(unfinished(), ignored);
+        return makeFolders(unfinished()).and_then([this] { return syncFolder(folder_); });
+    }
+
+    [[nodiscard]] bool has(const Hash& hash) const override {
+        return ::access(name(hash).c_str(), F_OK) == 0;
+    }
+    [[nodiscard]] Result<std::uint64_t> size(const Hash& hash) const override;
+    Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
+                       ByteView part) override;
+    [[nodiscard]] Result<Bytes> read(const Hash& hash, std::uint64_t offset,
+                                     std::size_t count) const override;
+
+private:
+    struct Entry {
+        Unfinished value;
+        std::uint64_t turn;  // of its last part
+    };
+
+    [[nodiscard]] fs::path unfinished() const { return folder_ / "unfinished"; }
+    [[nodiscard]] fs::path name(const Hash& hash) const {
+        const std::string hex = hash.hex();
+        return folder_ / hex.substr(0, 2) / hex;
+    }
+    [[nodiscard]] Result<void> checkSpace(std::uint64_t bytes) const;
+    [[nodiscard]] Result<File> openValue(const Hash& hash) const;
+    Result<Unfinished> take(const Hash& hash, std::uint64_t offset);
+    void putBack(const Hash& hash, Unfinished value);
+    Result<void> keep(const Hash& hash, Unfinished& value);
+
+    const fs::path folder_;
+    const BlobStoreOptions options_;
+
+    std::mutex mutex_;  // guards the next two; never held while a file is written
+    std::map<Hash, Entry> unfinished_;
+    std::uint64_t turn_ = 0;
+};
+
+Result<void> FileBlobStore::checkSpace(std::uint64_t bytes) const {
+    const DiskSpace disk = diskSpace(folder_);
+    if (disk.free >= minFree(options_.minFreeBytes, disk) + bytes) return {};
+    return fail(ErrorCode::StorageFull, "the disk of " + folder_.string() + " is full");
+}
+
+Result<File> FileBlobStore::openValue(const Hash& hash) const {
+    if (!has(hash))
+        return blobError(ErrorCode::BlobNotFound, hash, "is not in " + folder_.string());
+    return openFile(name(hash), O_RDONLY);
+}
+
+Result<std::uint64_t> FileBlobStore::size(const Hash& hash) const {
+    const auto file = openValue(hash);
+    if (!file) return tl::unexpected(file.error());
+    struct stat status{};
+    if (::fstat(file->get(), &status) != 0)
+        return tl::unexpected(systemError("ask for the size of", name(hash)));
+    return std::uint64_t(status.st_size);
+}
+
+Result<Bytes> FileBlobStore::read(const Hash& hash, std::uint64_t offset, std::size_t count) const {
+    const auto length = size(hash);
+    if (!length) return tl::unexpected(length.error());
+    const auto file = openValue(hash);
+    if (!file) return tl::unexpected(file.error());
+    // `count` is somebody else's: not more is allocated than there is.
+    const std::uint64_t there = *length - std::min(offset, *length);
+    return readAt(*file, offset, std::size_t(std::min<std::uint64_t>(count, there)), name(hash));
+}
+
+Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
+                                  ByteView part) {
+    if (has(hash)) return true;
+    auto value = take(hash, offset);
+    if (!value) return tl::unexpected(value.error());
+    const auto added =
+        checkPart(hash, size, value->written(), offset, part.size(), options_.maxBytes)
+            .and_then([&] { return checkSpace(part.size()); })
+            .and_then([&] { return value->add(part); });
+    if (!added) return tl::unexpected(added.error());
+    if (value->written() < size) {
+        putBack(hash, std::move(*value));
+        return false;
+    }
+    return keep(hash, *value).map([] { return true; });
+}
+
+/// What is there of it, out of the table, so that it is gone if anything fails.
+Result<Unfinished> FileBlobStore::take(const Hash& hash, std::uint64_t offset) {
+    {
+        const std::lock_guard lock(mutex_);
+        auto entry = unfinished_.extract(hash);
+        if (!entry.empty() && offset > 0) return std::move(entry.mapped().value);
+    }
+    if (offset > 0)
+        return blobError(ErrorCode::BlobMismatch, hash, "goes on where none of it is there");
+    return Unfinished::begin(unfinished() / hash.hex());
+}
+
+void FileBlobStore::putBack(const Hash& hash, Unfinished value) {
+    const std::lock_guard lock(mutex_);
+    unfinished_.emplace(hash, Entry{std::move(value), ++turn_});
+    if (unfinished_.size() <= options_.maxUnfinished) return;
+    unfinished_.erase(std::min_element(
+        unfinished_.begin(), unfinished_.end(),
+        [](const auto& a, const auto& b) { return a.second.turn < b.second.turn; }));
+}
+
+Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
+    const Hash actual = value.finish();
+    if (actual != hash)
+        return blobError(ErrorCode::BlobMismatch, hash, "is " + actual.hex() + " in truth");
+    const fs::path path = name(hash);
+    const fs::path folder = path.parent_path();
+    if (!fs::exists(folder)) {
+        const auto made = makeFolders(folder).and_then([this] { return syncFolder(folder_); });
+        if (!made) return made;
+    }
+    return value.keep(path);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<BlobStore>> createFileBlobStore(const std::filesystem::path& folder,
+                                                       const BlobStoreOptions& options) {
+    auto store = std::make_unique<FileBlobStore>(folder, options);
+    if (const auto opened = store->open(); !opened) return tl::unexpected(opened.error());
+    return store;
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,108 @@
+#include "Files.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <system_error>
+
+#include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/core/Hash.h"
+
+namespace usdlive::server {
+
+File::~File() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+}
+
+Error systemError(const char* verb, const std::filesystem::path& path) {
+    const std::error_code error(errno, std::system_category());
+    const bool full = error.value() == ENOSPC || error.value() == EDQUOT;
+    return {full ? ErrorCode::StorageFull : ErrorCode::StorageFailed,
+            std::string("cannot ") + verb + " " + path.string() + ": " + error.message()};
+}
+
+Result<File> openFile(const std::filesystem::path& path, int flags) {
+    File file(::open(path.c_str(), flags | O_CLOEXEC, 0666));
+    if (file.get() < 0) return tl::unexpected(systemError("open", path));
+    return file;
+}
+
+Result<void> makeFolders(const std::filesystem::path& path) {
+    std::error_code error;
+    std::filesystem::create_directories(path, error);
+    if (!error) return {};
+    errno = error.value();
+    return tl::unexpected(systemError("make the folder", path));
+}
+
+Result<void> writeAt(const File& file, std::uint64_t offset, ByteView bytes,
+                     const std::filesystem::path& path) {
+    while (!bytes.empty()) {
+        const ssize_t written = ::pwrite(file.get(), bytes.data(), bytes.size(), off_t(offset));
+        if (written < 0 && errno == EINTR) continue;
+        if (written < 0) return tl::unexpected(systemError("write to", path));
+        bytes = bytes.subspan(std::size_t(written));
+        offset += std::uint64_t(written);
+    }
+    return {};
+}
+
+Result<Bytes> readAt(const File& file, std::uint64_t offset, std::size_t size,
+                     const std::filesystem::path& path) {
+    Bytes bytes(size);
+    std::size_t done = 0;
+    while (done < size) {
+        const ssize_t got =
+            ::pread(file.get(), bytes.data() + done, size - done, off_t(offset + done));
+        if (got < 0 && errno == EINTR) continue;
+        if (got < 0) return tl::unexpected(systemError("read", path));
+        if (got == 0) break;
+        done += std::size_t(got);
+    }
+    bytes.resize(done);
+    return bytes;
+}
+
+Result<void> syncFile(const File& file, const std::filesystem::path& path) {
+    if (::fsync(file.get()) != 0) return tl::unexpected(systemError("sync", path));
+    return {};
+}
+
+Result<void> syncFolder(const std::filesystem::path& path) {
+    const auto folder = openFile(path, O_RDONLY | O_DIRECTORY);
+    if (!folder) return tl::unexpected(folder.error());
+    return syncFile(*folder, path);
+}
+
+namespace sealedfile {
+
+Bytes seal(ByteView content) {
+    Bytes sealed(content.begin(), content.end());
+    appendBytes(sealed, sha256(content).bytes);
+    return sealed;
+}
+
+std::optional<Bytes> unseal(ByteView sealed) {
+    constexpr std::size_t kSealBytes = sizeof(Hash);
+    if (sealed.size() < kSealBytes) return std::nullopt;
+    const ByteView content = sealed.first(sealed.size() - kSealBytes);
+    if (!std::ranges::equal(sha256(content).bytes, sealed.last(kSealBytes))) return std::nullopt;
+    return Bytes(content.begin(), content.end());
+}
+
+Result<void> replace(const std::filesystem::path& path, ByteView content) {
+    const std::filesystem::path draft = path.string() + ".new";
+    const auto file = openFile(draft, O_WRONLY | O_CREAT | O_TRUNC);
+    if (!file) return tl::unexpected(file.error());
+    const auto written =
+        writeAt(*file, 0, seal(content), draft).and_then([&] { return syncFile(*file, draft); });
+    if (!written) return written;
+    if (::rename(draft.c_str(), path.c_str()) != 0)
+        return tl::unexpected(systemError("rename to", path));
+    return syncFolder(path.parent_path());
+}
+
+}  // namespace sealedfile
+}  // namespace usdlive::server

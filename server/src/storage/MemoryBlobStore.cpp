@@ -1,0 +1,70 @@
+#include <algorithm>
+#include <map>
+#include <mutex>
+
+#include "BlobRules.h"
+#include "usdlive/server/storage/BlobStore.h"
+
+namespace usdlive::server {
+
+namespace {
+
+class MemoryBlobStore final : public BlobStore {
+public:
+    explicit MemoryBlobStore(const BlobStoreOptions& options) : options_(options) {}
+
+    [[nodiscard]] bool has(const Hash& hash) const override {
+        const std::lock_guard lock(mutex_);
+        return values_.contains(hash);
+    }
+    [[nodiscard]] Result<std::uint64_t> size(const Hash& hash) const override {
+        const std::lock_guard lock(mutex_);
+        const auto value = values_.find(hash);
+        if (value == values_.end()) return missing(hash);
+        return value->second.size();
+    }
+    Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
+                       ByteView part) override {
+        const std::lock_guard lock(mutex_);
+        if (values_.contains(hash)) return true;
+        Bytes value;
+        if (auto begun = unfinished_.extract(hash); !begun.empty() && offset > 0)
+            value = std::move(begun.mapped());
+        const auto fits =
+            checkPart(hash, size, value.size(), offset, part.size(), options_.maxBytes);
+        if (!fits) return tl::unexpected(fits.error());
+        value.insert(value.end(), part.begin(), part.end());
+        const bool whole = value.size() == size;
+        if (whole && sha256(value) != hash)
+            return blobError(ErrorCode::BlobMismatch, hash, "is another in truth");
+        (whole ? values_ : unfinished_)[hash] = std::move(value);
+        return whole;
+    }
+    [[nodiscard]] Result<Bytes> read(const Hash& hash, std::uint64_t offset,
+                                     std::size_t count) const override {
+        const std::lock_guard lock(mutex_);
+        const auto value = values_.find(hash);
+        if (value == values_.end()) return missing(hash);
+        const ByteView all(value->second);
+        const ByteView rest = all.subspan(std::min<std::uint64_t>(offset, all.size()));
+        const ByteView part = rest.first(std::min(count, rest.size()));
+        return Bytes(part.begin(), part.end());
+    }
+
+private:
+    static tl::unexpected<Error> missing(const Hash& hash) {
+        return blobError(ErrorCode::BlobNotFound, hash, "is not there");
+    }
+
+    const BlobStoreOptions options_;
+    mutable std::mutex mutex_;
+    std::map<Hash, Bytes> values_, unfinished_;  // guarded by mutex_
+};
+
+}  // namespace
+
+std::unique_ptr<BlobStore> createMemoryBlobStore(const BlobStoreOptions& options) {
+    return std::make_unique<MemoryBlobStore>(options);
+}
+
+}  // namespace usdlive::server

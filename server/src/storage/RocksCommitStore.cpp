@@ -1,0 +1,749 @@
+#include "usdlive/server/storage/RocksCommitStore.h"
+
+#include <rocksdb/db.h>
+#include <rocksdb/sst_file_manager.h>
+#include <rocksdb/write_batch.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <map>
+#include <mutex>
+#include <shared_mutex>
+
+#include "FreeSpace.h"
+#include "RocksSupport.h"
+#include "RocksTuning.h"
+#include "StateRecords.h"
+#include "StoreFolder.h"
+#include "StoreKeys.h"
+#include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/protocol/Frame.h"
+
+namespace usdlive::server {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr std::uint64_t kMib = 1024 * 1024;
+constexpr std::size_t kFrameLengthBytes = 4;
+constexpr std::size_t kHashBytes = sizeof(Hash::bytes);
+constexpr std::uint64_t kRemembered = 1'024;  // transactions of a client (M9)
+
+constexpr std::chrono::milliseconds kSpaceCacheTime{100};
+// Free space that append() leaves: half of what is kept for everything, within these.
+constexpr std::uint64_t kLeastMargin = 4 * kMib, kMostMargin = 64 * kMib;
+// A batch is written to the log, to a table, and to another one when tables are merged.
+constexpr std::uint64_t kCopies = 3;
+// Opening writes what is in the log to tables.
+constexpr std::uint64_t kOpeningBytes = 2 * kMib;
+
+// Keys of the meta family. Lower-case names stand alone, a capital begins the key of each of many.
+constexpr const char* kHeadKey = "head";    // revision, hash
+constexpr const char* kEpochKey = "epoch";  // u64
+constexpr char kLayerPrefix = 'L';          // name -> number
+constexpr char kChangedPrefix = 'C';        // number -> revision
+constexpr char kSavedPrefix = 'S';          // number -> revision
+constexpr char kCheckpointPrefix = 'K';     // name -> revision
+constexpr char kNamespacePrefix = 'N';      // revision -> its moves and deletes
+// In `state`, in front of all layers: the revision that the state is of.
+const std::string kStateRevisionKey(storekeys::kLayerBytes, '\0');
+
+std::string key(char prefix, std::string_view name) { return prefix + std::string(name); }
+std::string key(char prefix, std::uint32_t number) {
+    std::string key(1, prefix);
+    storekeys::appendBigEndian(key, number);
+    return key;
+}
+std::string key(char prefix, Revision revision) { return prefix + storekeys::commit(revision); }
+
+template <Number T>
+Bytes encoded(T number) {
+    Bytes bytes(sizeof(T));
+    std::memcpy(bytes.data(), &number, sizeof(T));
+    return bytes;
+}
+template <Number T>
+std::optional<T> decoded(ByteView bytes) {
+    ByteReader in(bytes);
+    const T number = in.number<T>();
+    return in.finished() ? std::optional(number) : std::nullopt;
+}
+
+Hash hashOf(ByteView bytes) {
+    Hash hash;
+    std::ranges::copy(bytes.first(kHashBytes), hash.bytes.begin());
+    return hash;
+}
+
+ByteView withoutLength(ByteView frame) { return frame.subspan(kFrameLengthBytes); }
+
+Bytes encoded(std::span<const NamespaceChange> changes) {
+    Bytes bytes;
+    for (const NamespaceChange& change : changes) {
+        appendText(bytes, change.layer.value);
+        appendText(bytes, change.from);
+        appendNumber<std::uint8_t>(bytes, change.to ? 1 : 0);
+        if (change.to) appendText(bytes, *change.to);
+    }
+    return bytes;
+}
+bool decodeInto(std::vector<NamespaceChange>& changes, Revision revision, ByteView bytes) {
+    ByteReader in(bytes);
+    while (in.left() > 0) {
+        NamespaceChange change{revision, {std::string(in.text())}, std::string(in.text()), {}};
+        if (in.u8() == 1) change.to = in.text();
+        changes.push_back(std::move(change));
+    }
+    return in.finished();
+}
+
+std::uint64_t logBytes(const std::filesystem::path& database) {
+    std::uint64_t bytes = 0;
+    std::error_code error;
+    for (const auto& entry : std::filesystem::directory_iterator(database, error))
+        if (entry.path().extension() == ".log") bytes += entry.file_size(error);
+    return bytes;
+}
+
+class RocksCommitStore final : public CommitStore {
+public:
+    RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)
+        : folder_(std::move(folder)),
+          options_(options),
+          files_(rocksdb::NewSstFileManager(rocksdb::Env::Default())),
+          reserve_(folder_.reserve(), options.reserveBytes) {}
+    ~RocksCommitStore() override;
+
+    Result<void> open();
+
+    [[nodiscard]] Head head() const override;
+    Result<void> append(std::span<const CommitRecord> commits) override;
+    Result<void> read(Revision from, Revision to,
+                      const std::function<bool(const StoredCommit&)>& visit) const override;
+    [[nodiscard]] Result<Hash> hashAt(Revision revision) const override;
+    [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
+    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) const override;
+    [[nodiscard]] Result<Revision> savedRevision(const LayerId& layer) const override;
+    Result<void> setSavedRevision(const LayerId& layer, Revision revision) override;
+    [[nodiscard]] Result<std::vector<LayerId>> unsavedLayers() const override;
+    [[nodiscard]] Result<std::vector<NamespaceChange>> namespaceChanges(
+        Revision revision) const override;
+    [[nodiscard]] Result<std::optional<Revision>> committed(
+        const TransactionId& transaction) const override;
+    Result<void> setCheckpoint(const std::string& name, Revision revision) override;
+    [[nodiscard]] Result<std::vector<std::pair<std::string, Revision>>> checkpoints()
+        const override;
+    [[nodiscard]] bool hasSpace() const override;
+
+private:
+    struct Layer {
+        std::uint32_t number = 0;
+        Revision changed = 0, saved = 0;
+    };
+    using Layers = std::map<LayerId, Layer>;
+    struct ClientEnd {
+        std::uint64_t before = 0, sequence = 0;  // highest number before and after the batch
+    };
+    /// What one append() writes, and what it makes of the values in memory.
+    struct Group {
+        explicit Group(std::size_t bytes) : batch(bytes) {}
+        rocksdb::WriteBatch batch;
+        Head head;
+        Layers layers;  // those that the group touches
+        std::map<ClientId, ClientEnd> clients;
+    };
+
+    // Opening.
+    Result<void> checkRoom();
+    Result<void> openDatabase();
+    Result<void> readHead();
+    Result<void> readLayers();
+    Result<void> verify() const;
+    Result<void> verifyMark() const;
+    Result<void> verifyChain() const;
+    Result<void> takeEpoch();
+
+    // Appending.
+    Result<void> checkSequence(std::span<const CommitRecord> commits) const;
+    Result<void> addTo(Group& group, StateWriter& state, const CommitRecord& commit);
+    void addRecord(Group& group, const CommitRecord& commit);
+    Layer& layerOf(Group& group, const LayerId& name);
+    Result<void> addTransaction(Group& group, const TransactionId& id, Revision revision);
+    void finish(Group& group);
+    Result<void> write(rocksdb::WriteBatch& batch);
+    Result<void> checkFailed() const;
+
+    // Space.
+    struct Space {
+        std::uint64_t usable = 0, least = 0, margin = 0;
+    };
+    Space measureSpace() const;
+    Result<void> checkSpace(std::uint64_t bytes) const;
+
+    // Reading.
+    [[nodiscard]] rocksdb::ColumnFamilyHandle* family(Family family) const {
+        return handles_[std::size_t(family)];
+    }
+    [[nodiscard]] Error error(const rocksdb::Status& status, const char* verb) const {
+        return rocksError(status, verb, folder_.path());
+    }
+    tl::unexpected<Error> damaged(const std::string& why) const {
+        return fail(ErrorCode::StorageCorrupt,
+                    "the store " + folder_.path().string() + " is damaged: " + why);
+    }
+    tl::unexpected<Error> damagedAt(Revision revision, const char* what) const {
+        return damaged("commit " + std::to_string(revision) + " " + what);
+    }
+    /// Nothing: there is no such record.
+    template <Number T>
+    Result<std::optional<T>> number(Family from, const std::string& key) const;
+    /// Visits the records of the meta family whose key begins with `prefix`, from `start` on.
+    Result<void> each(char prefix, const std::string& start,
+                      const std::function<bool(std::string_view, ByteView)>& visit) const;
+    /// Commits as they are stored; nothing when the value is too short to be one.
+    [[nodiscard]] std::optional<StoredCommit> commitAt(const rocksdb::Iterator& iterator) const;
+
+    StoreFolder folder_;
+    const RocksCommitStoreOptions options_;
+    const std::shared_ptr<rocksdb::SstFileManager> files_;
+    std::unique_ptr<rocksdb::DB> db_;
+    std::vector<rocksdb::ColumnFamilyHandle*> handles_;
+
+    mutable std::shared_mutex mutex_;  // guards the next three
+    Head head_;
+    Layers layers_;
+    std::optional<Error> failure_;
+
+    mutable std::mutex spaceMutex_;  // guards the next three
+    mutable Reserve reserve_;
+    mutable Clock::time_point spaceTime_;
+    mutable bool hasSpace_ = false;
+};
+
+// --- Opening ------------------------------------------------------------------------------------
+
+RocksCommitStore::~RocksCommitStore() {
+    for (auto* handle : handles_) db_->DestroyColumnFamilyHandle(handle);
+    if (db_) db_->Close().PermitUncheckedError();
+}
+
+Result<void> RocksCommitStore::open() {
+    return checkRoom()
+        .and_then([this] { return openDatabase(); })
+        .and_then([this] { return readHead(); })
+        .and_then([this] { return readLayers(); })
+        .and_then([this] { return verify(); })
+        .and_then([this] { return takeEpoch(); });
+}
+
+// RocksDB (as Debian builds it) ends the process when the disk is full.
+Result<void> RocksCommitStore::checkRoom() {
+    const std::uint64_t needed = 2 * logBytes(folder_.database()) + kOpeningBytes;
+    reserve_.adapt(diskSpace(folder_.path()).free, needed, ~std::uint64_t(0));
+    if (diskSpace(folder_.path()).free >= needed) return {};
+    return fail(ErrorCode::StorageFull, "the disk is too full to open the store " +
+                                            folder_.path().string() + ", which takes " +
+                                            std::to_string(needed / kMib) + " MiB");
+}
+
+Result<void> RocksCommitStore::openDatabase() {
+    rocksdb::DBOptions options = databaseOptions(files_);
+    // Where commits were acknowledged nothing is to be made anew.
+    const auto mark = folder_.mark();
+    options.create_if_missing = !mark || mark->revision == 0;
+    rocksdb::DB* opened = nullptr;
+    const auto status = rocksdb::DB::Open(options, folder_.database().string(), columnFamilies(),
+                                          &handles_, &opened);
+    db_.reset(opened);
+    if (status.ok()) return {};
+    // Files that are missing, short or from elsewhere come as these two.
+    const bool broken = status.IsInvalidArgument() || status.IsPathNotFound();
+    Error what = error(status, "open");
+    if (broken) what.code = ErrorCode::StorageCorrupt;
+    return tl::unexpected(std::move(what));
+}
+
+Result<void> RocksCommitStore::readHead() {
+    const auto epoch = number<std::uint64_t>(Family::Meta, kEpochKey);
+    if (!epoch) return tl::unexpected(epoch.error());
+    head_.epoch = epoch->value_or(0);
+    std::string value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Meta), kHeadKey, &value);
+    if (status.IsNotFound()) return {};
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    if (value.size() != sizeof(Revision) + kHashBytes) return damaged("its head cannot be read");
+    ByteReader in(asBytes(value));
+    head_.revision = in.u64();
+    head_.hash = hashOf(in.take(kHashBytes));
+    return {};
+}
+
+Result<void> RocksCommitStore::readLayers() {
+    std::map<std::uint32_t, LayerId> names;
+    const auto read = each(kLayerPrefix, {}, [&](std::string_view name, ByteView value) {
+        const auto number = decoded<std::uint32_t>(value);
+        if (!number || !names.try_emplace(*number, std::string(name)).second) return false;
+        layers_[{std::string(name)}].number = *number;
+        return true;
+    });
+    if (!read) return read;
+    for (auto& [name, layer] : layers_) {
+        const auto changed = number<Revision>(Family::Meta, key(kChangedPrefix, layer.number));
+        const auto saved = number<Revision>(Family::Meta, key(kSavedPrefix, layer.number));
+        if (!changed) return tl::unexpected(changed.error());
+        if (!saved) return tl::unexpected(saved.error());
+        layer.changed = changed->value_or(0);
+        layer.saved = saved->value_or(0);
+    }
+    return {};
+}
+
+Result<void> RocksCommitStore::verify() const {
+    const auto state = number<Revision>(Family::State, kStateRevisionKey);
+    if (!state) return tl::unexpected(state.error());
+    if (state->value_or(0) != head_.revision)
+        return damagedAt(head_.revision, "is the newest, and the state is of another");
+    return verifyChain().and_then([this] { return verifyMark(); });
+}
+
+Result<void> RocksCommitStore::verifyMark() const {
+    const auto mark = folder_.mark();
+    if (!mark || mark->revision == 0) return {};
+    if (mark->revision > head_.revision)
+        return damagedAt(mark->revision, ("was acknowledged, and the history ends at " +
+                                          std::to_string(head_.revision))
+                                             .c_str());
+    const auto hash = hashAt(mark->revision);
+    if (!hash) return tl::unexpected(hash.error());
+    if (*hash != mark->hash) return damagedAt(mark->revision, "is another than was acknowledged");
+    return {};
+}
+
+// Newest first, as what was written last is what a crash damages.
+Result<void> RocksCommitStore::verifyChain() const {
+    const auto end = Clock::now() + options_.verifyTime;
+    rocksdb::ReadOptions options;
+    options.fill_cache = false;
+    options.readahead_size = kMib;
+    const std::unique_ptr<rocksdb::Iterator> at(db_->NewIterator(options, family(Family::Commits)));
+    const auto follows = [](const StoredCommit& commit, const Hash& before) {
+        return chainHash(before, withoutLength(*commit.frame)) == commit.hash;
+    };
+    Revision revision = head_.revision;
+    std::optional<StoredCommit> later;  // not verified yet: it needs the hash before it
+    for (at->SeekToLast(); at->Valid(); at->Prev(), --revision) {
+        auto commit = commitAt(*at);
+        if (revision == 0 || !commit || commit->revision != revision)
+            return damagedAt(revision + (revision == 0), "is missing or out of its place");
+        if (later ? !follows(*later, commit->hash) : commit->hash != head_.hash)
+            return damagedAt(later ? later->revision : revision, "breaks the hash chain");
+        if (Clock::now() > end) return {};
+        later = std::move(commit);
+    }
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    if (revision != 0) return damagedAt(revision, "is missing");
+    if (later && !follows(*later, Hash())) return damagedAt(1, "breaks the hash chain");
+    return {};
+}
+
+Result<void> RocksCommitStore::takeEpoch() {
+    ++head_.epoch;
+    rocksdb::WriteOptions options;
+    options.sync = true;
+    const auto status = db_->Put(options, family(Family::Meta), kEpochKey,
+                                 slice(encoded<std::uint64_t>(head_.epoch)));
+    if (!status.ok()) return tl::unexpected(error(status, "take over"));
+    if (options_.durability == Durability::Synced)
+        folder_.setMark({head_.revision, head_.hash});
+    else
+        folder_.setMark({});
+    (void)measureSpace();
+    return {};
+}
+
+// --- Appending ----------------------------------------------------------------------------------
+
+CommitStore::Head RocksCommitStore::head() const {
+    const std::shared_lock lock(mutex_);
+    return head_;
+}
+
+Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
+    if (commits.empty()) return {};
+    if (const auto ready = checkFailed().and_then([&] { return checkSequence(commits); }); !ready)
+        return ready;
+    std::size_t bytes = 0;
+    for (const CommitRecord& commit : commits) bytes += 2 * commit.frame->size();
+    if (const auto room = checkSpace(bytes); !room) return room;
+
+    Group group(bytes);
+    group.head = head_;
+    StateWriter state(*db_, family(Family::State), group.batch);
+    for (const CommitRecord& commit : commits)
+        if (const auto added = addTo(group, state, commit); !added) return added;
+    if (!state.status().ok()) return tl::unexpected(error(state.status(), "read"));
+    finish(group);
+    const auto written =
+        checkSpace(group.batch.GetDataSize()).and_then([&] { return write(group.batch); });
+    if (!written) return written;
+
+    if (options_.durability == Durability::Synced)
+        folder_.setMark({group.head.revision, group.head.hash});
+    const std::unique_lock lock(mutex_);
+    head_ = group.head;
+    for (auto& [name, layer] : group.layers) {
+        // Somebody may have saved it meanwhile.
+        const Revision saved = std::max(layers_[name].saved, layer.saved);
+        layers_[name] = {layer.number, layer.changed, saved};
+    }
+    return {};
+}
+
+// A wrong number or hash would make the whole store unreadable from here on.
+Result<void> RocksCommitStore::checkSequence(std::span<const CommitRecord> commits) const {
+    Head head = head_;
+    for (const CommitRecord& commit : commits) {
+        if (commit.revision != head.revision + 1)
+            return fail(ErrorCode::Internal, "commit " + std::to_string(commit.revision) +
+                                                 " was appended to revision " +
+                                                 std::to_string(head.revision));
+        if (!commit.frame || commit.frame->size() < kFrameLengthBytes ||
+            chainHash(head.hash, withoutLength(*commit.frame)) != commit.hash)
+            return fail(ErrorCode::Internal, "commit " + std::to_string(commit.revision) +
+                                                 " was appended with a wrong hash");
+        head.revision = commit.revision;
+        head.hash = commit.hash;
+    }
+    return {};
+}
+
+Result<void> RocksCommitStore::addTo(Group& group, StateWriter& state, const CommitRecord& commit) {
+    addRecord(group, commit);
+    for (const StateChange& change : commit.changes) {
+        const LayerId& name =
+            std::visit([](const auto& one) -> auto& { return one.layer; }, change);
+        Layer& layer = layerOf(group, name);
+        state.add(layer.number, !layers_.contains(name), change);
+        layer.changed = commit.revision;
+    }
+    if (commit.imported) layerOf(group, *commit.imported).saved = commit.revision;
+    if (!commit.namespaceChanges.empty())
+        group.batch.Put(family(Family::Meta), key(kNamespacePrefix, commit.revision),
+                        slice(encoded(commit.namespaceChanges)));
+    group.head.revision = commit.revision;
+    group.head.hash = commit.hash;
+    return addTransaction(group, commit.id, commit.revision);
+}
+
+void RocksCommitStore::addRecord(Group& group, const CommitRecord& commit) {
+    const std::string revision = storekeys::commit(commit.revision);
+    const rocksdb::Slice keys[] = {revision};
+    const rocksdb::Slice values[] = {slice(commit.hash.bytes), slice(*commit.frame)};
+    group.batch.Put(family(Family::Commits), {keys, 1}, {values, 2});
+}
+
+// Layers are added by this thread alone, which need not lock to look for one.
+RocksCommitStore::Layer& RocksCommitStore::layerOf(Group& group, const LayerId& name) {
+    const auto [entry, added] = group.layers.try_emplace(name);
+    if (!added) return entry->second;
+    if (const auto known = layers_.find(name); known != layers_.end()) {
+        const std::shared_lock lock(mutex_);  // of setSavedRevision()
+        return entry->second = known->second;
+    }
+    // No layer is ever taken out, so their count is the highest number.
+    std::uint32_t number = std::uint32_t(layers_.size());
+    for (const auto& [other, layer] : group.layers) number = std::max(number, layer.number);
+    entry->second.number = number + 1;
+    group.batch.Put(family(Family::Meta), key(kLayerPrefix, name.value),
+                    slice(encoded<std::uint32_t>(number + 1)));
+    return entry->second;
+}
+
+Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId& id,
+                                              Revision revision) {
+    const auto [entry, added] = group.clients.try_emplace(id.client);
+    ClientEnd& end = entry->second;
+    if (added) {
+        const auto last =
+            number<std::uint64_t>(Family::Clients, storekeys::transaction(id.client, 0));
+        if (!last) return tl::unexpected(last.error());
+        end.before = end.sequence = last->value_or(0);
+    }
+    group.batch.Put(family(Family::Clients), storekeys::transaction(id.client, id.sequence),
+                    slice(encoded<Revision>(revision)));
+    // What falls out of the last 1,024 numbers; after a leap of more than that, all there was.
+    const std::uint64_t highest = std::max(end.sequence, id.sequence);
+    const auto firstKept = [](std::uint64_t last) {
+        return last >= kRemembered ? last - kRemembered + 1 : 1;
+    };
+    for (auto old = firstKept(end.sequence); old < std::min(firstKept(highest), end.sequence + 1);
+         ++old)
+        group.batch.Delete(family(Family::Clients), storekeys::transaction(id.client, old));
+    end.sequence = highest;
+    return {};
+}
+
+void RocksCommitStore::finish(Group& group) {
+    for (const auto& [client, end] : group.clients)
+        group.batch.Put(family(Family::Clients), storekeys::transaction(client, 0),
+                        slice(encoded<std::uint64_t>(end.sequence)));
+    const std::shared_lock lock(mutex_);  // of setSavedRevision()
+    for (const auto& [name, layer] : group.layers) {
+        const auto known = layers_.find(name);
+        const Layer before = known == layers_.end() ? Layer() : known->second;
+        if (layer.changed != before.changed)
+            group.batch.Put(family(Family::Meta), key(kChangedPrefix, layer.number),
+                            slice(encoded<Revision>(layer.changed)));
+        if (layer.saved > before.saved)
+            group.batch.Put(family(Family::Meta), key(kSavedPrefix, layer.number),
+                            slice(encoded<Revision>(layer.saved)));
+    }
+    Bytes head = encoded<Revision>(group.head.revision);
+    appendBytes(head, group.head.hash.bytes);
+    group.batch.Put(family(Family::Meta), kHeadKey, slice(head));
+    group.batch.Put(family(Family::State), kStateRevisionKey,
+                    slice(encoded<Revision>(group.head.revision)));
+}
+
+Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch) {
+    rocksdb::WriteOptions options;
+    options.sync = options_.durability == Durability::Synced;
+    const auto status = db_->Write(options, &batch);
+    if (status.ok()) return {};
+    // Part of it may be on the disk. Only opening anew tells what is, so there is no second try.
+    Error failure = error(status, "write to");
+    failure.code = ErrorCode::StorageFailed;
+    const std::unique_lock lock(mutex_);
+    failure_ = failure;
+    return tl::unexpected(std::move(failure));
+}
+
+Result<void> RocksCommitStore::checkFailed() const {
+    const std::shared_lock lock(mutex_);
+    if (failure_) return tl::unexpected(*failure_);
+    return {};
+}
+
+// --- Space --------------------------------------------------------------------------------------
+
+RocksCommitStore::Space RocksCommitStore::measureSpace() const {
+    std::uint64_t unflushed = 0;
+    for (auto* handle : handles_) {
+        std::uint64_t bytes = 0;
+        db_->GetIntProperty(handle, rocksdb::DB::Properties::kCurSizeAllMemTables, &bytes);
+        unflushed += bytes;
+    }
+    const std::lock_guard lock(spaceMutex_);
+    const DiskSpace disk = diskSpace(folder_.path());
+    Space space;
+    const std::uint64_t wanted = minFree(options_.minFreeBytes, disk);
+    space.margin = std::clamp(wanted / 2, kLeastMargin, kMostMargin);
+    space.least = std::max(wanted, space.margin);
+    const std::uint64_t usable = reserve_.usable(disk.free);
+    space.usable = usable > unflushed ? usable - unflushed : 0;
+    reserve_.adapt(disk.free, space.margin / 2, space.least);
+    // Tables are merged only where that leaves some space.
+    files_->SetMaxAllowedSpaceUsage(files_->GetTotalSize() + std::max(usable, kMib));
+    hasSpace_ = space.usable >= space.least;
+    spaceTime_ = Clock::now();
+    return space;
+}
+
+Result<void> RocksCommitStore::checkSpace(std::uint64_t bytes) const {
+    const Space space = measureSpace();
+    if (space.usable >= kCopies * bytes + space.margin) return {};
+    return fail(ErrorCode::StorageFull, "the disk of the store " + folder_.path().string() +
+                                            " has " + std::to_string(space.usable / kMib) +
+                                            " MiB left, too little to go on");
+}
+
+bool RocksCommitStore::hasSpace() const {
+    {
+        const std::lock_guard lock(spaceMutex_);
+        if (Clock::now() < spaceTime_ + kSpaceCacheTime) return hasSpace_;
+    }
+    const Space space = measureSpace();
+    return space.usable >= space.least;
+}
+
+// --- Reading ------------------------------------------------------------------------------------
+
+template <Number T>
+Result<std::optional<T>> RocksCommitStore::number(Family from, const std::string& key) const {
+    std::string value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(from), key, &value);
+    if (status.IsNotFound()) return std::optional<T>();
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    const auto number = decoded<T>(asBytes(value));
+    if (!number) return damaged("a record cannot be read");
+    return number;
+}
+
+Result<void> RocksCommitStore::each(
+    char prefix, const std::string& start,
+    const std::function<bool(std::string_view, ByteView)>& visit) const {
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
+    for (at->Seek(key(prefix, start)); at->Valid() && text(at->key()).front() == prefix; at->Next())
+        if (!visit(text(at->key()).substr(1), bytes(at->value())))
+            return damaged(std::string("a record of kind ") + prefix + " cannot be read");
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    return {};
+}
+
+std::optional<StoredCommit> RocksCommitStore::commitAt(const rocksdb::Iterator& at) const {
+    const ByteView value = bytes(at.value());
+    if (at.key().size() != sizeof(Revision) || value.size() < kHashBytes + kFrameLengthBytes)
+        return std::nullopt;
+    const ByteView frame = value.subspan(kHashBytes);
+    return StoredCommit{storekeys::bigEndian64(text(at.key())),
+                        std::make_shared<const Bytes>(frame.begin(), frame.end()), hashOf(value)};
+}
+
+Result<void> RocksCommitStore::read(Revision from, Revision to,
+                                    const std::function<bool(const StoredCommit&)>& visit) const {
+    Revision next = std::max<Revision>(from, 1);
+    const Revision last = std::min(to, head().revision);
+    if (next > last) return {};
+    auto before = hashAt(next - 1);
+    if (!before) return tl::unexpected(before.error());
+    rocksdb::ReadOptions options;
+    options.fill_cache = false;
+    const std::unique_ptr<rocksdb::Iterator> at(db_->NewIterator(options, family(Family::Commits)));
+    for (at->Seek(storekeys::commit(next)); at->Valid() && next <= last; at->Next(), ++next) {
+        const auto commit = commitAt(*at);
+        if (!commit || commit->revision != next) break;
+        if (chainHash(*before, withoutLength(*commit->frame)) != commit->hash)
+            return damagedAt(next, "breaks the hash chain");
+        before = commit->hash;
+        if (!visit(*commit)) return {};
+    }
+    if (next > last) return {};
+    if (!at->status().ok())
+        return damagedAt(next, ("cannot be read: " + at->status().ToString()).c_str());
+    return damagedAt(next, "is missing or out of its place");
+}
+
+Result<Hash> RocksCommitStore::hashAt(Revision revision) const {
+    if (revision == 0) return Hash{};
+    if (revision > head().revision)
+        return fail(ErrorCode::FutureRevision,
+                    "there is no commit " + std::to_string(revision) + " yet");
+    rocksdb::PinnableSlice value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Commits),
+                                 storekeys::commit(revision), &value);
+    if (!status.ok() && !status.IsNotFound())
+        return damagedAt(revision, ("cannot be read: " + status.ToString()).c_str());
+    if (!status.ok() || value.size() < kHashBytes) return damagedAt(revision, "is missing");
+    return hashOf(bytes(value));
+}
+
+Result<std::vector<LayerId>> RocksCommitStore::layers() const {
+    const std::shared_lock lock(mutex_);
+    std::vector<LayerId> names;
+    for (const auto& [name, layer] : layers_) names.push_back(name);
+    return names;
+}
+
+Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer) const {
+    std::uint32_t number = 0;
+    {
+        const std::shared_lock lock(mutex_);
+        const auto known = layers_.find(layer);
+        if (known == layers_.end()) return std::optional<LayerDoc>();
+        number = known->second.number;
+    }
+    const std::string what =
+        "the layer " + layer.value + " in the store " + folder_.path().string();
+    return readLayer(*db_, family(Family::State), number, what).map([](LayerDoc&& doc) {
+        return std::optional(std::move(doc));
+    });
+}
+
+Result<Revision> RocksCommitStore::savedRevision(const LayerId& layer) const {
+    const std::shared_lock lock(mutex_);
+    const auto known = layers_.find(layer);
+    return known == layers_.end() ? 0 : known->second.saved;
+}
+
+Result<void> RocksCommitStore::setSavedRevision(const LayerId& layer, Revision revision) {
+    std::uint32_t number = 0;
+    {
+        const std::shared_lock lock(mutex_);
+        const auto known = layers_.find(layer);
+        if (known == layers_.end())
+            return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+        number = known->second.number;
+    }
+    rocksdb::WriteBatch batch;
+    batch.Put(family(Family::Meta), key(kSavedPrefix, number), slice(encoded<Revision>(revision)));
+    const auto written =
+        checkFailed().and_then([&] { return checkSpace(batch.GetDataSize()); }).and_then([&] {
+            return write(batch);
+        });
+    if (!written) return written;
+    const std::unique_lock lock(mutex_);
+    layers_[layer].saved = revision;
+    return {};
+}
+
+Result<std::vector<LayerId>> RocksCommitStore::unsavedLayers() const {
+    const std::shared_lock lock(mutex_);
+    std::vector<LayerId> names;
+    for (const auto& [name, layer] : layers_)
+        if (layer.changed > layer.saved) names.push_back(name);
+    return names;
+}
+
+Result<std::vector<NamespaceChange>> RocksCommitStore::namespaceChanges(Revision revision) const {
+    std::vector<NamespaceChange> changes;
+    const auto read = each(kNamespacePrefix, storekeys::commit(revision + 1),
+                           [&](std::string_view key, ByteView value) {
+                               return key.size() == sizeof(Revision) &&
+                                      decodeInto(changes, storekeys::bigEndian64(key), value);
+                           });
+    if (!read) return tl::unexpected(read.error());
+    return changes;
+}
+
+Result<std::optional<Revision>> RocksCommitStore::committed(
+    const TransactionId& transaction) const {
+    if (transaction.sequence == 0) return std::optional<Revision>();
+    return number<Revision>(Family::Clients,
+                            storekeys::transaction(transaction.client, transaction.sequence));
+}
+
+Result<void> RocksCommitStore::setCheckpoint(const std::string& name, Revision revision) {
+    rocksdb::WriteBatch batch;
+    batch.Put(family(Family::Meta), key(kCheckpointPrefix, name),
+              slice(encoded<Revision>(revision)));
+    return checkFailed().and_then([&] { return checkSpace(batch.GetDataSize()); }).and_then([&] {
+        return write(batch);
+    });
+}
+
+Result<std::vector<std::pair<std::string, Revision>>> RocksCommitStore::checkpoints() const {
+    std::vector<std::pair<std::string, Revision>> all;
+    const auto read = each(kCheckpointPrefix, {}, [&](std::string_view name, ByteView value) {
+        const auto revision = decoded<Revision>(value);
+        if (revision) all.emplace_back(name, *revision);
+        return revision.has_value();
+    });
+    if (!read) return tl::unexpected(read.error());
+    return all;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<CommitStore>> createRocksCommitStore(
+    const std::filesystem::path& folder, const RocksCommitStoreOptions& options) {
+    auto opened = StoreFolder::open(folder);
+    if (!opened) return tl::unexpected(opened.error());
+    auto store = std::make_unique<RocksCommitStore>(std::move(*opened), options);
+    if (const auto done = store->open(); !done) return tl::unexpected(done.error());
+    return store;
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <rocksdb/slice.h>
+#include <rocksdb/status.h>
+
+#include <filesystem>
+#include <string>
+#include <string_view>
+
+#include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive::server {
+
+[[nodiscard]] inline rocksdb::Slice slice(ByteView bytes) {
+    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+[[nodiscard]] inline std::string_view text(const rocksdb::Slice& slice) {
+    return {slice.data(), slice.size()};
+}
+[[nodiscard]] inline ByteView bytes(const rocksdb::Slice& slice) { return asBytes(text(slice)); }
+
+/// `verb` and `folder` make the sentence: "cannot append to the store /a/b: IO error: ...".
+[[nodiscard]] inline Error rocksError(const rocksdb::Status& status, const char* verb,
+                                      const std::filesystem::path& folder) {
+    ErrorCode code = ErrorCode::StorageFailed;
+    if (status.IsCorruption() || status.IsNotFound()) code = ErrorCode::StorageCorrupt;
+    if (status.IsNoSpace()) code = ErrorCode::StorageFull;
+    return {code, std::string("cannot ") + verb + " the store " + folder.string() + ": " +
+                      status.ToString()};
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,71 @@
+#include "RocksTuning.h"
+
+#include <rocksdb/cache.h>
+#include <rocksdb/filter_policy.h>
+#include <rocksdb/table.h>
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::size_t kKib = 1024, kMib = 1024 * kKib;
+constexpr std::size_t kWriteBufferBytes = 16 * kMib;
+
+struct NoLog : rocksdb::Logger {
+    using rocksdb::Logger::Logv;
+    void Logv(const char*, va_list) override {}
+};
+
+rocksdb::ColumnFamilyOptions familyOptions(const std::shared_ptr<rocksdb::Cache>& cache) {
+    rocksdb::BlockBasedTableOptions table;
+    table.block_cache = cache;
+    table.cache_index_and_filter_blocks = true;
+    table.pin_l0_filter_and_index_blocks_in_cache = true;
+    table.filter_policy.reset(rocksdb::NewBloomFilterPolicy(10, false));
+    table.block_size = 16 * kKib;
+    table.format_version = 5;
+
+    rocksdb::ColumnFamilyOptions options;
+    options.table_factory.reset(rocksdb::NewBlockBasedTableFactory(table));
+    options.write_buffer_size = kWriteBufferBytes;
+    options.compression = rocksdb::kLZ4Compression;
+    options.bottommost_compression = rocksdb::kZSTD;
+    // Bounds the disk that one compaction needs beside what is there.
+    options.target_file_size_base = 16 * kMib;
+    options.max_bytes_for_level_base = 64 * kMib;
+    options.max_compaction_bytes = 128 * kMib;
+    return options;
+}
+
+}  // namespace
+
+rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> files) {
+    rocksdb::DBOptions options;
+    options.create_missing_column_families = true;
+    options.paranoid_checks = true;
+    // The default would open a log that is damaged in the middle, and silently end before the
+    // damage.
+    options.wal_recovery_mode = rocksdb::WALRecoveryMode::kTolerateCorruptedTailRecords;
+    options.track_and_verify_wals_in_manifest = true;
+    options.atomic_flush = true;  // the families tell of the same commits at any time
+    options.db_write_buffer_size = kWriteBufferBytes;
+    options.max_total_wal_size = 4 * kWriteBufferBytes;
+    options.max_background_jobs = 1;
+    options.max_open_files = 128;
+    options.manifest_preallocation_size = 64 * kKib;
+    options.sst_file_manager = std::move(files);
+    options.info_log = std::make_shared<NoLog>();
+    options.stats_dump_period_sec = 0;
+    options.stats_persist_period_sec = 0;
+    return options;
+}
+
+std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies() {
+    const auto cache = rocksdb::NewLRUCache(16 * kMib);
+    std::vector<rocksdb::ColumnFamilyDescriptor> families;
+    for (const char* name : {"default", "commits", "state", "clients"})
+        families.emplace_back(name, familyOptions(cache));
+    return families;
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,19 @@
+#pragma once
+
+#include <rocksdb/db.h>
+#include <rocksdb/sst_file_manager.h>
+
+#include <memory>
+#include <vector>
+
+namespace usdlive::server {
+
+/// The column families of the store, in the order they are opened. `default` holds what is said
+/// about the store: head, epoch, layers, checkpoints, moves and deletes.
+enum class Family { Meta, Commits, State, Clients };
+
+/// Small in memory and files: a project is edited by people, and the log is read rarely.
+[[nodiscard]] rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> files);
+[[nodiscard]] std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies();
+
+}  // namespace usdlive::server

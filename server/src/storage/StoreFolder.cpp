@@ -1,0 +1,89 @@
+#include "StoreFolder.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+
+#include <algorithm>
+#include <cerrno>
+
+#include "usdlive/common/core/ByteStream.h"
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::uint32_t kFormat = 1;
+constexpr std::size_t kMostBytes = 4096;  // of a sealed file
+
+}  // namespace
+
+Result<StoreFolder> StoreFolder::open(const std::filesystem::path& path) {
+    StoreFolder folder;
+    folder.path_ = path;
+    auto done = makeFolders(path).and_then([&] { return folder.lock(); }).and_then([&] {
+        return folder.checkFormat();
+    });
+    if (!done) return tl::unexpected(done.error());
+    auto mark = openFile(path / "head", O_RDWR | O_CREAT);
+    if (!mark) return tl::unexpected(mark.error());
+    folder.mark_ = std::move(*mark);
+    return folder;
+}
+
+// Of the open file and not of the process, so that it also keeps a second store of this process
+// out.
+Result<void> StoreFolder::lock() {
+    const auto name = path_ / "lock";
+    auto file = openFile(name, O_RDWR | O_CREAT);
+    if (!file) return tl::unexpected(file.error());
+    if (::flock(file->get(), LOCK_EX | LOCK_NB) != 0) {
+        if (errno != EWOULDBLOCK) return tl::unexpected(systemError("lock", name));
+        return fail(ErrorCode::StorageLocked,
+                    "the store " + path_.string() + " is open in another process");
+    }
+    lock_ = std::move(*file);
+    return {};
+}
+
+Result<void> StoreFolder::checkFormat() const {
+    const auto name = path_ / "format";
+    if (!std::filesystem::exists(name) && !std::filesystem::exists(database())) {
+        Bytes content;
+        appendNumber<std::uint32_t>(content, kFormat);
+        return sealedfile::replace(name, content);
+    }
+    const auto file = openFile(name, O_RDONLY);
+    const auto sealed = file ? readAt(*file, 0, kMostBytes, name) : Result<Bytes>(Bytes());
+    const auto content = sealed ? sealedfile::unseal(*sealed) : std::nullopt;
+    if (!content)
+        return fail(ErrorCode::StorageCorrupt, "the format of the store is not told: " +
+                                                   name.string() + " is missing or damaged");
+    ByteReader in(*content);
+    const std::uint32_t format = in.u32();
+    if (format <= kFormat) return {};
+    return fail(ErrorCode::StorageTooNew, "the store " + path_.string() + " has format " +
+                                              std::to_string(format) + ", this version reads " +
+                                              std::to_string(kFormat));
+}
+
+std::optional<StoreFolder::Mark> StoreFolder::mark() const {
+    const auto sealed = readAt(mark_, 0, kMostBytes, path_ / "head");
+    const auto content = sealed ? sealedfile::unseal(*sealed) : std::nullopt;
+    if (!content) return std::nullopt;
+    ByteReader in(*content);
+    Mark mark;
+    mark.revision = in.u64();
+    const ByteView hash = in.take(mark.hash.bytes.size());
+    if (!in.finished()) return std::nullopt;
+    std::ranges::copy(hash, mark.hash.bytes.begin());
+    return mark;
+}
+
+void StoreFolder::setMark(const Mark& mark) {
+    Bytes content;
+    appendNumber<Revision>(content, mark.revision);
+    appendBytes(content, mark.hash.bytes);
+    (void)writeAt(mark_, 0, sealedfile::seal(content), path_ / "head");
+}
+
+}  // namespace usdlive::server

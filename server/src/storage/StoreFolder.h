@@ -1,0 +1,45 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+
+#include "Files.h"
+#include "usdlive/common/core/Hash.h"
+#include "usdlive/common/core/Id.h"
+
+namespace usdlive::server {
+
+/// The files that stand beside the database: `lock`, `format`, `head`, `reserve`; and `db`, the
+/// database itself. Whoever has one, has the folder to themselves.
+class StoreFolder {
+public:
+    /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is not told), or of the
+    /// disk.
+    [[nodiscard]] static Result<StoreFolder> open(const std::filesystem::path& path);
+
+    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+    [[nodiscard]] std::filesystem::path database() const { return path_ / "db"; }
+    [[nodiscard]] std::filesystem::path reserve() const { return path_ / "reserve"; }
+
+    /// A commit that was acknowledged: what the database holds may not end before it. RocksDB takes
+    /// a log that was cut off for one whose end was never written; this tells the difference.
+    struct Mark {
+        Revision revision = 0;
+        Hash hash;
+    };
+    /// Nothing: not written yet, or not readable.
+    [[nodiscard]] std::optional<Mark> mark() const;
+    /// Written without sync, as any earlier mark does no harm. A failure is passed over for the
+    /// same reason.
+    void setMark(const Mark& mark);
+
+private:
+    StoreFolder() = default;
+    [[nodiscard]] Result<void> lock();
+    [[nodiscard]] Result<void> checkFormat() const;
+
+    std::filesystem::path path_;
+    File lock_, mark_;
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,424 @@
+#include "WebSocketSession.h"
+
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/websocket/stream.hpp>
+#include <deque>
+#include <utility>
+#include <vector>
+
+#include "Upgrade.h"
+#include "usdlive/common/protocol/Control.h"
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/transport/SendQueue.h"
+
+namespace usdlive::server {
+
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace websocket = beast::websocket;
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+// A message holds what is queued, up to this; a single larger frame makes a larger message.
+constexpr std::size_t kMessageBytes = 1024 * 1024;
+// Larger messages leave in fragments, between which pings and pongs can pass.
+constexpr std::size_t kFragmentBytes = 256 * 1024;
+// Above this a message has more than slowReaderTime: a 64 MiB commit takes its time over a thin
+// line.
+constexpr std::size_t kThinLineBytesPerSecond = 256 * 1024;
+// The system joins at most 16 buffers in a call: of a message of more, the small ones are joined
+// first.
+constexpr std::size_t kManyBuffers = 15;
+constexpr std::size_t kSmallFrameBytes = 1024;
+// Read buffers: grown to what a client sends, given back when it was much.
+constexpr std::size_t kLeastReadBytes = 4 * 1024;
+constexpr std::size_t kMostReadBytes = 1024 * 1024;
+// To send what is queued and to say goodbye.
+constexpr milliseconds kCloseTime{5'000};
+
+SharedBytes errorFrame(const Error& error) {
+    ErrorMessage message{std::string(errorName(error.code)), error.message, true, {}, {}};
+    return std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)}));
+}
+
+websocket::close_code closeCode(const std::optional<Error>& why) {
+    if (!why) return websocket::close_code::normal;
+    switch (why->code) {
+        case ErrorCode::FrameTooLarge:
+            return websocket::close_code::too_big;
+        case ErrorCode::TextFrame:
+            return websocket::close_code::unknown_data;
+        case ErrorCode::ShuttingDown:
+            return websocket::close_code::going_away;
+        case ErrorCode::Internal:
+            return websocket::close_code::internal_error;
+        default:
+            return websocket::close_code::policy_error;
+    }
+}
+
+/// A sequence of buffers that copies as two pointers: Beast copies them a lot.
+struct BufferList {
+    using value_type = asio::const_buffer;
+    using const_iterator = const asio::const_buffer*;
+    const_iterator first = nullptr, last = nullptr;
+    [[nodiscard]] const_iterator begin() const { return first; }
+    [[nodiscard]] const_iterator end() const { return last; }
+};
+
+/// The message on its way.
+class Batch {
+public:
+    void fill(SendQueue& queue) {
+        queue.take(kMessageBytes, parts_);
+        bytes_ = 0;
+        for (const SharedBytes& part : parts_) bytes_ += part->size();
+        buffers_.clear();
+        joined_.clear();
+        if (parts_.size() <= kManyBuffers)
+            for (const SharedBytes& part : parts_) buffers_.push_back(asio::buffer(*part));
+        else
+            join();
+    }
+    void clear() {
+        parts_.clear();
+        bytes_ = 0;
+    }
+    [[nodiscard]] BufferList buffers() const {
+        return {buffers_.data(), buffers_.data() + buffers_.size()};
+    }
+    [[nodiscard]] std::size_t bytes() const { return bytes_; }
+    [[nodiscard]] std::size_t frames() const { return parts_.size(); }
+
+private:
+    void join() {
+        std::size_t small = 0;
+        for (const SharedBytes& part : parts_)
+            if (part->size() < kSmallFrameBytes) small += part->size();
+        joined_.reserve(small);  // so that nothing moves below
+        std::size_t begin = 0;
+        const auto endRun = [&] {
+            if (begin != joined_.size())
+                buffers_.emplace_back(joined_.data() + begin, joined_.size() - begin);
+            begin = joined_.size();
+        };
+        for (const SharedBytes& part : parts_) {
+            if (part->size() < kSmallFrameBytes) {
+                joined_.insert(joined_.end(), part->begin(), part->end());
+            } else {
+                endRun();
+                buffers_.push_back(asio::buffer(*part));
+            }
+        }
+        endRun();
+    }
+
+    std::vector<SharedBytes> parts_;
+    std::vector<asio::const_buffer> buffers_;
+    Bytes joined_;
+    std::size_t bytes_ = 0;
+};
+
+class Session final : public WebSocketSession, public std::enable_shared_from_this<Session> {
+public:
+    Session(Hub& hub, SessionId id, Socket socket)
+        : hub_(hub), id_(id), stream_(std::move(socket)) {
+        // Without these two a small commit waits for the acknowledgement of the one before, or
+        // behind megabytes of a snapshot that the system has taken in advance.
+        beast::error_code ignored;
+        lowest().set_option(asio::ip::tcp::no_delay(true), ignored);
+        const int notSent = kFragmentBytes;
+        ::setsockopt(lowest().native_handle(), IPPROTO_TCP, TCP_NOTSENT_LOWAT, &notSent,
+                     sizeof notSent);
+
+        websocket::stream_base::timeout timeout;
+        timeout.handshake_timeout = hub.options.headerTime;
+        timeout.idle_timeout = hub.options.peerTime;
+        timeout.keep_alive_pings = true;
+        stream_.set_option(timeout);
+        stream_.read_message_max(0);  // onRead() counts, so that it can still say why
+        stream_.auto_fragment(true);
+        stream_.write_buffer_bytes(kFragmentBytes);
+        stream_.binary(true);
+    }
+
+    SessionId id() const override { return id_; }
+
+    void start(std::unique_ptr<Upgrade> upgrade) override {
+        beast::error_code ignored;
+        const auto peer = lowest().remote_endpoint(ignored);
+        hub_.log.write(LogLevel::Info, "session opened",
+                       {{"session", id_}, {"from", peer.address().to_string(ignored)}});
+        const auto& request = upgrade->request;
+        stream_.async_accept(request, [self = shared_from_this(), upgrade = std::move(upgrade)](
+                                          beast::error_code error) { self->onAccepted(error); });
+    }
+
+    void send(SharedBytes frames) override {
+        if (state_ != State::Open) return;
+        if (queuedBytes() > hub_.options.slowReaderBytes)
+            return tooSlow("more is waiting to be read than a connection may have");
+        push(std::move(frames));
+    }
+
+    bool congested() override {
+        if (state_ != State::Open || queuedBytes() <= WebSocketServer::kCongestedBytes)
+            return false;
+        tellDrained_ = true;
+        return true;
+    }
+
+    void sendBeside(FrameSource source) override {
+        if (state_ != State::Open) return;
+        if (sources_.size() >= WebSocketServer::kMaxSources)
+            return tooSlow("more was asked for at once than a connection may have");
+        sources_.push_back(std::make_shared<FrameSource>(std::move(source)));
+        produce();
+    }
+
+    void close(const std::optional<Error>& why) override {
+        if (state_ == State::Opening) return end("closed before it was open", LogLevel::Debug);
+        if (state_ != State::Open) return;
+        state_ = State::Closing;
+        closeCode_ = closeCode(why);
+        closeDeadline_ = steady_clock::now() + kCloseTime;
+        sources_.clear();
+        if (why)
+            hub_.log.write(
+                LogLevel::Warning, "session refused",
+                {{"session", id_}, {"code", errorName(why->code)}, {"reason", why->message}});
+        else
+            hub_.log.write(LogLevel::Info, "session closed", {{"session", id_}});
+        hub_.tellClosed(id_);
+        if (why) push(errorFrame(*why));
+        hub_.flushLater(shared_from_this());
+    }
+
+    void setReading(bool reading) override {
+        reading_ = reading;
+        if (reading && std::exchange(readPaused_, false)) read();
+    }
+
+    void flush() override {
+        flushing_ = false;
+        if (state_ == State::Closed || writing_) return;
+        if (!queue_.empty()) return write();
+        if (state_ == State::Closing) goodbye();
+    }
+
+    void sweep(TimePoint now) override {
+        if (writing_ && state_ == State::Open && now >= writeDeadline_) {
+            ++hub_.counters.slowReaders;
+            end("it did not read for too long", LogLevel::Warning);
+        } else if (state_ == State::Closing && now >= closeDeadline_) {
+            end("it did not close in time", LogLevel::Debug);
+        }
+    }
+
+    void cut() override { end("cut", LogLevel::Debug); }
+
+    void abandon() override {
+        state_ = State::Closed;
+        beast::error_code ignored;
+        lowest().close(ignored);
+    }
+
+private:
+    enum class State {
+        Opening,  // the upgrade is being answered
+        Open,
+        Closing,  // the handler has been told; the queue and the goodbye leave
+        Closed
+    };
+
+    Socket& lowest() { return beast::get_lowest_layer(stream_); }
+    std::size_t queuedBytes() const { return queue_.bytes() + batch_.bytes(); }
+
+    void onAccepted(beast::error_code error) {
+        if (state_ != State::Opening) return;
+        if (error) return end(error.message(), LogLevel::Info);
+        state_ = State::Open;
+        guarded([this] { hub_.handler.opened(id_); });
+        read();
+    }
+
+    // What the handler throws is a bug that concerns this session only, as far as one knows.
+    template <class Function>
+    void guarded(Function&& function) {
+        try {
+            function();
+        } catch (const std::exception& fault) {
+            hub_.log.write(LogLevel::Error, "session met a fault",
+                           {{"session", id_}, {"error", fault.what()}});
+            close(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+        }
+    }
+
+    void read() {
+        if (state_ != State::Open) return;
+        if (!reading_) {
+            readPaused_ = true;
+            return;
+        }
+        // By what has come, not by what a header claims: nobody makes us allocate by promising
+        // much.
+        const std::size_t size = std::clamp(buffer_.size(), kLeastReadBytes, kMostReadBytes);
+        stream_.async_read_some(
+            buffer_, size, [self = shared_from_this()](beast::error_code error, std::size_t bytes) {
+                self->onRead(error, bytes);
+            });
+    }
+
+    void onRead(beast::error_code error, std::size_t bytes) {
+        if (state_ == State::Closed) return;
+        if (error) return end(error.message(), LogLevel::Info);
+        hub_.counters.bytesIn += bytes;
+        if (state_ != State::Open) return;
+        if (stream_.got_text())
+            return close(Error{ErrorCode::TextFrame, std::string(errorText(ErrorCode::TextFrame))});
+        if (buffer_.size() > hub_.options.maxMessageBytes)
+            return close(Error{
+                ErrorCode::FrameTooLarge,
+                "a message may have " + std::to_string(hub_.options.maxMessageBytes) + " bytes"});
+        if (stream_.is_message_done()) {
+            ++hub_.counters.messagesIn;
+            const auto data = buffer_.data();
+            const ByteView message{static_cast<const std::uint8_t*>(data.data()), data.size()};
+            guarded([&] { hub_.handler.received(id_, message); });
+            buffer_.clear();
+            if (buffer_.capacity() > kMostReadBytes) buffer_.shrink_to_fit();
+        }
+        read();
+    }
+
+    void push(SharedBytes frames) {
+        hub_.counters.queuedBytes += frames->size();
+        queue_.push(std::move(frames));
+        if (!writing_ && !std::exchange(flushing_, true)) hub_.flushLater(shared_from_this());
+    }
+
+    void write() {
+        batch_.fill(queue_);
+        writing_ = true;
+        const std::size_t more = std::max(batch_.bytes(), kMessageBytes) - kMessageBytes;
+        writeDeadline_ = steady_clock::now() + hub_.options.slowReaderTime +
+                         milliseconds(more * 1000 / kThinLineBytesPerSecond);
+        stream_.async_write(batch_.buffers(),
+                            [self = shared_from_this()](beast::error_code error, std::size_t) {
+                                self->onWritten(error);
+                            });
+    }
+
+    void onWritten(beast::error_code error) {
+        writing_ = false;
+        if (state_ == State::Closed) return;
+        if (error) return end(error.message(), LogLevel::Info);
+        ++hub_.counters.messagesOut;
+        hub_.counters.framesOut += batch_.frames();
+        hub_.counters.bytesOut += batch_.bytes();
+        hub_.counters.queuedBytes -= batch_.bytes();
+        batch_.clear();
+        if (tellDrained_ && queuedBytes() <= WebSocketServer::kCongestedBytes) {
+            tellDrained_ = false;
+            guarded([this] { hub_.handler.drained(id_); });
+        }
+        produce();
+        flush();
+    }
+
+    void produce() {
+        if (state_ != State::Open || producing_ || sources_.empty()) return;
+        if (queuedBytes() > WebSocketServer::kBesideBytes) return;  // onWritten() comes back
+        producing_ = true;
+        auto source = std::move(sources_.front());
+        sources_.pop_front();
+        hub_.background([source, &io = hub_.io, weak = weak_from_this()] {
+            std::optional<SharedBytes> frame;
+            try {
+                frame = (*source)();
+            } catch (const std::exception&) {
+                // A bug; without it the client would wait for the rest for ever.
+            }
+            asio::post(io, [source, frame = std::move(frame), weak] {
+                if (const auto self = weak.lock()) self->onProduced(source, frame);
+            });
+        });
+    }
+
+    void onProduced(const std::shared_ptr<FrameSource>& source,
+                    const std::optional<SharedBytes>& frame) {
+        producing_ = false;
+        if (state_ != State::Open) return;
+        if (!frame)
+            return close(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+        if (*frame) {
+            sources_.push_back(source);
+            push(*frame);
+        }
+        produce();
+    }
+
+    void tooSlow(std::string message) {
+        ++hub_.counters.slowReaders;
+        hub_.counters.queuedBytes -= queue_.bytes();
+        queue_.clear();  // the error comes right after the message that is on its way
+        close(Error{ErrorCode::SlowReader, std::move(message)});
+    }
+
+    void goodbye() {
+        if (std::exchange(saidGoodbye_, true)) return;
+        stream_.async_close(closeCode_, [self = shared_from_this()](beast::error_code) {
+            self->end("closed", LogLevel::Debug);
+        });
+    }
+
+    void end(std::string_view reason, LogLevel level) {
+        if (state_ == State::Closed) return;
+        const State before = std::exchange(state_, State::Closed);
+        if (before == State::Open) hub_.tellClosed(id_);
+        if (before != State::Closing)
+            hub_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
+        sources_.clear();
+        hub_.counters.queuedBytes -= queuedBytes();
+        queue_.clear();
+        beast::error_code ignored;
+        lowest().close(ignored);
+        hub_.finished(*this);
+    }
+
+    Hub& hub_;
+    const SessionId id_;
+    websocket::stream<Socket, false> stream_;
+    State state_ = State::Opening;
+
+    beast::flat_buffer buffer_;
+    bool reading_ = true;
+    bool readPaused_ = false;  // a read would be running, were it not for reading_
+
+    SendQueue queue_;
+    Batch batch_;
+    bool writing_ = false;   // batch_ is on its way
+    bool flushing_ = false;  // flush() was asked for and has not come yet
+    bool tellDrained_ = false;
+    TimePoint writeDeadline_, closeDeadline_;
+    websocket::close_code closeCode_ = websocket::close_code::normal;
+    bool saidGoodbye_ = false;
+
+    std::deque<std::shared_ptr<FrameSource>> sources_;
+    bool producing_ = false;  // one of them is at work, and not in sources_
+};
+
+}  // namespace
+
+std::shared_ptr<WebSocketSession> createWebSocketSession(Hub& hub, SessionId id, Socket socket) {
+    return std::make_shared<Session>(hub, id, std::move(socket));
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,146 @@
+// One suite for the stores of big values: in memory and as files.
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <random>
+
+#include "unit/server/storage/TestCommits.h"
+#include "usdlive/server/storage/BlobStore.h"
+
+namespace usdlive::server {
+namespace {
+
+constexpr std::uint64_t kMaxBytes = 1'000'000;
+
+BlobStoreOptions options() {
+    BlobStoreOptions options;
+    options.maxBytes = kMaxBytes;
+    options.minFreeBytes = 0;
+    options.maxUnfinished = 4;
+    return options;
+}
+
+class InMemory {
+public:
+    std::unique_ptr<BlobStore> store = createMemoryBlobStore(options());
+};
+class InFiles {
+public:
+    test::TestFolder folder;
+    std::unique_ptr<BlobStore> store = std::move(*createFileBlobStore(folder.path, options()));
+};
+
+template <class Where>
+class BlobStoreContract : public testing::Test {
+public:
+    Where where;
+    BlobStore& blobs = *where.store;
+};
+using Disks = testing::Types<InMemory, InFiles>;
+TYPED_TEST_SUITE(BlobStoreContract, Disks);
+
+Bytes someBytes(std::size_t size, unsigned seed = 1) {
+    std::mt19937 random(seed);
+    Bytes bytes(size);
+    for (auto& byte : bytes) byte = std::uint8_t(random());
+    return bytes;
+}
+ErrorCode codeOf(const auto& result) { return result ? ErrorCode{} : result.error().code; }
+
+TYPED_TEST(BlobStoreContract, KeepsAValueThatComesInParts) {
+    const Bytes value = someBytes(600'000);
+    const Hash hash = sha256(value);
+    EXPECT_FALSE(this->blobs.has(hash));
+    EXPECT_EQ(codeOf(this->blobs.size(hash)), ErrorCode::BlobNotFound);
+    EXPECT_EQ(codeOf(this->blobs.read(hash, 0, 1)), ErrorCode::BlobNotFound);
+    for (std::size_t at = 0; at < value.size(); at += 200'000) {
+        EXPECT_FALSE(this->blobs.has(hash));
+        EXPECT_EQ(this->blobs.write(hash, value.size(), at, ByteView(value).subspan(at, 200'000)),
+                  at + 200'000 == value.size());
+    }
+    EXPECT_TRUE(this->blobs.has(hash));
+    EXPECT_EQ(this->blobs.size(hash), value.size());
+    EXPECT_EQ(this->blobs.read(hash, 0, value.size()), value);
+    EXPECT_EQ(this->blobs.read(hash, 599'999, 100), Bytes{value.back()});
+    EXPECT_EQ(this->blobs.read(hash, 600'000, 100), Bytes());
+    EXPECT_EQ(this->blobs.read(hash, ~std::uint64_t(0), ~std::size_t(0)), Bytes());
+    EXPECT_EQ(this->blobs.write(hash, value.size(), 200'000, {}), true) << "it is there";
+}
+
+TYPED_TEST(BlobStoreContract, BeginsAnewAtTheFirstPart) {
+    const Bytes value = someBytes(1'000);
+    const Hash hash = sha256(value);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, ByteView(value).first(700)), false);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, ByteView(value).first(400)), false);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 400, ByteView(value).subspan(400)), true);
+    EXPECT_EQ(this->blobs.read(hash, 0, 2'000), value);
+}
+
+TYPED_TEST(BlobStoreContract, RefusesWhatIsNotWhatItsHashNames) {
+    const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);
+    const Hash hash = sha256(value);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 0, other)), ErrorCode::BlobMismatch);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 999, 0, value)), ErrorCode::BlobMismatch);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 500, value)), ErrorCode::BlobMismatch);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, ByteView(value).first(500)), false);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 600, ByteView(value).subspan(600))),
+              ErrorCode::BlobMismatch);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 500, ByteView(value).subspan(500))),
+              ErrorCode::BlobMismatch)
+        << "the parts before were thrown away";
+    EXPECT_FALSE(this->blobs.has(hash));
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, value), true);
+}
+
+TYPED_TEST(BlobStoreContract, RefusesWhatIsTooLarge) {
+    const Bytes value = someBytes(10);
+    EXPECT_EQ(codeOf(this->blobs.write(sha256(value), kMaxBytes + 1, 0, value)),
+              ErrorCode::BlobTooLarge);
+}
+
+TYPED_TEST(BlobStoreContract, TakesAnEmptyValue) {
+    EXPECT_EQ(this->blobs.write(sha256(Bytes()), 0, 0, {}), true);
+    EXPECT_EQ(this->blobs.size(sha256(Bytes())), 0u);
+}
+
+TEST(FileBlobStore, KeepsValuesAndThrowsUnfinishedOnesAway) {
+    test::TestFolder folder;
+    const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);
+    {
+        const auto store = createFileBlobStore(folder.path, options());
+        ASSERT_TRUE((*store)->write(sha256(value), 1'000, 0, value).value());
+        ASSERT_FALSE((*store)->write(sha256(other), 1'000, 0, ByteView(other).first(9)).value());
+    }
+    std::ofstream(folder.path / "unfinished" / "of-a-process-that-was-killed") << "x";
+    const auto store = createFileBlobStore(folder.path, options());
+    EXPECT_EQ((*store)->read(sha256(value), 0, 1'000), value);
+    EXPECT_TRUE(std::filesystem::is_empty(folder.path / "unfinished"));
+    const std::string hex = sha256(value).hex();
+    EXPECT_TRUE(std::filesystem::exists(folder.path / hex.substr(0, 2) / hex));
+}
+
+TEST(FileBlobStore, BoundsWhatIsUnfinished) {
+    test::TestFolder folder;
+    const auto store = createFileBlobStore(folder.path, options());
+    for (unsigned seed = 0; seed < 10; ++seed) {
+        const Bytes value = someBytes(10, seed);
+        EXPECT_EQ((*store)->write(sha256(value), 10, 0, ByteView(value).first(5)), false);
+    }
+    const auto files = std::filesystem::directory_iterator(folder.path / "unfinished");
+    EXPECT_EQ(std::distance(begin(files), end(files)), 4);
+    const Bytes last = someBytes(10, 9);
+    EXPECT_EQ((*store)->write(sha256(last), 10, 5, ByteView(last).subspan(5)), true);
+}
+
+TEST(FileBlobStore, RefusesWhenTheDiskIsFull) {
+    test::TestFolder folder;
+    BlobStoreOptions full = options();
+    full.minFreeBytes = std::uint64_t(1) << 60;
+    const auto store = createFileBlobStore(folder.path, full);
+    const Bytes value = someBytes(10);
+    EXPECT_EQ(codeOf((*store)->write(sha256(value), 10, 0, value)), ErrorCode::StorageFull);
+}
+
+}  // namespace
+}  // namespace usdlive::server

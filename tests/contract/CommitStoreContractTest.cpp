@@ -1,0 +1,353 @@
+// One suite for the stores of a project's history: in memory and RocksDB.
+
+#include <gtest/gtest.h>
+
+#include "unit/server/storage/TestCommits.h"
+#include "usdlive/server/storage/MemoryCommitStore.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
+
+namespace usdlive::server {
+namespace {
+
+using test::RandomEdits;
+using test::TestCommits;
+
+const LayerId kLayer{"a.usda"}, kOther{"b.usda"};
+
+/// A place where a store is kept, and opened again.
+class Disk {
+public:
+    virtual ~Disk() = default;
+    virtual std::unique_ptr<CommitStore> open() = 0;
+};
+
+class InMemory final : public Disk {
+public:
+    std::unique_ptr<CommitStore> open() override { return createMemoryCommitStore(disk_); }
+
+private:
+    std::shared_ptr<MemoryDisk> disk_ = createMemoryDisk();
+};
+
+class InRocks final : public Disk {
+public:
+    std::unique_ptr<CommitStore> open() override {
+        RocksCommitStoreOptions options;
+        options.durability = Durability::OperatingSystem;
+        options.minFreeBytes = 0;
+        options.reserveBytes = 0;
+        auto store = createRocksCommitStore(folder_.path, options);
+        if (!store) throw std::runtime_error(store.error().message);
+        return std::move(*store);
+    }
+
+private:
+    test::TestFolder folder_;
+};
+
+template <class Where>
+class CommitStoreContract : public testing::Test {
+public:
+    void reopen() {
+        store.reset();
+        store = disk.open();
+    }
+    Result<void> append(const CommitRecord& commit) { return store->append({&commit, 1}); }
+    void expectLayers() {
+        for (const auto& [layer, doc] : commits.layers) {
+            const auto stored = store->loadLayer(layer);
+            ASSERT_TRUE(stored) << stored.error().message;
+            ASSERT_TRUE(*stored) << layer.value;
+            ASSERT_EQ((*stored)->dump(), doc.dump());
+            ASSERT_TRUE(**stored == doc);
+        }
+    }
+
+    Where disk;
+    std::unique_ptr<CommitStore> store = disk.open();
+    TestCommits commits;
+};
+
+using Disks = testing::Types<InMemory, InRocks>;
+TYPED_TEST_SUITE(CommitStoreContract, Disks);
+
+std::vector<Revision> revisions(const CommitStore& store, Revision from, Revision to) {
+    std::vector<Revision> all;
+    EXPECT_TRUE(store.read(from, to, [&](const StoredCommit& commit) {
+        all.push_back(commit.revision);
+        return true;
+    }));
+    return all;
+}
+
+TYPED_TEST(CommitStoreContract, BeginsEmpty) {
+    EXPECT_EQ(this->store->head().revision, 0u);
+    EXPECT_EQ(this->store->head().hash, Hash());
+    EXPECT_EQ(this->store->head().epoch, 1u);
+    EXPECT_TRUE(this->store->layers()->empty());
+    EXPECT_FALSE(*this->store->loadLayer(kLayer));
+    EXPECT_TRUE(revisions(*this->store, 1, 100).empty());
+    EXPECT_TRUE(this->store->hasSpace());
+    EXPECT_TRUE(this->store->append({}));
+}
+
+TYPED_TEST(CommitStoreContract, OpeningAnewKeepsAllAndTakesTheNextEpoch) {
+    std::vector<CommitRecord> group;
+    for (int number = 0; number < 5; ++number)
+        group.push_back(
+            this->commits.next(kLayer, "/P" + std::to_string(number), CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(this->store->append(group));
+    for (Epoch epoch = 1; epoch < 4; ++epoch) {
+        EXPECT_EQ(this->store->head().revision, 5u);
+        EXPECT_EQ(this->store->head().hash, group.back().hash);
+        EXPECT_EQ(this->store->head().epoch, epoch);
+        std::size_t at = 0;
+        EXPECT_TRUE(this->store->read(0, ~Revision(0), [&](const StoredCommit& commit) {
+            EXPECT_EQ(commit.revision, group[at].revision);
+            EXPECT_EQ(*commit.frame, *group[at].frame);
+            EXPECT_EQ(commit.hash, group[at].hash);
+            return ++at < group.size() + 1;
+        }));
+        EXPECT_EQ(at, group.size());
+        this->expectLayers();
+        this->reopen();
+    }
+}
+
+TYPED_TEST(CommitStoreContract, ReadsARangeAndStopsWhenTold) {
+    for (int number = 0; number < 9; ++number) ASSERT_TRUE(this->append(this->commits.raw({})));
+    EXPECT_EQ(revisions(*this->store, 3, 5), (std::vector<Revision>{3, 4, 5}));
+    EXPECT_EQ(revisions(*this->store, 8, 20), (std::vector<Revision>{8, 9}));
+    EXPECT_TRUE(revisions(*this->store, 10, 20).empty());
+    int visits = 0;
+    EXPECT_TRUE(this->store->read(1, 9, [&](const StoredCommit&) { return ++visits < 2; }));
+    EXPECT_EQ(visits, 2);
+    EXPECT_EQ(*this->store->hashAt(9), this->commits.head.hash);
+    EXPECT_EQ(*this->store->hashAt(0), Hash());
+    EXPECT_EQ(this->store->hashAt(10).error().code, ErrorCode::FutureRevision);
+}
+
+TYPED_TEST(CommitStoreContract, RefusesAGapAndAWrongHash) {
+    const auto first = this->commits.raw({}), second = this->commits.raw({});
+    EXPECT_EQ(this->append(second).error().code, ErrorCode::Internal);
+    auto wrong = first;
+    wrong.hash.bytes[0] ^= 1;
+    EXPECT_EQ(this->append(wrong).error().code, ErrorCode::Internal);
+    const std::vector group{first, first};
+    EXPECT_EQ(this->store->append(group).error().code, ErrorCode::Internal);
+    EXPECT_EQ(this->store->head().revision, 0u) << "all or nothing";
+    EXPECT_TRUE(this->append(first));
+    EXPECT_TRUE(this->append(second));
+}
+
+TYPED_TEST(CommitStoreContract, StateFollowsAnyEdits) {
+    for (unsigned seed = 0; seed < 15; ++seed) {
+        SCOPED_TRACE(seed);
+        RandomEdits random(seed);
+        TypeParam disk;
+        auto store = disk.open();
+        TestCommits commits;
+        for (int step = 0; step < 60; ++step) {
+            std::vector<CommitRecord> group;
+            for (auto size = random.below(6) + 1; size > 0; --size) {
+                const LayerId& layer = random.below(3) ? kLayer : kOther;
+                group.push_back(commits.next(random.next(layer, commits.layers[layer])));
+            }
+            ASSERT_TRUE(store->append(group));
+            if (random.below(8)) continue;
+            if (random.below(2)) {
+                store.reset();
+                store = disk.open();
+            }
+            for (const auto& [layer, doc] : commits.layers) {
+                const auto stored = store->loadLayer(layer);
+                ASSERT_TRUE(stored) << stored.error().message;
+                ASSERT_EQ(stored->value_or(LayerDoc()).dump(), doc.dump()) << "step " << step;
+            }
+        }
+    }
+}
+
+TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
+    ASSERT_TRUE(this->append(this->commits.import(kOther, LayerDoc())));
+    EXPECT_EQ(*this->store->layers(), std::vector{kOther});
+    EXPECT_TRUE(this->store->loadLayer(kOther)->has_value()) << "though it is empty";
+
+    LayerDoc doc;
+    ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(doc.apply("/A.x", CreateSpec{SpecKind::Attribute}));
+    for (double time : {-2.0, -0.5, 0.0, 1e-300, 3.0, 1e300})
+        ASSERT_TRUE(
+            doc.apply("/A.x", SetField{"timeSamples", SampleTime{time}, doubleValue(time)}));
+    ASSERT_TRUE(doc.apply("/A.x", SetField{"default", {}, doubleValue(1)}));
+    ASSERT_TRUE(this->append(this->commits.import(kLayer, doc)));
+    EXPECT_EQ(*this->store->savedRevision(kLayer), 2u);
+    EXPECT_TRUE(this->store->unsavedLayers()->empty());
+    this->expectLayers();
+    this->reopen();
+    this->expectLayers();
+    EXPECT_EQ(*this->store->layers(), (std::vector{kLayer, kOther}));
+
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/B", CreateSpec{SpecKind::Prim})));
+    EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
+    this->reopen();
+    EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
+    ASSERT_TRUE(this->store->setSavedRevision(kLayer, 3));
+    this->reopen();
+    EXPECT_EQ(*this->store->savedRevision(kLayer), 3u);
+    EXPECT_TRUE(this->store->unsavedLayers()->empty());
+    EXPECT_EQ(*this->store->savedRevision({"c.usda"}), 0u);
+    EXPECT_EQ(this->store->setSavedRevision({"c.usda"}, 1).error().code, ErrorCode::LayerNotFound);
+}
+
+TYPED_TEST(CommitStoreContract, SamplesAreSingleRecords) {
+    const std::string field = "timeSamples";
+    const auto sample = [&](double time) {
+        return PutSample{kLayer, kRootNode, field, time, doubleValue(time)};
+    };
+    const auto stored = [&]() -> std::optional<FieldValue> {
+        const auto doc = this->store->loadLayer(kLayer);
+        if (!doc || !*doc) return std::nullopt;
+        const FieldValue* value = (*doc)->field("/", field);
+        return value ? std::optional(*value) : std::nullopt;
+    };
+    const auto samples = [](std::vector<double> times) {
+        TimeSamples all;
+        for (const double time : times) all.samples.emplace_back(time, doubleValue(time));
+        return std::optional<FieldValue>(all);
+    };
+    const auto append = [&](std::vector<StateChange> changes) {
+        ASSERT_TRUE(this->append(this->commits.raw(std::move(changes))));
+    };
+    append({sample(1)});
+    EXPECT_EQ(stored(), samples({1}));
+    append({sample(-1), sample(0), sample(1)});
+    EXPECT_EQ(stored(), samples({-1, 0, 1}));
+    append({EraseSample{kLayer, kRootNode, field, 0}});
+    EXPECT_EQ(stored(), samples({-1, 1}));
+    append({PutField{kLayer, kRootNode, field, *samples({5, 6})}});
+    EXPECT_EQ(stored(), samples({5, 6}));
+    append({sample(7), PutField{kLayer, kRootNode, field, *samples({8})}, sample(9)});
+    EXPECT_EQ(stored(), samples({8, 9}));
+    append({PutField{kLayer, kRootNode, field, doubleValue(1)}});
+    EXPECT_EQ(stored(), FieldValue(doubleValue(1)));
+    append({sample(1)});
+    EXPECT_EQ(stored(), samples({1})) << "another form becomes samples";
+    append({EraseSample{kLayer, kRootNode, field, 1}});
+    EXPECT_EQ(stored(), std::nullopt) << "the last sample takes the field with it";
+    append({PutField{kLayer, kRootNode, field, TimeSamples{}}});
+    EXPECT_EQ(stored(), samples({})) << "authored without samples";
+    append({sample(2), EraseSample{kLayer, kRootNode, field, 2}});
+    EXPECT_EQ(stored(), std::nullopt);
+    append({sample(3), server::EraseField{kLayer, kRootNode, field}});
+    EXPECT_EQ(stored(), std::nullopt);
+    append({sample(4)});
+    EXPECT_EQ(stored(), samples({4})) << "none of the older ones comes back";
+}
+
+TYPED_TEST(CommitStoreContract, ManySamplesAreErasedTogether) {
+    TimeSamples many;
+    for (int time = 0; time < 2'000; ++time) many.samples.emplace_back(time, doubleValue(time));
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/", SetField{"timeSamples", {}, many})));
+    this->expectLayers();
+    ASSERT_TRUE(
+        this->append(this->commits.next(kLayer, "/", SetField{"timeSamples", {}, doubleValue(1)})));
+    this->expectLayers();
+    ASSERT_TRUE(this->append(
+        this->commits.next(kLayer, "/", SetField{"timeSamples", SampleTime{3}, doubleValue(1)})));
+    this->expectLayers();
+}
+
+TYPED_TEST(CommitStoreContract, ManySpecsAreErasedTogether) {
+    std::vector<Edit> create;
+    for (int number = 0; number < 300; ++number) {
+        const std::string path = "/A/P" + std::to_string(number);
+        create.push_back({kLayer, {path, {}}, CreateSpec{SpecKind::Prim}});
+        create.push_back({kLayer, {path, {}}, SetField{"comment", {}, stringValue("x")}});
+    }
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})));
+    ASSERT_TRUE(this->append(this->commits.next(create)));
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", DeleteSpec{})));
+    this->expectLayers();
+    // Created and deleted again by one group.
+    std::vector<CommitRecord> group;
+    group.push_back(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim}));
+    group.push_back(this->commits.next(create));
+    group.push_back(this->commits.next(kLayer, "/A/P7", DeleteSpec{}));
+    group.push_back(this->commits.next(kLayer, "/A/P8", MoveSpec{{"/", {}}, "Q"}));
+    group.push_back(this->commits.next(kLayer, "/A", DeleteSpec{}));
+    ASSERT_TRUE(this->store->append(group));
+    this->expectLayers();
+}
+
+TYPED_TEST(CommitStoreContract, KeepsMovesAndDeletes) {
+    std::vector<NamespaceChange> all;
+    const auto append = [&](CommitRecord commit) {
+        all.insert(all.end(), commit.namespaceChanges.begin(), commit.namespaceChanges.end());
+        ASSERT_TRUE(this->append(commit));
+    };
+    append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim}));
+    append(this->commits.next(kLayer, "/A", MoveSpec{{"/", {}}, "B"}));
+    append(this->commits.next(
+        {{kLayer, {"/B", {}}, MoveSpec{{"/", {}}, "C"}}, {kLayer, {"/C", {}}, DeleteSpec{}}}));
+    ASSERT_EQ(all.size(), 3u);
+    for (int opened = 0; opened < 2; ++opened) {
+        EXPECT_EQ(*this->store->namespaceChanges(0), all);
+        EXPECT_EQ(*this->store->namespaceChanges(2), std::vector(all.begin() + 1, all.end()));
+        EXPECT_TRUE(this->store->namespaceChanges(3)->empty());
+        this->reopen();
+    }
+}
+
+TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
+    const ClientId ada = this->commits.id.client, bo{"ffeeddccbbaa99887766554433221100"};
+    std::vector<CommitRecord> group;
+    const auto commit = [&](const ClientId& client, std::uint64_t sequence) {
+        this->commits.id = {client, sequence - 1};
+        group.push_back(this->commits.raw({}));
+        if (group.size() < 100) return;
+        ASSERT_TRUE(this->store->append(group));
+        group.clear();
+    };
+    commit(bo, 1);
+    for (std::uint64_t sequence = 1; sequence <= 1'030; ++sequence) commit(ada, sequence);
+    ASSERT_TRUE(this->store->append(group));
+    group.clear();
+    const auto committed = [&](const ClientId& client, std::uint64_t sequence) {
+        return *this->store->committed({client, sequence});
+    };
+    EXPECT_EQ(committed(ada, 6), std::nullopt);
+    for (std::uint64_t sequence = 7; sequence <= 1'030; ++sequence)
+        ASSERT_EQ(committed(ada, sequence), sequence + 1);
+    EXPECT_EQ(committed(ada, 1'031), std::nullopt);
+    EXPECT_EQ(committed(ada, 0), std::nullopt);
+    EXPECT_EQ(committed(bo, 1), Revision(1));
+    this->reopen();
+    EXPECT_EQ(committed(ada, 1'030), Revision(1'031));
+    commit(ada, 2'000);  // those between were refused
+    ASSERT_TRUE(this->store->append(group));
+    group.clear();
+    EXPECT_EQ(committed(ada, 976), std::nullopt);
+    EXPECT_EQ(committed(ada, 977), Revision(978));
+    EXPECT_EQ(committed(ada, 2'000), Revision(1'032));
+    commit(ada, 100'000);
+    ASSERT_TRUE(this->store->append(group));
+    EXPECT_EQ(committed(ada, 2'000), std::nullopt);
+    EXPECT_EQ(committed(ada, 1'030), std::nullopt);
+    EXPECT_EQ(committed(ada, 100'000), Revision(1'033));
+    EXPECT_EQ(committed(bo, 1), Revision(1));
+}
+
+TYPED_TEST(CommitStoreContract, KeepsCheckpoints) {
+    ASSERT_TRUE(this->append(this->commits.raw({})));
+    EXPECT_TRUE(this->store->setCheckpoint("lunch", 1));
+    EXPECT_TRUE(this->store->setCheckpoint("before lunch", 0));
+    this->reopen();
+    const std::vector<std::pair<std::string, Revision>> expected{{"before lunch", 0}, {"lunch", 1}};
+    EXPECT_EQ(*this->store->checkpoints(), expected);
+    EXPECT_TRUE(this->store->setCheckpoint("lunch", 0));
+    EXPECT_EQ(this->store->checkpoints()->back().second, 0u);
+}
+
+}  // namespace
+}  // namespace usdlive::server

@@ -1,0 +1,131 @@
+"""Real servers and real editors in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+HERE = pathlib.Path(__file__).parent
+
+
+class Server:
+    """`usdlive serve` on a free port of loopback."""
+
+    def __init__(self, folder: pathlib.Path, log: pathlib.Path, *options: str):
+        self.folder, self.log, self.options, self.port = folder, log, options, 0
+        self.process: subprocess.Popen | None = None
+
+    def start(self) -> "Server":
+        port_file = self.log.with_suffix(".port")
+        port_file.unlink(missing_ok=True)
+        self.process = subprocess.Popen(
+            [os.environ["USDLIVE_BIN"], "serve", str(self.folder), "--port", str(self.port),
+             "--port-file", str(port_file), "--min-free-mib", "1", *self.options],
+            stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
+        end = time.monotonic() + 20
+        while not port_file.exists():
+            assert self.process.poll() is None, self.log.read_text()
+            assert time.monotonic() < end, "the server did not come up"
+            time.sleep(0.005)
+        self.port = int(port_file.read_text())
+        return self
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> int:
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(timeout=20)
+
+    @property
+    def url(self) -> str:
+        return f"ws://127.0.0.1:{self.port}"
+
+
+class Peer:
+    """An editor in a Python process of its own, with `live`, `stage` and pxr's modules at hand."""
+
+    def __init__(self, url: str, user: str, layer: str, log: pathlib.Path):
+        self.log = log
+        self.process = subprocess.Popen(
+            [sys.executable, str(HERE / "peer.py"), url, user, layer], text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("ab"))
+        self._answer()
+
+    def _answer(self):
+        line = self.process.stdout.readline()
+        assert line, f"the editor ended:\n{self.log.read_text()[-4000:]}"
+        answer = json.loads(line)
+        assert "error" not in answer, answer["error"]
+        return answer.get("value")
+
+    def run(self, code: str):
+        """Executes statements; the value of the name `result` comes back (JSON)."""
+        self.process.stdin.write(json.dumps(code) + "\n")
+        self.process.stdin.flush()
+        return self._answer()
+
+    def flush(self) -> int:
+        """Everything committed; the revision where this editor stands."""
+        return self.run("assert live.flush(20), 'not committed'; result = live.revision")
+
+    def text(self, layer: str) -> str:
+        return self.run(f"result = layer({layer!r}).ExportToString()")
+
+    def catch_up(self, revision: int) -> None:
+        self.run(f"assert live.wait(lambda: live.revision >= {revision}, 20), live.revision")
+
+    def close(self) -> None:
+        self.process.stdin.close()
+        self.process.wait(timeout=20)
+
+
+@pytest.fixture
+def project(tmp_path):
+    folder = tmp_path / "project"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """serve(folder, *options) starts a server that is stopped after the test."""
+    servers: list[Server] = []
+
+    def start(folder: pathlib.Path, *options: str) -> Server:
+        servers.append(Server(folder, tmp_path / f"server{len(servers)}.log", *options).start())
+        return servers[-1]
+
+    yield start
+    for server in servers:
+        if server.process.poll() is None:
+            assert server.stop() == 0, server.log.read_text()
+
+
+@pytest.fixture
+def editor(tmp_path):
+    """editor(server, user, layer) starts an editor that is closed after the test."""
+    peers: list[Peer] = []
+
+    def start(server: Server, user: str, layer: str) -> Peer:
+        peers.append(Peer(server.url, user, layer, tmp_path / f"{user}{len(peers)}.log"))
+        return peers[-1]
+
+    yield start
+    for peer in peers:
+        peer.process.kill()
+        peer.process.wait()
+
+
+def cat(server: Server, layer: str, *options: str) -> str:
+    """A layer's text as the server has it."""
+    return subprocess.run([os.environ["USDLIVE_BIN"], "cat", f"{server.url}/{layer}", *options],
+                          capture_output=True, text=True, check=True).stdout

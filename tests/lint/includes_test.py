@@ -1,0 +1,155 @@
+"""Includes point one way and third-party headers stay at their edge (docs/decisions, style of the tree).
+
+Every rule is checked over all sources of the tree at once, so that a failure lists each offending line.
+"""
+
+import pathlib
+import re
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^">]+)[">]', re.MULTILINE)
+SOURCE_SUFFIXES = {".h", ".cpp"}
+FOLDERS = ["common", "server", "client", "plugins", "tests", "bench"]
+
+# area of a file -> the areas of ours whose headers it may include. An area is a folder of common, server
+# or client ("server/project"); a prefix ("common/") means all below it.
+COMMON_PLAIN = ["common/core", "common/layer", "common/protocol", "common/presence"]
+SERVER_EDGES = ["server/transport", "server/storage", "server/files", "server/auth"]
+ALLOWED = {
+    **{area: COMMON_PLAIN for area in COMMON_PLAIN},
+    "common/usd": ["common/"],
+    "server/project": COMMON_PLAIN,
+    "server/storage": [*COMMON_PLAIN, "server/project"],
+    "server/auth": [*COMMON_PLAIN, "server/project"],
+    "server/transport": [*COMMON_PLAIN, "server/project", "server/auth"],
+    "server/files": ["common/", "server/project"],
+    "server/app": ["common/", "server/project", *SERVER_EDGES],
+    "client/session": COMMON_PLAIN,
+    "client/transport": [*COMMON_PLAIN, "client/session"],
+    "client/usd": ["common/", "client/session", "client/transport"],
+    "client/cli": ["common/", "client/"],
+    "client/python": ["common/", "client/"],
+    "client/examples": ["common/", "client/"],
+    "plugins": ["common/", "client/"],
+}
+
+# third-party header -> where it may be included: a prefix of the path in the tree.
+EDGES = {
+    r"pxr/": [
+        "common/usd",
+        "client/usd",
+        "client/cli",
+        "client/python",
+        "client/examples",
+        "server/files",
+        "plugins",
+        "tests/unit/common/usd",
+        "tests/unit/client/usd",
+        "tests/unit/server/files",
+        "tests/contract",
+        "tests/simulation",
+        "tests/demo",
+        "bench",
+    ],
+    r"rocksdb/": ["server/storage", "tests/unit/server/storage"],
+    r"boost/(asio|beast)": [
+        "server/transport",
+        "server/app",
+        "client/transport",
+        "client/cli",
+        "tests/unit/server/transport",
+        "tests/unit/client/transport",
+        "tests/integration",
+        "bench",
+    ],
+    r"(dds|ddsc)/": ["server/transport", "client/transport"],
+    r"prometheus/": ["server/transport", "server/app", "tests/unit/server"],
+    r"spdlog/": ["server/transport", "server/app", "server/files", "tests/unit/server"],
+    r"CLI/": ["server/app", "client/cli"],
+    r"nanobind/": ["client/python"],
+}
+
+
+def source_files():
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in SOURCE_SUFFIXES:
+                yield path
+
+
+def area_of(path):
+    """client/include/usdlive/client/usd/Client.h and client/src/usd/Client.cpp are both of client/usd."""
+    parts = path.relative_to(ROOT).parts
+    if len(parts) > 4 and parts[1] == "include":
+        return f"{parts[0]}/{parts[4]}"
+    if len(parts) > 3 and parts[1] == "src":
+        return f"{parts[0]}/{parts[2]}"
+    if parts[0] in ("tests", "bench", "plugins"):
+        return "/".join(parts[:-1])
+    return "/".join(parts[:2])
+
+
+def area_of_include(include):
+    """The area of one of our headers, usdlive/client/usd/Client.h; None for all others."""
+    parts = include.split("/")
+    return "/".join(parts[1:3]) if parts[0] == "usdlive" and len(parts) > 3 else None
+
+
+def all_includes():
+    """(file, line, area of the file, header) of every include of the tree."""
+    for path in source_files():
+        text = path.read_text(encoding="utf-8")
+        for match in INCLUDE.finditer(text):
+            line = text.count("\n", 0, match.start(1)) + 1
+            yield path.relative_to(ROOT), line, area_of(path), match.group(1)
+
+
+def listed(offences):
+    return "\n" + "\n".join(f"{path}:{line}: {area} includes {header}" for path, line, area, header in offences)
+
+
+def test_parts_include_in_one_direction():
+    def allowed(area, header):
+        target = area_of_include(header)
+        own = next((known for known in ALLOWED if area == known or area.startswith(known + "/")), None)
+        if target is None or own is None or target == own:
+            return True
+        return any(target == ok or ok.endswith("/") and target.startswith(ok) for ok in ALLOWED[own])
+
+    offences = [found for found in all_includes() if not allowed(found[2], found[3])]
+    assert not offences, listed(offences)
+
+
+def test_every_part_has_a_rule():
+    known = tuple(ALLOWED)
+    unknown = {
+        area
+        for area in map(area_of, source_files())
+        if area.split("/")[0] not in ("tests", "bench") and not area.startswith(known)
+    }
+    assert not unknown, f"add to ALLOWED: {sorted(unknown)}"
+
+
+@pytest.mark.parametrize("header", EDGES)
+def test_third_party_headers_stay_at_their_edge(header):
+    offences = [
+        (path, line, area, include)
+        for path, line, area, include in all_includes()
+        if re.match(header, include) and not area.startswith(tuple(EDGES[header]))
+    ]
+    assert not offences, listed(offences)
+
+
+def test_json_headers_are_included_by_sources_only():
+    offences = [
+        found for found in all_includes() if found[3].startswith("nlohmann/") and found[0].suffix == ".h"
+    ]
+    assert not offences, listed(offences)
+
+
+def test_headers_are_included_by_their_full_path():
+    """usdlive/common/core/Id.h and not ../core/Id.h, so that these rules see every include."""
+    offences = [found for found in all_includes() if found[3].startswith((".", "/"))]
+    assert not offences, listed(offences)

@@ -1,0 +1,334 @@
+#include "SimClient.h"
+
+#include <algorithm>
+#include <sstream>
+
+namespace usdlive::simulation {
+
+using namespace client;
+
+namespace {
+
+// The lines by which two texts differ, with what stands around them.
+std::string textDifference(const std::string& left, const std::string& right) {
+    const auto lines = [](const std::string& text) {
+        std::istringstream stream(text);
+        std::vector<std::string> all;
+        for (std::string line; std::getline(stream, line);) all.push_back(line);
+        return all;
+    };
+    const auto before = lines(left), after = lines(right);
+    const std::size_t most = std::min(before.size(), after.size());
+    std::size_t head = 0, tail = 0;
+    while (head < most && before[head] == after[head]) ++head;
+    while (tail < most - head && before[before.size() - 1 - tail] == after[after.size() - 1 - tail])
+        ++tail;
+    std::string text;
+    for (std::size_t index = 0; index < head; ++index)
+        if (!before[index].starts_with(' ')) text += "  " + before[index] + "\n";
+    for (std::size_t index = head; index + tail < before.size(); ++index)
+        text += "- " + before[index] + "\n";
+    for (std::size_t index = head; index + tail < after.size(); ++index)
+        text += "+ " + after[index] + "\n";
+    return text;
+}
+
+}  // namespace
+
+SimClient::SimClient(std::size_t number, const SimStyle& style, SimClock& clock, SimRandom& random,
+                     SimNetwork& network, SimServer& server)
+    : number_(number),
+      style_(style),
+      clock_(clock),
+      random_(random),
+      network_(network),
+      server_(server),
+      script_(random, lastValue_),
+      lastValue_(number * 1'000'000),
+      session_(options(), *this, *this) {}
+
+Session::Options SimClient::options() {
+    Session::Options options;
+    options.client = {"client" + std::to_string(number_)};
+    options.user = {"user" + std::to_string(number_)};
+    options.application = "simulation";
+    options.uploadWindowChunks = 1 + random_.below(3);
+    options.checksPrediction = style_.checksPrediction;
+    options.clockMs = [this] { return fakeMs_ += 0.5; };
+    return options;
+}
+
+// ---- the line
+
+void SimClient::start() {
+    const LayerId& first = random_.pick(style_.layers);
+    session_.openLayer(first);
+    opened_.insert(first);
+    connect();
+    clock_.in(random_.between(0, 20'000), [this] { tick(); });
+}
+
+void SimClient::connectLater() {
+    clock_.in(random_.between(5'000, 400'000), [this] { connect(); });
+}
+
+void SimClient::connect() {
+    if (link_ != 0) return;
+    if (!server_.isRunning()) {
+        session_.disconnected({ErrorCode::NotConnected, "the server does not answer"});
+        return connectLater();
+    }
+    auto link = std::make_shared<server::SessionId>();
+    *link = link_ = network_.open({[this, link](SharedBytes message) {
+                                       if (*link != link_) return;
+                                       const auto done = session_.received(std::move(message));
+                                       require(done.has_value(), "a message does not split");
+                                   },
+                                   [this, link] {
+                                       if (*link != link_) return;
+                                       link_ = 0;
+                                       session_.disconnected(
+                                           {ErrorCode::NotConnected, "the connection is lost"});
+                                       connectLater();
+                                   }});
+    clock_.in(random_.between(100, 5'000), [this, link] {
+        if (*link != link_) return;
+        server_.connected(*link);
+        session_.connected();
+    });
+}
+
+void SimClient::send(SharedBytes frames) {
+    require(link_ != 0, "a session sends without a connection");
+    network_.sendToServer(link_, std::move(frames));
+}
+
+// ---- an editor's frame
+
+void SimClient::tick() {
+    if (!settling_) {
+        if (random_.chance(style_.openPercent)) openAndClose();
+        if (random_.chancePerMille(style_.requestPerMille)) makeRequests();
+        editSomething();
+        if (link_ != 0 && random_.chancePerMille(style_.cutPerMille))
+            network_.cut(link_, random_.chance(40));
+    }
+    const double budget =
+        style_.smallBudgets && !settling_ ? double(random_.below(4)) : 1'000'000.0;
+    session_.advance(budget, clock_.nowMs());
+    handleEvents();
+    compareEditor();
+    clock_.in(random_.between(5'000, settling_ ? 60'000 : 30'000), [this] { tick(); });
+}
+
+void SimClient::editSomething() {
+    if (session_.inGesture()) {
+        if (random_.chance(80)) authorRandom(1 + random_.below(2));
+        if (random_.chance(15)) session_.endGesture();
+        return;
+    }
+    if (random_.chance(style_.gesturePercent))
+        session_.beginGesture();
+    else if (random_.chance(style_.editPercent))
+        authorRandom(1 + random_.below(random_.chance(20) ? 8 : 3));
+}
+
+void SimClient::authorRandom(std::size_t count) {
+    std::vector<AuthoredEdit> edits;
+    for (std::size_t step = 0; step < count; ++step) {
+        std::vector<LayerId> layers;
+        for (const auto& [layer, doc] : editor_)
+            if (session_.isJoined(layer)) layers.push_back(layer);
+        if (layers.empty()) return;
+        const LayerId& layer = random_.pick(layers);
+        LayerDoc& doc = editor_.at(layer);
+        const bool slide = session_.inGesture() && random_.chance(80);
+        auto next =
+            slide ? script_.slide(layer, doc) : script_.edits(layer, doc, blobs_, style_.bigValues);
+        for (AuthoredEdit& edit : next) {
+            const auto applied = doc.apply(edit.path, edit.action);
+            const bool forbidden = !applied && applied.error().code == ErrorCode::ForbiddenValue;
+            if (!applied && !forbidden) break;
+            edits.push_back(std::move(edit));
+        }
+    }
+    if (edits.empty()) return;
+    if (!session_.inGesture()) {
+        authoredEdits += edits.size();
+        ++transactions;
+    }
+    session_.author(std::move(edits));
+    if (style_.checksPrediction) compareEditor();
+}
+
+void SimClient::openAndClose() {
+    const LayerId& layer = random_.pick(style_.layers);
+    if (opened_.contains(layer)) {
+        if (!random_.chance(30)) return;
+        session_.closeLayer(layer);
+        opened_.erase(layer);
+        editor_.erase(layer);
+    } else if (random_.chance(10)) {
+        session_.openLayer({"broken.usda"});
+    } else {
+        session_.openLayer(layer);
+        opened_.insert(layer);
+    }
+}
+
+void SimClient::makeRequests() {
+    const LayerId layer = random_.pick(style_.layers);
+    switch (random_.below(3)) {
+        case 0: {
+            const Revision revision = random_.below(session_.revision() + 1);
+            session_.peek(layer, revision, [this, layer](Result<LayerDoc> doc, Revision at) {
+                if (doc) peeked.push_back({layer, at, doc->dump()});
+            });
+            break;
+        }
+        case 1:
+            session_.save({});
+            break;
+        default: {
+            auto next = std::make_shared<Revision>(1);
+            session_.requestLog(
+                1, 0,
+                [next](const Commit& commit) {
+                    require(commit.revision == (*next)++, "the log has a gap");
+                },
+                [](const Result<void>&) {});
+        }
+    }
+}
+
+void SimClient::settle(bool all) {
+    settling_ = true;
+    session_.endGesture();
+    if (!all) return;
+    for (const LayerId& layer : style_.layers) {
+        session_.openLayer(layer);
+        opened_.insert(layer);
+    }
+}
+
+bool SimClient::isSettled() const {
+    return session_.isConnected() && session_.pendingTransactions() == 0 &&
+           session_.revision() == server_.store().head().revision &&
+           std::all_of(opened_.begin(), opened_.end(), [this](const LayerId& layer) {
+               return session_.isJoined(layer) && editor_.contains(layer);
+           });
+}
+
+std::string SimClient::describe() const {
+    return "client" + std::to_string(number_) + ": connected " +
+           std::to_string(session_.isConnected()) + " revision " +
+           std::to_string(session_.revision()) + " pending " +
+           std::to_string(session_.pendingTransactions()) + " joined " +
+           std::to_string(
+               std::count_if(opened_.begin(), opened_.end(),
+                             [this](const LayerId& layer) { return session_.isJoined(layer); })) +
+           "/" + std::to_string(opened_.size());
+}
+
+// ---- what it is told
+
+void SimClient::reset(const LayerId& layer, const LayerDoc& doc) {
+    require(opened_.contains(layer), "a layer is shown that is not open");
+    editor_.insert_or_assign(layer, doc);
+}
+
+void SimClient::apply(const LayerId& layer, const std::string& path, const EditAction& action) {
+    const auto doc = editor_.find(layer);
+    require(doc != editor_.end(), "an edit is shown of a layer that is not");
+    const auto applied = doc->second.apply(path, action);
+    if (!applied)
+        throw SimFailure("an edit does not apply to what the editor shows: " +
+                         applied.error().message);
+}
+
+SharedBytes SimClient::localBlob(const Hash& hash) {
+    const auto found = blobs_.find(hash);
+    return found == blobs_.end() ? nullptr : found->second;
+}
+
+void SimClient::blobArrived(const Hash& hash, SharedBytes bytes) {
+    require(sha256(*bytes) == hash, "a big value arrived that is another");
+    blobs_[hash] = std::move(bytes);
+    askedFor_.erase(hash);
+}
+
+void SimClient::askForBigValues() {
+    for (const auto& [layer, doc] : editor_)
+        doc.visit([&](const LayerDoc::SpecView& spec) {
+            for (const auto& [name, value] : *spec.fields)
+                forEachBlob(value, [&](const Value& blob) {
+                    if (blobs_.contains(blob.hash())) return;
+                    askedFor_.insert(blob.hash());
+                    session_.requestBlob(blob.hash());
+                });
+        });
+}
+
+void SimClient::handleEvents() {
+    for (const Event& event : session_.takeEvents())
+        std::visit([this](const auto& one) { on(one); }, event);
+}
+
+void SimClient::on(const event::Committed& event) {
+    require(lastSeen_ == 0 || event.commit.revision == lastSeen_ + 1, "commits have a gap");
+    lastSeen_ = event.commit.revision;
+    ++commitsSeen;
+}
+void SimClient::on(const event::Connected& event) {
+    if (event.resumed) return;
+    lastSeen_ = event.welcome.revision;
+    ++rejoins;
+}
+void SimClient::on(const event::Lost& event) {
+    require(!event.work.edits.empty(), "work was lost and it is not said which");
+    if (event.work.gesture == 0) lostEdits += event.work.edits.size();
+}
+void SimClient::on(const event::ServerError& event) {
+    if (event.message.closing && link_ != 0) network_.cut(link_, false);
+    require(event.message.code != "malformedFrame" && event.message.code != "malformedControl" &&
+                event.message.code != "internal" && event.message.code != "invalidPath",
+            "the server says " + event.message.code + ": " + event.message.message);
+    require(event.message.message.find("diverged and is fetched") == std::string::npos,
+            event.message.message);
+}
+void SimClient::on(const event::JoinFailed& event) {
+    if (event.layer.value == "broken.usda") return;
+    opened_.erase(event.layer);
+    editor_.erase(event.layer);
+}
+
+// ---- what has to hold
+
+void SimClient::compareEditor() const {
+    for (const auto& [layer, doc] : editor_) {
+        if (!session_.isJoined(layer)) continue;
+        const LayerDoc* view = session_.view(layer);
+        if (!view || *view == doc) continue;
+        throw SimFailure("client" + std::to_string(number_) + " shows another " + layer.value +
+                         " (-) than its session's view (+)\n" +
+                         textDifference(doc.dump(), view->dump()));
+    }
+}
+
+void SimClient::check(const std::map<LayerId, std::string>& truth) const {
+    require(askedFor_.empty(), "big values were asked for and did not come");
+    for (const LayerId& layer : opened_) {
+        const std::string name = "client" + std::to_string(number_) + " " + layer.value;
+        const std::string expected = truth.contains(layer) ? truth.at(layer) : LayerDoc().dump();
+        const auto differs = [&](const char* what, const std::string& text) {
+            if (text != expected)
+                throw SimFailure(name + ": " + what + " (+) is not what is stored (-)\n" +
+                                 textDifference(expected, text));
+        };
+        differs("confirmed", session_.confirmed(layer)->dump());
+        differs("view", session_.view(layer)->dump());
+        differs("editor", editor_.at(layer).dump());
+    }
+}
+
+}  // namespace usdlive::simulation

@@ -1,0 +1,110 @@
+#pragma once
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "EditScript.h"
+#include "SimNetwork.h"
+#include "SimServer.h"
+#include "usdlive/client/session/Session.h"
+
+namespace usdlive::simulation {
+
+/// What a seed decides about the editors.
+struct SimStyle {
+    std::vector<LayerId> layers;
+    unsigned editPercent = 30;  ///< of the ticks
+    unsigned gesturePercent = 3;
+    unsigned openPercent = 4;
+    unsigned cutPerMille = 3;
+    unsigned requestPerMille = 4;  ///< peeks, saves, logs
+    bool bigValues = false;
+    bool smallBudgets = false;
+    bool checksPrediction = false;
+};
+
+/// The real Session with a made-up editor around it, whose layers are LayerDocs.
+class SimClient : public client::SessionHost, public client::LayerView {
+public:
+    SimClient(std::size_t number, const SimStyle& style, SimClock& clock, SimRandom& random,
+              SimNetwork& network, SimServer& server);
+
+    void start();
+    /// Stops editing; `all`: opens every layer there is.
+    void settle(bool all);
+    /// Nothing of its own is under way.
+    [[nodiscard]] bool isSettled() const;
+    void askForBigValues();
+    [[nodiscard]] std::string describe() const;
+
+    /// Compares what it has with what the server's store holds.
+    void check(const std::map<LayerId, std::string>& truth) const;
+
+    [[nodiscard]] const client::Session& session() const { return session_; }
+    [[nodiscard]] const std::map<LayerId, LayerDoc>& editor() const { return editor_; }
+
+    // Not of gestures.
+    std::uint64_t authoredEdits = 0;
+    std::uint64_t lostEdits = 0;
+    std::uint64_t transactions = 0;
+    std::uint64_t commitsSeen = 0;
+    std::uint64_t rejoins = 0;
+    bool usedBigValues = false;
+
+    struct Peeked {
+        LayerId layer;
+        Revision revision;
+        std::string dump;
+    };
+    std::vector<Peeked> peeked;
+
+    // SessionHost
+    void send(SharedBytes frames) override;
+    [[nodiscard]] SharedBytes localBlob(const Hash& hash) override;
+    void blobArrived(const Hash& hash, SharedBytes bytes) override;
+    // LayerView
+    void reset(const LayerId& layer, const LayerDoc& doc) override;
+    void apply(const LayerId& layer, const std::string& path, const EditAction& action) override;
+
+private:
+    void connect();
+    void connectLater();
+    void tick();
+    void editSomething();
+    void makeRequests();
+    void openAndClose();
+    void authorRandom(std::size_t count);
+    void handleEvents();
+    void on(const client::event::Committed& event);
+    void on(const client::event::Connected& event);
+    void on(const client::event::Lost& event);
+    void on(const client::event::ServerError& event);
+    void on(const client::event::JoinFailed& event);
+    void on(const auto&) {}
+    void compareEditor() const;
+    client::Session::Options options();
+
+    const std::size_t number_;
+    const SimStyle& style_;
+    SimClock& clock_;
+    SimRandom& random_;
+    SimNetwork& network_;
+    SimServer& server_;
+    EditScript script_;
+
+    std::uint64_t lastValue_;
+    double fakeMs_ = 0;
+    std::map<LayerId, LayerDoc> editor_;
+    std::map<Hash, SharedBytes> blobs_;
+    std::set<Hash> askedFor_;
+    std::set<LayerId> opened_;
+    server::SessionId link_ = 0;  // 0: none
+    bool settling_ = false;
+    Revision lastSeen_ = 0;
+    client::Session session_;
+};
+
+}  // namespace usdlive::simulation

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "usdlive/server/storage/BlobStore.h"
+#include "usdlive/server/storage/MemoryCommitStore.h"
+
+namespace usdlive::simulation {
+
+/// What outlives the server's processes, and can fail. What append() has taken is durable.
+class SimDisk {
+public:
+    bool full = false;         ///< append() fails with StorageFull
+    bool reportsSpace = true;  ///< what the server is told when it asks
+    bool failed = false;       ///< append() fails with StorageFailed until the store is opened anew
+    const std::unique_ptr<server::BlobStore> blobs = server::createMemoryBlobStore();
+
+    /// A new process takes the project over.
+    void open() {
+        failed = false;
+        store_ = server::createMemoryCommitStore(disk_);
+    }
+    [[nodiscard]] server::CommitStore& store() const { return *store_; }
+
+    Result<void> append(std::span<const server::CommitRecord> commits) {
+        if (failed) return fail(ErrorCode::StorageFailed, "the simulated disk is broken");
+        if (full) return fail(ErrorCode::StorageFull, "the simulated disk is full");
+        auto done = store_->append(commits);
+        if (done) commits_.insert(commits_.end(), commits.begin(), commits.end());
+        return done;
+    }
+
+    /// Forgets the newest commits, as a disk that lied would. To be opened then.
+    void rollBack(Revision to) {
+        const Epoch epoch = store_->head().epoch;
+        commits_.resize(std::min<std::size_t>(commits_.size(), to));
+        disk_ = server::createMemoryDisk();
+        store_ = server::createMemoryCommitStore(disk_);
+        (void)store_->append(commits_);
+        while (store_->head().epoch < epoch) store_ = server::createMemoryCommitStore(disk_);
+    }
+
+private:
+    std::shared_ptr<server::MemoryDisk> disk_ = server::createMemoryDisk();
+    std::unique_ptr<server::CommitStore> store_ = server::createMemoryCommitStore(disk_);
+    std::vector<server::CommitRecord> commits_;
+};
+
+}  // namespace usdlive::simulation

@@ -1,0 +1,207 @@
+#include "SimServer.h"
+
+#include <algorithm>
+#include <iterator>
+
+#include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/common/protocol/Snapshot.h"
+
+namespace usdlive::simulation {
+
+using namespace server;
+
+SimServer::SimServer(SimClock& clock, SimRandom& random, SimNetwork& network,
+                     std::map<LayerId, LayerDoc> files, Project::Options options)
+    : clock_(clock),
+      random_(random),
+      network_(network),
+      files_(std::move(files)),
+      options_(std::move(options)) {
+    network_.server = {[this](SessionId session, SharedBytes message) {
+                           if (project_) project_->received(session, *message);
+                       },
+                       [this](SessionId session) {
+                           if (project_) project_->disconnected(session);
+                       },
+                       [this](SessionId session) {
+                           if (project_) project_->drained(session);
+                       }};
+}
+
+void SimServer::start() {
+    disk.open();
+    ++process_;
+    const CommitStore::Head head = store().head();
+    std::vector<LayerId> layers = *store().layers();
+    for (const auto& [layer, doc] : files_)
+        if (std::find(layers.begin(), layers.end(), layer) == layers.end()) layers.push_back(layer);
+    layers.push_back({"broken.usda"});
+    project_ = std::make_unique<Project>(
+        options_, *this, head, std::move(layers),
+        *store().namespaceChanges(Project::firstNamespaceRevision(options_, head)));
+}
+
+void SimServer::kill() {
+    if (appending_ > 0 && !disk.full && !disk.failed && random_.chance(50)) {
+        const std::vector<CommitRecord> group(appends_.begin(),
+                                              appends_.begin() + std::ptrdiff_t(appending_));
+        (void)disk.append(group);
+    }
+    project_.reset();
+    ++process_;
+    appends_.clear();
+    appending_ = 0;
+    network_.cutAll();
+}
+
+void SimServer::connected(SessionId session) {
+    if (project_) project_->connected(session);
+}
+
+void SimServer::later(std::int64_t delayUs, std::function<void()> what) {
+    clock_.in(delayUs, [this, process = process_, what = std::move(what)] {
+        if (process == process_) what();
+    });
+}
+
+std::int64_t SimServer::diskUs() { return random_.between(50, 8'000) * slowness; }
+
+void SimServer::send(SessionId session, SharedBytes frames) {
+    network_.sendToClient(session, std::move(frames));
+}
+bool SimServer::congested(SessionId session) { return network_.congested(session); }
+void SimServer::close(SessionId session) { network_.closeByServer(session); }
+
+// ---- commits
+
+void SimServer::append(CommitRecord commit) {
+    appends_.push_back(std::move(commit));
+    if (appending_ == 0) appendNext();
+}
+
+void SimServer::appendNext() {
+    if (appends_.empty()) return;
+    appending_ = 1 + random_.below(appends_.size());
+    later(diskUs(), [this] { appendDone(); });
+}
+
+void SimServer::appendDone() {
+    const std::vector<CommitRecord> group(appends_.begin(),
+                                          appends_.begin() + std::ptrdiff_t(appending_));
+    const auto done = disk.append(group);
+    if (!done) {
+        appends_.clear();
+        appending_ = 0;
+        return project_->appendFailed(done.error(), store().head());
+    }
+    appends_.erase(appends_.begin(), appends_.begin() + std::ptrdiff_t(appending_));
+    appending_ = 0;
+    appendNext();
+    project_->appended(store().head().revision);
+}
+
+// ---- layers and history
+
+void SimServer::loadLayer(const LayerId& layer) {
+    const std::int64_t delay = random_.chance(20) ? random_.between(10'000, 500'000) : diskUs();
+    later(delay, [this, layer] {
+        const auto stored = store().loadLayer(layer);
+        if (!stored) return project_->layerLoaded(layer, tl::unexpected(stored.error()));
+        if (*stored) return project_->layerLoaded(layer, LoadedLayer{**stored, false});
+        const auto file = files_.find(layer);
+        if (file == files_.end())
+            return project_->layerLoaded(
+                layer, fail(ErrorCode::LayerUnreadable, layer.value + " does not parse"));
+        project_->layerLoaded(layer, LoadedLayer{file->second, true});
+    });
+}
+
+void SimServer::readCommits(SessionId session, Revision from, Revision to) {
+    later(diskUs(), [this, session, from, to] {
+        std::vector<StoredCommit> commits;
+        const auto read = store().read(from, to, [&](const StoredCommit& commit) {
+            commits.push_back(commit);
+            return true;
+        });
+        if (!read) return project_->commitsRead(session, tl::unexpected(read.error()));
+        project_->commitsRead(session, std::move(commits));
+    });
+}
+
+LayerDoc SimServer::replay(const LayerId& layer, Revision revision) const {
+    LayerDocs docs;
+    NamespaceLog log;
+    docs[layer];
+    (void)store().read(1, revision, [&](const StoredCommit& stored) {
+        const auto frames = splitMessage(*stored.frame);
+        const auto frame = decodeFrame(frames->front());
+        require(frame.has_value(), "a stored commit does not decode");
+        const auto applied = applyCommit(docs, log, std::get<CommitFrame>(*frame).commit);
+        require(applied.has_value(), "a stored commit does not apply");
+        return true;
+    });
+    return docs.at(layer);
+}
+
+void SimServer::readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
+                            Revision revision) {
+    later(diskUs(), [this, session, request, layer, revision] {
+        project_->historyRead(session, request, replay(layer, revision));
+    });
+}
+
+void SimServer::sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) {
+    auto encoder = std::make_shared<SnapshotEncoder>(std::move(doc), request);
+    std::int64_t delay = 0;
+    while (auto frame = encoder->next()) {
+        delay += random_.between(0, 3'000);
+        later(delay, [this, session, frame = std::make_shared<SnapshotFrame>(std::move(*frame))] {
+            send(session, std::make_shared<const Bytes>(encodeFrame(*frame)));
+        });
+    }
+}
+
+void SimServer::saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) {
+    later(diskUs() * 4, [this, session, request, jobs = std::move(jobs)] {
+        LayersSaved outcome;
+        outcome.request = request;
+        for (const SaveJob& job : jobs) {
+            require(job.doc.dump() == replay(job.layer, job.revision).dump(),
+                    "what is saved is not what was committed");
+            (void)store().setSavedRevision(job.layer, job.revision);
+            outcome.saved.push_back(job.layer);
+            outcome.revision = job.revision;
+        }
+        project_->layersSaved(session, request, outcome);
+    });
+}
+
+// ---- big values
+
+void SimServer::sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) {
+    const std::uint64_t size = *disk.blobs->size(hash);
+    std::int64_t delay = 0;
+    while (offset < size) {
+        const Bytes part = *disk.blobs->read(hash, offset, kChunkBytes);
+        auto frame = std::make_shared<const Bytes>(
+            encodeFrame(BlobFrame{hash, size, offset, std::uint32_t(part.size()), deflate(part)}));
+        offset += part.size();
+        delay += random_.between(0, 5'000);
+        later(delay, [this, session, frame] { send(session, frame); });
+    }
+}
+
+void SimServer::writeBlob(SessionId session, BlobFrame part) {
+    blobUs_ = std::max(blobUs_, clock_.nowUs() + diskUs());
+    later(blobUs_ - clock_.nowUs(), [this, session, part = std::move(part)] {
+        if (disk.full)
+            return project_->blobWritten(session, part.hash,
+                                         fail(ErrorCode::StorageFull, "no room for it"));
+        const auto raw = inflate(part.data, part.rawBytes, kChunkBytes);
+        require(raw.has_value(), "a part of a big value does not inflate");
+        project_->blobWritten(session, part.hash,
+                              disk.blobs->write(part.hash, part.size, part.offset, *raw));
+    });
+}
+
+}  // namespace usdlive::simulation

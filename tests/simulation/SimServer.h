@@ -1,0 +1,78 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <memory>
+#include <set>
+
+#include "SimDisk.h"
+#include "SimNetwork.h"
+#include "usdlive/server/project/Project.h"
+
+namespace usdlive::simulation {
+
+/// The real Project with a made-up process around it, that can be killed and started again.
+class SimServer : public server::ProjectHost {
+public:
+    SimServer(SimClock& clock, SimRandom& random, SimNetwork& network,
+              std::map<LayerId, LayerDoc> files, server::Project::Options options);
+
+    void start();
+    /// kill -9: what is not appended is gone; what is being appended may be there or not.
+    void kill();
+    [[nodiscard]] bool isRunning() const { return project_ != nullptr; }
+    [[nodiscard]] const server::Project& project() const { return *project_; }
+    /// An editor's connection has been made.
+    void connected(server::SessionId session);
+    [[nodiscard]] server::CommitStore& store() const { return disk.store(); }
+    [[nodiscard]] bool isIdle() const { return appends_.empty() && !appending_; }
+
+    SimDisk disk;
+    int slowness = 1;  ///< multiplies the time that disks take
+
+    // ProjectHost
+    void send(server::SessionId session, SharedBytes frames) override;
+    [[nodiscard]] bool congested(server::SessionId session) override;
+    void close(server::SessionId session) override;
+    void append(server::CommitRecord commit) override;
+    void loadLayer(const LayerId& layer) override;
+    void readCommits(server::SessionId session, Revision from, Revision to) override;
+    void readHistory(server::SessionId session, std::uint64_t request, const LayerId& layer,
+                     Revision revision) override;
+    void sendSnapshot(server::SessionId session, std::uint64_t request, LayerDoc doc) override;
+    void sendBlob(server::SessionId session, const Hash& hash, std::uint64_t offset) override;
+    void writeBlob(server::SessionId session, BlobFrame part) override;
+    [[nodiscard]] bool hasBlob(const Hash& hash) override { return disk.blobs->has(hash); }
+    [[nodiscard]] bool hasSpace() override { return disk.reportsSpace; }
+    void saveLayers(server::SessionId session, std::uint64_t request,
+                    std::vector<SaveJob> jobs) override;
+    [[nodiscard]] std::vector<LayerId> unsavedLayers() override { return *store().unsavedLayers(); }
+    [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override {
+        return *store().committed(transaction);
+    }
+    [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
+
+    /// A layer at a revision, from the log alone.
+    [[nodiscard]] LayerDoc replay(const LayerId& layer, Revision revision) const;
+
+private:
+    void appendNext();
+    void appendDone();
+    // Answers of this process come to this process only.
+    void later(std::int64_t delayUs, std::function<void()> what);
+    std::int64_t diskUs();
+
+    SimClock& clock_;
+    SimRandom& random_;
+    SimNetwork& network_;
+    const std::map<LayerId, LayerDoc> files_;
+    const server::Project::Options options_;
+    std::unique_ptr<server::Project> project_;
+    std::uint64_t process_ = 0;
+
+    std::deque<server::CommitRecord> appends_;
+    std::size_t appending_ = 0;
+    std::int64_t blobUs_ = 0;
+};
+
+}  // namespace usdlive::simulation

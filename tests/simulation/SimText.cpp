@@ -1,0 +1,32 @@
+#include "SimText.h"
+
+#include "SimClock.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+namespace usdlive::simulation {
+
+namespace {
+
+class Blobs : public usd::BlobSource {
+public:
+    explicit Blobs(const server::BlobStore& store) : store_(store) {}
+    [[nodiscard]] SharedBytes blob(const Hash& hash) override {
+        const auto size = store_.size(hash);
+        if (!size) return nullptr;
+        return std::make_shared<const Bytes>(*store_.read(hash, 0, *size));
+    }
+
+private:
+    const server::BlobStore& store_;
+};
+
+}  // namespace
+
+std::string usdText(const LayerDoc& doc, const server::BlobStore& blobs) {
+    Blobs source(blobs);
+    auto text = usd::exportText(doc, source);
+    require(text.has_value(), text ? "" : "no text can be made: " + text.error().message);
+    return *std::move(text);
+}
+
+}  // namespace usdlive::simulation

@@ -1,0 +1,232 @@
+#include "SimWorld.h"
+
+#include <algorithm>
+#include <memory>
+
+#include "SimClient.h"
+#include "SimText.h"
+
+namespace usdlive::simulation {
+
+namespace {
+
+constexpr std::int64_t kSecondUs = 1'000'000;
+
+class World {
+public:
+    explicit World(std::uint64_t seed) : random_(seed), style_(style()), server_(makeServer()) {
+        server_.slowness = random_.chance(20) ? 10 : 1;
+    }
+
+    SimReport play() {
+        server_.start();
+        begin();
+        const std::int64_t end = random_.between(kSecondUs / 2, 3 * kSecondUs);
+        planFaults(end);
+        while (clock_.nowUs() < end) require(clock_.step(), "nothing happens any more");
+        settle();
+        check();
+        return report_;
+    }
+    [[nodiscard]] std::string describe() const {
+        std::string text = "at " + std::to_string(clock_.nowMs()) + " ms, store at revision " +
+                           std::to_string(server_.store().head().revision) + "\n";
+        for (const auto& client : clients_) text += client->describe() + "\n";
+        return text;
+    }
+
+private:
+    SimStyle style() {
+        SimStyle style;
+        const char* const names[] = {"root.usda", "shot/anim.usda", "look.usdc"};
+        const auto count = 1 + random_.below(3);
+        for (std::size_t index = 0; index < count; ++index) style.layers.push_back({names[index]});
+        style.editPercent = unsigned(random_.between(5, 60));
+        style.gesturePercent = random_.chance(60) ? unsigned(random_.between(1, 10)) : 0;
+        style.openPercent = unsigned(random_.between(1, 8));
+        style.cutPerMille = random_.chance(60) ? unsigned(random_.between(1, 15)) : 0;
+        style.requestPerMille = random_.chance(30) ? 10 : 0;
+        style.bigValues = random_.chance(15);
+        style.smallBudgets = random_.chance(40);
+        style.checksPrediction = random_.chance(20);
+        return style;
+    }
+
+    SimServer makeServer() {
+        std::map<LayerId, LayerDoc> files;
+        std::uint64_t lastValue = 500'000'000;
+        EditScript script(random_, lastValue);
+        for (const LayerId& layer : style_.layers) files[layer] = script.start();
+        server::Project::Options options;
+        options.name = "simulation";
+        if (random_.chance(30)) options.recentCommitBytes = 2'000;
+        forgetful_ = random_.chance(15);
+        if (forgetful_) options.namespaceLogRevisions = 5;
+        return {clock_, random_, network_, std::move(files), std::move(options)};
+    }
+
+    void begin() {
+        const auto count = 2 + random_.below(random_.chance(20) ? 7 : 3);
+        for (std::size_t number = 1; number <= count; ++number) addClient();
+    }
+    SimClient& addClient() {
+        clients_.push_back(std::make_unique<SimClient>(clients_.size() + 1, style_, clock_, random_,
+                                                       network_, server_));
+        clients_.back()->start();
+        return *clients_.back();
+    }
+
+    // ---- faults
+
+    void planFaults(std::int64_t end) {
+        const auto sometime = [&] { return random_.between(0, end); };
+        if (random_.chance(40)) clock_.at(sometime(), [this] { addClient(); });
+        if (random_.chance(50))
+            for (auto count = 1 + random_.below(3); count > 0; --count)
+                clock_.at(sometime(), [this] { kill(); });
+        if (random_.chance(25)) {
+            clock_.at(sometime(), [this] { fillDisk(); });
+            clock_.at(sometime(), [this] { emptyDisk(); });
+        }
+        if (random_.chance(10)) clock_.at(sometime(), [this] { server_.disk.failed = true; });
+        rollsBack_ = random_.chance(5);
+    }
+
+    void kill() {
+        if (!server_.isRunning()) return;
+        server_.kill();
+        ++report_.restarts;
+        clock_.in(random_.between(1'000, 500'000), [this] { restart(); });
+    }
+    void restart() {
+        if (server_.isRunning()) return;
+        const Revision head = server_.store().head().revision;
+        if (rollsBack_ && head > 3) server_.disk.rollBack(head - random_.below(4));
+        server_.start();
+    }
+    void fillDisk() {
+        server_.disk.full = true;
+        server_.disk.reportsSpace = random_.chance(50);
+    }
+    void emptyDisk() {
+        server_.disk.full = false;
+        server_.disk.reportsSpace = true;
+    }
+
+    // ---- silence
+
+    void settle() {
+        emptyDisk();
+        if (server_.disk.failed) kill();
+        if (random_.chance(50)) addClient();
+        for (const auto& client : clients_) client->settle(random_.chance(50));
+        const std::int64_t patience = clock_.nowUs() + 60 * kSecondUs;
+        runUntilQuiet(patience);
+        for (const auto& client : clients_) client->askForBigValues();
+        run(clock_.nowUs() + 2 * kSecondUs);
+        runUntilQuiet(patience);
+    }
+    void run(std::int64_t until) {
+        while (clock_.nowUs() < until) require(clock_.step(), "nothing happens any more");
+    }
+    void runUntilQuiet(std::int64_t patience) {
+        while (!isQuiet()) {
+            require(clock_.nowUs() < patience, "it does not settle");
+            run(clock_.nowUs() + kSecondUs / 10);
+        }
+    }
+    [[nodiscard]] bool isQuiet() const {
+        return server_.isRunning() && server_.isIdle() &&
+               std::all_of(clients_.begin(), clients_.end(),
+                           [](const auto& client) { return client->isSettled(); });
+    }
+
+    // ---- what has to hold in the end
+
+    void check() {
+        const Revision head = server_.store().head().revision;
+        std::map<LayerId, std::string> truth;
+        const std::vector<LayerId> layers = *server_.store().layers();
+        for (const LayerId& layer : layers) {
+            const auto stored = server_.store().loadLayer(layer);
+            if (!stored) throw SimFailure("the state is broken: " + stored.error().message);
+            truth[layer] = (*stored)->dump();
+            (void)usdText(**stored, *server_.disk.blobs);
+            require(server_.replay(layer, head).dump() == truth[layer],
+                    "the log gives another " + layer.value + " than the state");
+            const LayerDoc* loaded = server_.project().layer(layer);
+            require(!loaded || loaded->dump() == truth[layer],
+                    "the server has another " + layer.value + " than its store");
+        }
+        for (const auto& client : clients_) client->check(truth);
+        checkLog();
+        checkPeeks();
+    }
+
+    // M9 and M12.
+    void checkLog() {
+        std::map<ClientId, std::uint64_t> executed;
+        std::set<TransactionId> seen;
+        std::map<ClientId, std::uint64_t> last;
+        // Otherwise some overtake others that wait for their big values, or are sent anew.
+        const bool inOrder =
+            !style_.bigValues && !forgetful_ && style_.cutPerMille == 0 && report_.restarts == 0;
+        (void)server_.store().read(1, ~Revision(0), [&](const server::StoredCommit& stored) {
+            const auto frame = decodeFrame(splitMessage(*stored.frame)->front());
+            const Commit& commit = std::get<CommitFrame>(*frame).commit;
+            ++report_.commits;
+            if (commit.imported) return true;
+            require(seen.insert(commit.id).second, "a transaction was committed twice");
+            if (inOrder)
+                require(
+                    commit.id.sequence > std::exchange(last[commit.id.client], commit.id.sequence),
+                    "transactions of " + commit.id.client.value +
+                        " are out of order: " + std::to_string(commit.id.sequence) +
+                        " in revision " + std::to_string(commit.revision));
+            if (commit.gesture == 0) executed[commit.id.client] += commit.edits.size();
+            return true;
+        });
+        for (const auto& client : clients_) {
+            report_.lost += client->lostEdits;
+            const std::uint64_t known = executed[client->session().id()] + client->lostEdits;
+            if (rollsBack_ || known == client->authoredEdits) continue;
+            throw SimFailure(client->session().id().value + " authored " +
+                             std::to_string(client->authoredEdits) + " edits, of which " +
+                             std::to_string(executed[client->session().id()]) +
+                             " are in the log and " + std::to_string(client->lostEdits) +
+                             " were said to be lost");
+        }
+    }
+
+    void checkPeeks() {
+        if (rollsBack_) return;
+        for (const auto& client : clients_)
+            for (const SimClient::Peeked& peeked : client->peeked)
+                require(server_.replay(peeked.layer, peeked.revision).dump() == peeked.dump,
+                        "a peek at revision " + std::to_string(peeked.revision) +
+                            " shows another " + peeked.layer.value);
+    }
+
+    SimRandom random_;
+    SimClock clock_;
+    SimNetwork network_{clock_, random_};
+    const SimStyle style_;
+    bool forgetful_ = false;  // the server does not carry addresses far
+    SimServer server_;
+    std::vector<std::unique_ptr<SimClient>> clients_;
+    bool rollsBack_ = false;
+    SimReport report_;
+};
+
+}  // namespace
+
+SimReport play(std::uint64_t seed) {
+    const auto world = std::make_unique<World>(seed);
+    try {
+        return world->play();
+    } catch (const std::exception& fault) {
+        return {.failure = std::string(fault.what()) + "\n" + world->describe()};
+    }
+}
+
+}  // namespace usdlive::simulation

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+namespace usdlive::simulation {
+
+/// What happened in one run, for the report.
+struct SimReport {
+    std::uint64_t commits = 0, lost = 0, restarts = 0;
+    std::string failure;  ///< empty: everything holds
+};
+
+/// Plays one seed: 2 to 8 editors and a server, faults, and at the end silence and a comparison.
+SimReport play(std::uint64_t seed);
+
+}  // namespace usdlive::simulation

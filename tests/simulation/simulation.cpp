@@ -1,0 +1,118 @@
+// Plays many seeds (see SimWorld.h). A seed that fails is printed with the command that repeats it.
+//   simulation [--seeds=N] [--first=S] [--seed=S] [--threads=T] [--verbose]
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include "SimWorld.h"
+
+namespace {
+
+using usdlive::simulation::SimReport;
+
+struct Options {
+    std::uint64_t first = 1, seeds = 200;
+    std::uint64_t threads = std::max(1u, std::thread::hardware_concurrency());
+    bool verbose = false;
+} options;
+std::string program;
+
+// Seeds know nothing of each other, so each is played by whichever thread is free.
+class Campaign {
+public:
+    static constexpr std::uint64_t kEnoughFailures = 10;
+
+    void run() {
+        reports_.resize(options.seeds);
+        std::vector<std::thread> threads;
+        for (std::uint64_t index = 0; index < options.threads; ++index)
+            threads.emplace_back([this] { work(); });
+        for (std::thread& thread : threads) thread.join();
+    }
+    void report() {
+        SimReport all;
+        for (std::uint64_t index = 0; index < options.seeds; ++index) {
+            const SimReport& one = reports_[index];
+            all.commits += one.commits;
+            all.lost += one.lost;
+            all.restarts += one.restarts;
+            if (options.verbose) print("seed " + std::to_string(options.first + index), one);
+            if (!one.failure.empty())
+                ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
+                              << "repeat with: " << program << " --seed=" << options.first + index;
+        }
+        const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start_;
+        std::printf("%llu seeds in %.1f s, %.0f a second\n", number(played_), took.count(),
+                    double(played_) / took.count());
+        print("all", all);
+    }
+
+private:
+    void work() {
+        for (std::uint64_t index = next_++; index < options.seeds; index = next_++) {
+            if (failures_ >= kEnoughFailures) return;
+            reports_[index] = usdlive::simulation::play(options.first + index);
+            ++played_;
+            if (!reports_[index].failure.empty()) ++failures_;
+        }
+    }
+    static unsigned long long number(std::uint64_t count) { return count; }
+    static void print(const std::string& what, const SimReport& report) {
+        std::printf("%s: %llu commits, %llu edits lost, %llu restarts%s\n", what.c_str(),
+                    number(report.commits), number(report.lost), number(report.restarts),
+                    report.failure.empty() ? "" : ", FAILED");
+    }
+
+    const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+    std::vector<SimReport> reports_;
+    std::atomic<std::uint64_t> next_ = 0, played_ = 0, failures_ = 0;
+};
+
+bool take(std::string_view argument, std::string_view name, std::uint64_t& number) {
+    if (!argument.starts_with(name)) return false;
+    number = std::strtoull(argument.substr(name.size()).data(), nullptr, 10);
+    return true;
+}
+
+}  // namespace
+
+// M8, M9, M12: whatever happens on the way, all replicas end with the same content, every
+// transaction is in the log at most once, and its author knows of every edit that is not.
+TEST(Simulation, EverySeedConverges) {
+    Campaign campaign;
+    campaign.run();
+    campaign.report();
+}
+
+int main(int count, char** arguments) {
+    testing::InitGoogleTest(&count, arguments);
+    program = arguments[0];
+    for (int index = 1; index < count; ++index) {
+        const std::string_view argument = arguments[index];
+        std::uint64_t seed = 0;
+        if (argument == "--verbose") {
+            options.verbose = true;
+        } else if (take(argument, "--seed=", seed)) {
+            options.first = seed;
+            options.seeds = 1;
+            options.verbose = true;
+        } else if (!take(argument, "--seeds=", options.seeds) &&
+                   !take(argument, "--first=", options.first) &&
+                   !take(argument, "--threads=", options.threads)) {
+            std::fprintf(
+                stderr,
+                "simulation [--seeds=N] [--first=S] [--seed=S] [--threads=T] [--verbose]\n");
+            return 2;
+        }
+    }
+    return RUN_ALL_TESTS();
+}

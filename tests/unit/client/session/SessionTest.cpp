@@ -1,0 +1,770 @@
+#include "usdlive/client/session/Session.h"
+
+#include <gtest/gtest.h>
+
+#include "SessionPeer.h"
+
+using namespace usdlive;
+using namespace usdlive::client;
+using namespace usdlive::client::testing;
+
+namespace {
+
+class SessionTest : public ::testing::Test {
+protected:
+    SessionPeer peer;
+
+    // A shot with a prim /A that has an attribute, joined.
+    void joinShot() {
+        peer.commit(peer.foreign({edit("/A", createPrim()), edit("/A.x", createAttribute()),
+                                  edit("/A", setText("comment", "first"))}));
+        peer.connectAndJoin();
+    }
+    void authorComment(const std::string& path, const std::string& text) {
+        peer.author({authored(path, setText("comment", text))});
+        peer.advance();
+    }
+};
+
+}  // namespace
+
+// ---- joining
+
+TEST_F(SessionTest, JoiningShowsTheLayerAndTellsProgress) {
+    peer.commit(peer.foreign({edit("/A", createPrim())}));
+    peer.connect();
+    peer.session.openLayer(kShot);
+    peer.advance();
+    EXPECT_FALSE(peer.session.isJoined(kShot));
+    EXPECT_EQ(peer.session.view(kShot), nullptr);
+    const auto open = peer.takeControl<OpenLayer>();
+    ASSERT_TRUE(open);
+    peer.sendSnapshot(*open);
+    peer.advance();
+    EXPECT_TRUE(peer.session.isJoined(kShot));
+    EXPECT_TRUE(peer.editor.at(kShot).has("/A"));
+    EXPECT_EQ(peer.eventsOf<event::Joined>().size(), 1u);
+    ASSERT_FALSE(peer.eventsOf<event::Joining>().empty());
+    EXPECT_EQ(peer.eventsOf<event::Joining>().back().progress.specsTotal, 2u);
+}
+
+TEST_F(SessionTest, CommitsThatOvertakeASnapshotAreApplied) {
+    peer.connect();
+    peer.session.openLayer(kShot);
+    peer.advance();
+    const auto open = peer.takeControl<OpenLayer>();
+    const LayerDoc old = peer.docs.at(kShot);
+    peer.commitAndTell(peer.foreign({edit("/A", createPrim())}));
+    peer.advance();
+    EXPECT_FALSE(peer.session.isJoined(kShot));
+    peer.deliver(LayerOpened{open->request, kShot, 0, 1});
+    SnapshotEncoder encoder(old, open->request);
+    while (const auto frame = encoder.next()) peer.deliver(Frame(*frame));
+    peer.commitAndTell(peer.foreign({edit("/B", createPrim())}));
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_TRUE(peer.editor.at(kShot).has("/A"));
+    EXPECT_TRUE(peer.editor.at(kShot).has("/B"));
+}
+
+TEST_F(SessionTest, ALayerThatIsNotThereFailsToJoin) {
+    peer.connect();
+    peer.session.openLayer({"none.usda"});
+    peer.advance();
+    const auto open = peer.takeControl<OpenLayer>();
+    peer.deliver(ErrorMessage{"layerNotFound", "no", false, open->request, {}});
+    peer.advance();
+    ASSERT_EQ(peer.eventsOf<event::JoinFailed>().size(), 1u);
+    EXPECT_EQ(peer.eventsOf<event::JoinFailed>()[0].reason.code, ErrorCode::LayerNotFound);
+}
+
+TEST_F(SessionTest, AdvanceStopsWhenItsTimeIsOver) {
+    joinShot();
+    for (int count = 0; count < 5; ++count)
+        peer.commitAndTell(peer.foreign({edit("/A", setText("comment", std::to_string(count)))}));
+    EXPECT_FALSE(peer.advance(0));
+    EXPECT_EQ(peer.session.revision(), 2u);
+    EXPECT_TRUE(peer.agrees() || peer.session.revision() < peer.head());
+    EXPECT_TRUE(peer.advance());
+    EXPECT_EQ(peer.session.revision(), 6u);
+    EXPECT_EQ(peer.text("/A", "comment"), "4");
+}
+
+TEST_F(SessionTest, AClosedLayerStaysUntilOnesOwnWorkOnItIsAnswered) {
+    joinShot();
+    authorComment("/A", "mine");
+    const Transaction mine = peer.takeTransaction();
+    peer.session.closeLayer(kShot);
+    peer.editor.erase(kShot);
+    peer.advance();
+    EXPECT_FALSE(peer.session.isJoined(kShot));
+    EXPECT_FALSE(peer.takeControl<CloseLayer>());
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.takeControl<CloseLayer>());
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+}
+
+TEST_F(SessionTest, AClosedLayerIsOpenedAgainFromWhatIsHere) {
+    joinShot();
+    authorComment("/A", "mine");
+    peer.session.closeLayer(kShot);
+    peer.advance();
+    peer.session.openLayer(kShot);
+    peer.advance();
+    EXPECT_TRUE(peer.session.isJoined(kShot));
+    EXPECT_EQ(peer.text("/A", "comment"), "mine");
+}
+
+// ---- M7
+
+TEST_F(SessionTest, M7AForeignEditIsShownAsItIs) {
+    joinShot();
+    const std::size_t before = peer.shown;
+    peer.commitAndTell(peer.foreign({edit("/A", setText("comment", "theirs"))}));
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "theirs");
+    EXPECT_EQ(peer.shown, before + 1);
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M7OnesOwnEditIsNotShownAgain) {
+    joinShot();
+    const std::size_t before = peer.shown;
+    authorComment("/A", "mine");
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_EQ(peer.shown, before);
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M7AForeignEditOfARegisterWithAPendingWriteIsNotShown) {
+    joinShot();
+    authorComment("/A", "mine");
+    const Transaction mine = peer.takeTransaction();
+    peer.commitAndTell(peer.foreign(
+        {edit("/A", setText("comment", "theirs")), edit("/A", setText("kind", "shown"))}));
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "mine");
+    EXPECT_EQ(peer.text("/A", "kind"), "shown");
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "mine");
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M7WhenThePendingWriteIsRefusedTheTruthShows) {
+    joinShot();
+    authorComment("/A", "mine");
+    const Transaction mine = peer.takeTransaction();
+    peer.commitAndTell(peer.foreign({edit("/A", setText("comment", "theirs"))}));
+    peer.deliver(RefusalFrame{mine.id.sequence, 0, {ErrorCode::Locked, "locked"}});
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "theirs");
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M7AForeignRenameCarriesAPendingEditAlong) {
+    joinShot();
+    authorComment("/A", "mine");
+    const Transaction mine = peer.takeTransaction();
+    peer.commitAndTell(peer.foreign({edit("/A", moveTo("/", "B"))}));
+    peer.advance();
+    EXPECT_EQ(peer.text("/B", "comment"), "mine");
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+}
+
+// ---- M3: addresses
+
+TEST_F(SessionTest, M3SpecsOfPendingWorkAreAddressedByTheirCreation) {
+    joinShot();
+    peer.author({authored("/B", createPrim())});
+    peer.advance();
+    peer.author({authored("/B.y", createAttribute()), authored("/B", moveTo("/A", "C"))});
+    peer.author({authored("/A/C.y", setText("comment", "deep"))});
+    peer.advance();
+    const Transaction first = peer.takeTransaction();
+    const Transaction second = peer.takeTransaction();
+    const Transaction third = peer.takeTransaction();
+    EXPECT_EQ(second.edits[0].address, (Address{".y", Creation{first.id.sequence, 0}}));
+    EXPECT_EQ(second.edits[1].address, (Address{"", Creation{first.id.sequence, 0}}));
+    EXPECT_EQ(std::get<MoveSpec>(second.edits[1].action).parent, (Address{"/A", {}}));
+    EXPECT_EQ(third.edits[0].address, (Address{"", Creation{second.id.sequence, 0}}));
+    for (const Transaction& mine : {first, second, third}) peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(peer.text("/A/C.y", "comment"), "deep");
+}
+
+// As when others create a spec of that name at the same time, and delete it again.
+TEST_F(SessionTest, M3WhatFollowsACreationIsForWhatItCreatesInTheEnd) {
+    joinShot();
+    peer.author({authored("/A.x", createAttribute()), authored("/A.x", setText("kind", "one"))});
+    peer.author({authored("/A.x", setText("comment", "two"))});
+    peer.advance();
+    const Transaction first = peer.takeTransaction(), second = peer.takeTransaction();
+    for (const Revision revision :
+         {peer.commit(peer.foreign({edit("/A.x", DeleteSpec{})})).revision,
+          peer.commit(first).revision, peer.commit(second).revision})
+        peer.tell(revision);
+    peer.advance();
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+    EXPECT_EQ(peer.text("/A.x", "kind"), "one");
+    EXPECT_EQ(peer.text("/A.x", "comment"), "two");
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M3SpecsThatPendingWorkHasMovedAreAddressedWhereTheyWere) {
+    joinShot();
+    peer.author({authored("/A", moveTo("/", "B")), authored("/B.x", setText("comment", "one"))});
+    peer.author({authored("/B.x", setText("kind", "two")), authored("/A", createPrim())});
+    peer.author({authored("/B", moveTo("/A", "B")), authored("/A/B.x", setText("doc", "three"))});
+    peer.advance();
+    const Transaction first = peer.takeTransaction();
+    const Transaction second = peer.takeTransaction();
+    const Transaction third = peer.takeTransaction();
+    EXPECT_EQ(first.edits[1].address.path, "/A.x");
+    EXPECT_EQ(second.edits[0].address.path, "/A.x");
+    EXPECT_EQ(third.edits[0].address.path, "/A");
+    EXPECT_EQ(third.edits[1].address.path, "/A.x");
+    EXPECT_EQ(std::get<MoveSpec>(third.edits[0].action).parent.creation,
+              (Creation{second.id.sequence, 1}));
+    for (const Transaction& mine : {first, second, third}) peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(peer.text("/A/B.x", "doc"), "three");
+}
+
+TEST_F(SessionTest, M3ChildrenOfACreatedVariantAreAddressedByIt) {
+    joinShot();
+    peer.author({authored("/A{v=}", CreateSpec{SpecKind::VariantSet}),
+                 authored("/A{v=one}", CreateSpec{SpecKind::Variant}),
+                 authored("/A{v=one}B", createPrim()),
+                 authored("/A{v=one}B.y", createAttribute())});
+    peer.advance();
+    const Transaction mine = peer.takeTransaction();
+    EXPECT_EQ(mine.edits[1].address.path, "{v=one}");
+    EXPECT_EQ(mine.edits[2].address.path, "B");
+    EXPECT_EQ(mine.edits[3].address.path, ".y");
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+}
+
+// ---- M4, M6, M12
+
+TEST_F(SessionTest, M4WorkOnADeletedSpecComesBack) {
+    joinShot();
+    authorComment("/A", "mine");
+    const Transaction mine = peer.takeTransaction();
+    peer.commit(peer.foreign({edit("/A", DeleteSpec{})}));
+    peer.commit(mine);
+    peer.tell(2);
+    peer.tell(3);
+    peer.advance();
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_FALSE(lost[0].work.refused);
+    EXPECT_EQ(lost[0].work.reason.code, ErrorCode::SpecDeleted);
+    ASSERT_EQ(lost[0].work.edits.size(), 1u);
+    EXPECT_EQ(lost[0].work.edits[0].path, "/A");
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M6ARefusedTransactionIsUndoneAndLaterOnesStay) {
+    joinShot();
+    peer.author({authored("/B", createPrim())});
+    peer.author({authored("/B.y", createAttribute()), authored("/A", setText("comment", "kept"))});
+    peer.advance();
+    const Transaction first = peer.takeTransaction();
+    const Transaction second = peer.takeTransaction();
+    peer.deliver(RefusalFrame{first.id.sequence, 0, {ErrorCode::Locked, "locked"}});
+    peer.advance();
+    EXPECT_FALSE(peer.editor.at(kShot).has("/B"));
+    EXPECT_EQ(peer.text("/A", "comment"), "kept");
+    ASSERT_EQ(peer.eventsOf<event::Lost>().size(), 1u);
+    EXPECT_TRUE(peer.eventsOf<event::Lost>()[0].work.refused);
+
+    peer.commitAndTell(second);
+    peer.advance();
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 2u);
+    ASSERT_EQ(lost[1].work.edits.size(), 1u);
+    EXPECT_EQ(lost[1].work.edits[0].path, "/B.y");
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M12WhatTheModelCannotHoldComesBackAtOnceAndTheRestStays) {
+    joinShot();
+    const std::size_t before = peer.shown;
+    peer.author({authored("/", SetField{"timeCodesPerSecond", {}, doubleValue(0), {}}),
+                 authored("/A", setText("comment", "kept"))});
+    peer.advance();
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].work.reason.code, ErrorCode::ForbiddenValue);
+    ASSERT_EQ(lost[0].work.edits.size(), 1u);
+    EXPECT_EQ(peer.shown, before + 1);  // the field as the model has it
+    EXPECT_EQ(peer.takeTransaction().edits.size(), 1u);
+}
+
+TEST_F(SessionTest, M12AnEditThatCouldNotBeMadeIsRepairedWhereItsSpecHasGoneSince) {
+    joinShot();
+    peer.author({authored("/A", SetField{"primChildren", {}, stringValue("no field"), {}}),
+                 authored("/A", moveTo("/", "B")), authored("/B", DeleteSpec{})});
+    peer.advance();
+    EXPECT_EQ(peer.eventsOf<event::Lost>().size(), 1u);
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M12OfflineWorkBeyondTheBoundComesBack) {
+    Session::Options options;
+    options.maxUnsentTransactions = 2;
+    SessionPeer small(options);
+    small.connectAndJoin();
+    small.session.disconnected({ErrorCode::NotConnected, "away"});
+    small.author({authored("/A", createPrim())});
+    small.author({authored("/B", createPrim())});
+    small.author({authored("/C", createPrim())});
+    small.advance();
+    EXPECT_EQ(small.session.pendingTransactions(), 2u);
+    ASSERT_EQ(small.eventsOf<event::Lost>().size(), 1u);
+    EXPECT_FALSE(small.editor.at(kShot).has("/C"));
+    EXPECT_TRUE(small.agrees());
+}
+
+TEST_F(SessionTest, WorkOnALayerThatIsNotOpenComesBack) {
+    joinShot();
+    peer.session.author({authored("/A", createPrim(), kLook)});
+    peer.advance();
+    ASSERT_EQ(peer.eventsOf<event::Lost>().size(), 1u);
+    EXPECT_EQ(peer.eventsOf<event::Lost>()[0].work.reason.code, ErrorCode::LayerNotOpen);
+}
+
+TEST_F(SessionTest, WhatTheServerFindsTooOldIsAddressedAnew) {
+    joinShot();
+    authorComment("/A", "mine");
+    const Transaction old = peer.takeTransaction();
+    peer.commitAndTell(peer.foreign({edit("/A", moveTo("/", "B"))}));
+    peer.deliver(RefusalFrame{old.id.sequence, 0, {ErrorCode::StaleBase, "too old"}});
+    peer.advance();
+    const Transaction anew = peer.takeTransaction();
+    EXPECT_NE(anew.id.sequence, old.id.sequence);
+    EXPECT_EQ(anew.base, 2u);
+    EXPECT_EQ(anew.edits[0].address.path, "/B");
+    peer.commitAndTell(anew);
+    peer.advance();
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+    EXPECT_TRUE(peer.agrees());
+}
+
+// ---- M9: connections
+
+TEST_F(SessionTest, M9PendingWorkIsSentOnceWhenTheSessionHasCaughtUp) {
+    joinShot();
+    peer.author({authored("/B", createPrim())});
+    peer.author({authored("/B.y", createAttribute())});
+    peer.advance();
+    const Transaction first = peer.takeTransaction();
+    const Transaction second = peer.takeTransaction();
+    peer.commit(first);  // and its acknowledgement is lost
+    peer.commit(peer.foreign({edit("/B", moveTo("/A", "C"))}));
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.advance();
+    authorComment("/A", "offline");
+
+    const Hello hello = peer.connect();
+    ASSERT_TRUE(hello.resume);
+    EXPECT_EQ(hello.resume->revision, 1u);
+    EXPECT_EQ(hello.resume->hash, peer.hashAt(1));
+    peer.advance();
+    const Transaction again = peer.takeTransaction();
+    EXPECT_EQ(again.id.sequence, second.id.sequence);
+    EXPECT_EQ(again.base, 3u);
+    EXPECT_EQ(again.edits[0].address, (Address{"/A/C.y", {}}));
+    const Transaction offline = peer.takeTransaction();
+    EXPECT_FALSE(peer.take<SubmitFrame>());
+    peer.commitAndTell(again);
+    peer.commitAndTell(offline);
+    peer.advance();
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M9AnEditThatIsLostMeanwhileKeepsThePlaceOfTheOthers) {
+    joinShot();
+    peer.author({authored("/A", setText("comment", "in vain")), authored("/B", createPrim())});
+    peer.author({authored("/B.y", createAttribute())});
+    peer.advance();
+    peer.commit(peer.foreign({edit("/A", DeleteSpec{})}));
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.connect();
+    peer.advance();
+    const Transaction first = peer.takeTransaction();
+    const Transaction second = peer.takeTransaction();
+    EXPECT_EQ(first.edits.size(), 2u);
+    EXPECT_EQ(second.edits[0].address, (Address{".y", Creation{first.id.sequence, 1}}));
+    peer.commitAndTell(first);
+    peer.commitAndTell(second);
+    peer.advance();
+    ASSERT_EQ(peer.eventsOf<event::Lost>().size(), 1u);
+    EXPECT_EQ(peer.eventsOf<event::Lost>()[0].work.edits.size(), 1u);
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
+    joinShot();
+    authorComment("/A", "mine");
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    // The server comes back from a backup.
+    peer.history.clear();
+    peer.docs.clear();
+    peer.docs[kShot];
+    peer.log = {};
+    peer.creations.clear();
+    ++peer.epoch;
+    peer.commit(peer.foreign({edit("/A", createPrim()), edit("/A", setText("kind", "backup"))}));
+
+    peer.sent.clear();
+    peer.session.connected();
+    ASSERT_TRUE(peer.takeControl<Hello>()->resume);
+    peer.deliver(ErrorMessage{"historyDiverged", "another", false, {}, {}});
+    peer.deliver(peer.welcomeMessage(false));
+    peer.advance();
+    EXPECT_TRUE(peer.session.isJoined(kShot));
+    EXPECT_EQ(peer.text("/A", "comment"), "mine");
+    authorComment("/A", "meanwhile");
+    EXPECT_FALSE(peer.take<SubmitFrame>());
+
+    // The request went out with the first frame after the welcome.
+    peer.session.disconnected({ErrorCode::NotConnected, "away again"});
+    peer.connect();
+    peer.advance();
+    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "kind"), "backup");
+    EXPECT_EQ(peer.text("/A", "comment"), "meanwhile");
+    const Transaction first = peer.takeTransaction();
+    EXPECT_EQ(first.base, 1u);
+    peer.commitAndTell(first);
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+}
+
+TEST_F(SessionTest, ACommitThatDoesNotFollowEndsTheConnection) {
+    joinShot();
+    Commit stray = peer.commit(peer.foreign({edit("/B", createPrim())}));
+    stray.previous = sha256(asBytes("another history"));
+    peer.deliver(CommitFrame{stray});
+    peer.advance();
+    const auto errors = peer.eventsOf<event::ServerError>();
+    ASSERT_EQ(errors.size(), 1u);
+    EXPECT_TRUE(errors[0].message.closing);
+    EXPECT_FALSE(peer.session.isConnected());
+}
+
+TEST_F(SessionTest, AnOlderEpochIsNotBelieved) {
+    joinShot();
+    peer.epoch = 3;
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.connect();
+    peer.advance();
+    EXPECT_TRUE(peer.session.isConnected());
+    peer.epoch = 2;
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.connect();
+    peer.advance();
+    EXPECT_FALSE(peer.session.isConnected());
+}
+
+// ---- M11
+
+TEST_F(SessionTest, M11AGestureSendsPreviewsAndEndsInOneTransaction) {
+    joinShot();
+    peer.session.beginGesture();
+    for (int step = 0; step < 5; ++step) {
+        authorComment("/A", "step" + std::to_string(step));
+        const auto preview = peer.take<PreviewFrame>();
+        ASSERT_TRUE(preview);
+        ASSERT_EQ(preview->edits.size(), 1u);  // the latest value has taken the place of the others
+    }
+    peer.advance();
+    EXPECT_FALSE(peer.take<PreviewFrame>());
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+    peer.session.endGesture();
+    peer.advance();
+    const Transaction mine = peer.takeTransaction();
+    EXPECT_NE(mine.gesture, 0u);
+    ASSERT_EQ(mine.edits.size(), 1u);
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "step4");
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M11PartsOfAFieldAreConflatedByThemselves) {
+    joinShot();
+    const auto sample = [](double time, double value) {
+        return authored("/A.x", SetField{"timeSamples", SampleTime{time}, doubleValue(value), {}});
+    };
+    peer.session.beginGesture();
+    peer.author({sample(1, 1), sample(2, 1), sample(1, 2), sample(2, 2)});
+    peer.author({authored("/A.x", EraseField{"timeSamples", {}}), sample(1, 3), sample(1, 4)});
+    peer.session.endGesture();
+    peer.advance();
+    const Transaction mine = peer.takeTransaction();
+    EXPECT_EQ(mine.edits.size(), 4u);  // two samples, the erasing, one sample
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M11APreviewNamesWhatItCreatesByItself) {
+    joinShot();
+    SessionPeer viewer;
+    viewer.commit(viewer.foreign({edit("/A", createPrim()), edit("/A.x", createAttribute()),
+                                  edit("/A", setText("comment", "first"))}));
+    viewer.connectAndJoin();
+
+    peer.session.beginGesture();
+    peer.author({authored("/B", createPrim()), authored("/B.y", createAttribute()),
+                 authored("/B.y", setText("comment", "seen"))});
+    peer.advance();
+    auto preview = peer.take<PreviewFrame>();
+    ASSERT_TRUE(preview);
+    preview->author = kOther;
+    viewer.deliver(*preview);
+    viewer.advance();
+    EXPECT_EQ(viewer.text("/B.y", "comment"), "seen");
+    EXPECT_FALSE(viewer.session.confirmed(kShot)->has("/B"));
+}
+
+TEST_F(SessionTest, M11PreviewsAreWithdrawnReplacedAndNeverConfirmed) {
+    joinShot();
+    const auto preview = [&](std::uint64_t gesture, const std::string& text) {
+        peer.deliver(
+            PreviewFrame{kOther, gesture, peer.head(), {edit("/A", setText("comment", text))}});
+        peer.advance();
+    };
+    preview(7, "dragging");
+    EXPECT_EQ(peer.text("/A", "comment"), "dragging");
+    EXPECT_EQ(textOf(*peer.session.confirmed(kShot)->field("/A", "comment")->as<Value>()), "first");
+    peer.deliver(PreviewFrame{kOther, 7, peer.head(), {}});
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "first");
+
+    preview(8, "dragging");
+    Transaction end = peer.foreign({edit("/A", setText("comment", "dropped"))}, 8);
+    peer.commitAndTell(end);
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "dropped");
+    EXPECT_TRUE(peer.agrees());
+
+    preview(9, "dragging");
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "dropped");
+}
+
+TEST_F(SessionTest, M11AnOpenGestureFollowsForeignRenames) {
+    joinShot();
+    peer.session.beginGesture();
+    authorComment("/A", "mine");
+    peer.commitAndTell(peer.foreign({edit("/A", moveTo("/", "B"))}));
+    peer.advance();
+    EXPECT_EQ(peer.text("/B", "comment"), "mine");
+    authorComment("/B", "still mine");
+    peer.session.endGesture();
+    peer.advance();
+    const Transaction mine = peer.takeTransaction();
+    ASSERT_EQ(mine.edits.size(), 1u);
+    EXPECT_EQ(mine.edits[0].address.path, "/B");
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, M11AGestureOnWhatWasJustCreatedKeepsItsAddresses) {
+    joinShot();
+    peer.author({authored("/B", createPrim())});
+    peer.advance();
+    peer.session.beginGesture();
+    peer.author({authored("/B", setText("comment", "mine"))});
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_EQ(peer.text("/B", "comment"), "mine");
+    peer.session.endGesture();
+    peer.advance();
+    const Transaction mine = peer.takeTransaction();
+    EXPECT_EQ(mine.edits[0].address, (Address{"/B", {}}));
+    peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+}
+
+// ---- V9: big values
+
+namespace {
+
+struct BigValue {
+    SharedBytes bytes;
+    Value value;
+};
+BigValue bigValue(std::uint8_t filling) {
+    Bytes bytes(8, 0);
+    bytes[2] = 2;  // 131,072 floats
+    bytes.resize(8 + 4 * 131'072, filling);
+    const Hash hash = sha256(bytes);
+    const std::uint64_t size = bytes.size();
+    return {std::make_shared<const Bytes>(std::move(bytes)),
+            Value::blob(arrayOf(ValueType::Float), hash, size)};
+}
+
+}  // namespace
+
+TEST_F(SessionTest, V9ATransactionWaitsForItsBigValuesAndOthersDoNot) {
+    joinShot();
+    const BigValue big = bigValue(1);
+    peer.blobs[big.value.hash()] = big.bytes;
+    peer.author({authored("/A.x", SetField{"default", {}, big.value, {}})});
+    peer.author({authored("/A", setText("comment", "waits"))});  // above what waits
+    peer.author({authored("/B", createPrim())});
+    peer.advance();
+    const Transaction free = peer.takeTransaction();
+    EXPECT_TRUE(std::holds_alternative<CreateSpec>(free.edits[0].action));
+    std::uint64_t uploaded = 0;
+    for (int frame = 0; frame < 5; ++frame) {
+        while (const auto part = peer.take<BlobFrame>()) {
+            EXPECT_EQ(part->offset, uploaded);
+            uploaded += part->rawBytes;
+        }
+        peer.advance();
+    }
+    EXPECT_EQ(uploaded, big.bytes->size());
+    peer.deliver(BlobStored{big.value.hash()});
+    peer.advance();
+    const Transaction first = peer.takeTransaction();
+    const Transaction second = peer.takeTransaction();
+    EXPECT_LT(first.id.sequence, second.id.sequence);
+    for (const Transaction& mine : {free, first, second}) peer.commitAndTell(mine);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+}
+
+TEST_F(SessionTest, V9ABigValueIsAskedForOnceAndAgainAfterAReconnect) {
+    joinShot();
+    const BigValue big = bigValue(2);
+    const Hash hash = big.value.hash();
+    peer.session.requestBlob(hash);
+    peer.session.requestBlob(hash);
+    EXPECT_TRUE(peer.takeControl<RequestBlob>());
+    EXPECT_FALSE(peer.takeControl<RequestBlob>());
+    const auto part = [&](std::uint64_t offset, std::size_t count) {
+        const ByteView bytes = ByteView(*big.bytes).subspan(offset, count);
+        peer.deliver(
+            BlobFrame{hash, big.bytes->size(), offset, std::uint32_t(count), deflate(bytes)});
+    };
+    part(0, kChunkBytes);
+    peer.advance();
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.connect();
+    peer.advance();
+    EXPECT_TRUE(peer.takeControl<RequestBlob>());
+    part(0, kChunkBytes);
+    part(kChunkBytes, kChunkBytes);
+    part(2 * kChunkBytes, big.bytes->size() - 2 * kChunkBytes);
+    peer.advance();
+    ASSERT_TRUE(peer.blobs.contains(hash));
+    EXPECT_EQ(*peer.blobs[hash], *big.bytes);
+}
+
+TEST_F(SessionTest, V9BytesOfAnotherValueAreNotTaken) {
+    joinShot();
+    const Hash hash = sha256(asBytes("what was asked for"));
+    const Bytes bytes(10, 1);
+    peer.session.requestBlob(hash);
+    peer.deliver(BlobFrame{hash, bytes.size(), 0, std::uint32_t(bytes.size()), deflate(bytes)});
+    peer.advance();
+    EXPECT_FALSE(peer.blobs.contains(hash));
+    ASSERT_EQ(peer.eventsOf<event::ServerError>().size(), 1u);
+    EXPECT_EQ(peer.eventsOf<event::ServerError>()[0].message.code, "blobMismatch");
+}
+
+// ---- requests
+
+TEST_F(SessionTest, APeekShowsALayerWithoutJoiningIt) {
+    joinShot();
+    std::optional<LayerDoc> seen;
+    peer.session.peek(kLook, 0, [&](Result<LayerDoc> doc, Revision) { seen = *doc; });
+    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
+    peer.advance();
+    ASSERT_TRUE(seen);
+    EXPECT_FALSE(peer.session.isJoined(kLook));
+    std::optional<Error> error;
+    peer.session.peek({"none.usda"}, 5,
+                      [&](Result<LayerDoc> doc, Revision) { error = doc.error(); });
+    const auto open = peer.takeControl<OpenLayer>();
+    EXPECT_EQ(open->revision, 5u);
+    peer.deliver(ErrorMessage{"layerNotFound", "no", false, open->request, {}});
+    peer.advance();
+    ASSERT_TRUE(error);
+    EXPECT_EQ(error->code, ErrorCode::LayerNotFound);
+}
+
+TEST_F(SessionTest, TheLogIsReadBesideTheStream) {
+    joinShot();
+    peer.commitAndTell(peer.foreign({edit("/B", createPrim())}));
+    peer.advance();
+    std::vector<Revision> seen;
+    bool done = false;
+    peer.session.requestLog(
+        1, 0, [&](const Commit& commit) { seen.push_back(commit.revision); },
+        [&](Result<void> result) { done = result.has_value(); });
+    const auto request = peer.takeControl<RequestLog>();
+    ASSERT_TRUE(request);
+    peer.deliver(LogBegin{request->request});
+    peer.tell(1);
+    peer.tell(2);
+    peer.deliver(LogEnd{request->request});
+    peer.commitAndTell(peer.foreign({edit("/C", createPrim())}));
+    peer.advance();
+    EXPECT_EQ(seen, (std::vector<Revision>{1, 2}));
+    EXPECT_TRUE(done);
+    EXPECT_EQ(peer.session.revision(), 3u);
+}
+
+TEST_F(SessionTest, ARequestThatTheLineLosesIsAnswered) {
+    joinShot();
+    std::optional<Error> error;
+    peer.session.requestLog(
+        1, 0, [](const Commit&) {}, [&](Result<void> result) { error = result.error(); });
+    peer.session.save({});
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.advance();
+    ASSERT_TRUE(error);
+    EXPECT_EQ(error->code, ErrorCode::NotConnected);
+    EXPECT_EQ(peer.eventsOf<event::ServerError>().size(), 1u);
+    EXPECT_EQ(peer.eventsOf<event::Disconnected>().size(), 1u);
+}
+
+TEST_F(SessionTest, ThePartingWordOfAServerIsHeard) {
+    joinShot();
+    peer.deliver(ErrorMessage{"shuttingDown", "bye", true, {}, {}});
+    peer.session.disconnected({ErrorCode::NotConnected, "closed"});
+    peer.advance();
+    ASSERT_EQ(peer.eventsOf<event::ServerError>().size(), 1u);
+    EXPECT_EQ(peer.eventsOf<event::ServerError>()[0].message.code, "shuttingDown");
+}
+
+TEST(Session, ClientIdsAreRandom) {
+    EXPECT_EQ(newClientId().value.size(), 32u);
+    EXPECT_NE(newClientId(), newClientId());
+}

@@ -1,0 +1,54 @@
+#include <gtest/gtest.h>
+
+#include "usdlive/client/transport/Connection.h"
+
+using namespace usdlive;
+using client::parseServerAddress;
+
+TEST(ServerAddress, ReadsHostPortAndLayer) {
+    const auto address = parseServerAddress("ws://studio:9000/shot/anim.usda");
+    ASSERT_TRUE(address);
+    EXPECT_EQ(address->host, "studio");
+    EXPECT_EQ(address->port, 9000);
+    EXPECT_EQ(address->layer, "shot/anim.usda");
+    EXPECT_EQ(address->url(), "ws://studio:9000/shot/anim.usda");
+}
+
+TEST(ServerAddress, HasADefaultPortAndNoLayer) {
+    for (const std::string text :
+         {"ws://127.0.0.1", "usdlive://127.0.0.1/", "ws://127.0.0.1:7447/"}) {
+        const auto address = parseServerAddress(text);
+        ASSERT_TRUE(address) << text;
+        EXPECT_EQ(address->port, 7447);
+        EXPECT_EQ(address->layer, "");
+        EXPECT_EQ(address->url(), "ws://127.0.0.1:7447");
+    }
+}
+
+TEST(ServerAddress, ReadsIpv6) {
+    const auto address = parseServerAddress("ws://[::1]:80/a.usd");
+    ASSERT_TRUE(address);
+    EXPECT_EQ(address->host, "::1");
+    EXPECT_EQ(address->url(), "ws://[::1]:80/a.usd");
+}
+
+TEST(ServerAddress, DecodesPercentsBothWays) {
+    const auto address = parseServerAddress("ws://h/my%20shot/100%25.usda");
+    ASSERT_TRUE(address);
+    EXPECT_EQ(address->layer, "my shot/100%.usda");
+    EXPECT_EQ(address->url(), "ws://h:7447/my%20shot/100%25.usda");
+}
+
+TEST(ServerAddress, SaysWhatIsWrong) {
+    for (const std::string text :
+         {"", "127.0.0.1:7447", "http://h", "ws://", "ws://:7447", "ws://h:", "ws://h:0",
+          "ws://h:65536", "ws://h:12x", "ws://[::1", "ws://[::1]7", "ws://a b/", "ws://u@h/",
+          "ws://h/../a.usda", "ws://h//a.usda", "ws://h/notes.txt", "ws://h/%zz.usda",
+          "ws://h/a%2"}) {
+        const auto address = parseServerAddress(text);
+        ASSERT_FALSE(address) << text;
+        EXPECT_EQ(address.error().code, ErrorCode::InvalidArgument) << text;
+        EXPECT_NE(address.error().message.find("ws://HOST:PORT"), std::string::npos);
+        EXPECT_EQ(address.error().message.find('\n'), std::string::npos);
+    }
+}

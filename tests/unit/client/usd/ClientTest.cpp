@@ -1,0 +1,456 @@
+#include "usdlive/client/usd/Client.h"
+
+#include <gtest/gtest.h>
+#include <pxr/base/vt/array.h>
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/attributeSpec.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <set>
+#include <thread>
+
+#include "MemoryServer.h"
+#include "RandomEditor.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+using namespace usdlive;
+using pxr::SdfLayer;
+using pxr::SdfPath;
+using tests::MemoryServer;
+using tests::RandomEditor;
+namespace event = client::event;
+namespace fs = std::filesystem;
+
+namespace {
+
+const LayerId kRoot{"root.usda"}, kAnim{"shot/anim.usda"}, kLook{"look.usdc"}, kProp{"prop.usd"};
+
+class NoBlobs final : public usd::BlobSink, public usd::BlobSource {
+public:
+    void keepBlob(const Hash& hash, SharedBytes bytes) override { blobs_[hash] = std::move(bytes); }
+    SharedBytes blob(const Hash& hash) override { return blobs_[hash]; }
+
+private:
+    std::map<Hash, SharedBytes> blobs_;
+};
+
+LayerDoc docOf(const std::string& text) {
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    EXPECT_TRUE(layer->ImportFromString("#usda 1.0\n" + text));
+    NoBlobs blobs;
+    return *usd::readLayer(layer, blobs);
+}
+
+std::string text(const pxr::SdfLayerHandle& layer) {
+    std::string exported;
+    layer->ExportToString(&exported);
+    return exported;
+}
+
+std::map<LayerId, LayerDoc> project() {
+    return {{kRoot, docOf("(\n subLayers = [@./shot/anim.usda@]\n)\ndef \"World\" (\n references = "
+                          "@./prop.usd@</Prop>\n)\n{\n double x = 1\n}\n")},
+            {kAnim, docOf("over \"World\" {\n double x.timeSamples = {1: 2, 3: 4}\n}\n")},
+            {kLook, docOf("def \"Look\" {\n}\n")},
+            {kProp, docOf("(\n defaultPrim = \"Prop\"\n)\ndef \"Prop\" {\n}\n")}};
+}
+
+class ClientTest : public ::testing::Test {
+protected:
+    std::unique_ptr<Client> connect(const std::string& user, fs::path cacheFolder = {}) {
+        Client::Options options;
+        options.user = user;
+        options.cacheFolder = std::move(cacheFolder);
+        auto client = Client::connectBy(server.connect(), options);
+        EXPECT_TRUE(client) << client.error().message;
+        return std::move(*client);
+    }
+    static pxr::SdfLayerRefPtr open(Client& client, const LayerId& id) {
+        auto layer = client.openLayer(id);
+        EXPECT_TRUE(layer) << layer.error().message;
+        return *layer;
+    }
+    static void tick(std::initializer_list<Client*> clients, int times = 5) {
+        for (int i = 0; i < times; ++i)
+            for (auto* client : clients) client->tick();
+    }
+    std::string serverText(const LayerId& id) { return *usd::exportText(server.doc(id), blobs); }
+
+    MemoryServer server{project()};
+    NoBlobs blobs;
+};
+
+fs::path freshFolder(const std::string& name) {
+    const auto folder =
+        fs::temp_directory_path() / ("usdlive-test-" + std::to_string(getpid())) / name;
+    fs::remove_all(folder);
+    fs::create_directories(folder);
+    return folder;
+}
+
+}  // namespace
+
+TEST_F(ClientTest, SaysThatThereIsNoServer) {
+    server.setReachable(false);
+    Client::Options options;
+    options.connectTimeoutMs = 50;
+    const auto client = Client::connectBy(server.connect(), options);
+    ASSERT_FALSE(client);
+    EXPECT_EQ(client.error().code, ErrorCode::NotConnected);
+    EXPECT_FALSE(Client::connect("http://nowhere", {}));
+}
+
+TEST_F(ClientTest, KnowsTheProjectAndMirrorsItsNames) {
+    const auto ada = connect("ada");
+    EXPECT_EQ(ada->layers(), (std::vector{kLook, kProp, kRoot, kAnim}));
+    for (const auto& id : ada->layers()) {
+        const auto place = ada->cacheFolder() / id.value;
+        EXPECT_TRUE(SdfLayer::FindOrOpen(place.string())) << place;
+    }
+}
+
+TEST_F(ClientTest, RemovesItsOwnCacheFolderOnly) {
+    auto ada = connect("ada");
+    const auto own = ada->cacheFolder();
+    ada.reset();
+    EXPECT_FALSE(fs::exists(own));
+    const auto given = freshFolder("cache");
+    connect("ada", given);
+    EXPECT_TRUE(fs::exists(given / kRoot.value));
+}
+
+TEST_F(ClientTest, OpensALayerWithTheLayersItUses) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kRoot);
+    EXPECT_EQ(text(layer), serverText(kRoot));
+    EXPECT_TRUE(layer->PermissionToEdit());
+    EXPECT_EQ(layer->GetRealPath(), (ada->cacheFolder() / kRoot.value).string());
+    for (const auto& used : {kAnim, kProp}) {
+        const auto found = SdfLayer::Find((ada->cacheFolder() / used.value).string());
+        ASSERT_TRUE(found) << used.value;
+        EXPECT_EQ(ada->layerId(found), used);
+        EXPECT_EQ(text(found), serverText(used));
+    }
+    EXPECT_FALSE(SdfLayer::Find((ada->cacheFolder() / kLook.value).string()));
+    EXPECT_EQ(text(open(*ada, kLook)).substr(0, 5), "#usda");
+}
+
+TEST_F(ClientTest, SaysThatThereIsNoSuchLayer) {
+    const auto ada = connect("ada");
+    const auto layer = ada->openLayer({"nothing/here.usda"});
+    ASSERT_FALSE(layer);
+    EXPECT_EQ(layer.error().code, ErrorCode::LayerNotFound);
+    EXPECT_FALSE(fs::exists(ada->cacheFolder() / "nothing/here.usda"));
+    EXPECT_TRUE(open(*ada, kRoot));
+}
+
+TEST_F(ClientTest, EditsGoBothWays) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    hers->SetField(SdfPath("/World.x"), pxr::SdfFieldKeys->Default, 5.0);
+    pxr::SdfCreatePrimInLayer(his, SdfPath("/World/Ball"));
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(his->GetFieldAs<double>(SdfPath("/World.x"), pxr::SdfFieldKeys->Default), 5.0);
+    EXPECT_TRUE(hers->GetPrimAtPath(SdfPath("/World/Ball")));
+    EXPECT_EQ(text(hers), text(his));
+    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(ada->pendingTransactions(), 0u);
+}
+
+TEST_F(ClientTest, OneFrameIsOneTransactionOverAllLayers) {
+    const auto ada = connect("ada");
+    const auto root = open(*ada, kRoot), look = open(*ada, kLook);
+    const Revision before = server.head();
+    root->SetComment("one");
+    look->SetComment("two");
+    EXPECT_TRUE(ada->flush(1000));
+    EXPECT_EQ(server.head(), before + 1);
+}
+
+TEST_F(ClientTest, ALayerIsClosedToTheEditorUntilItIsThere) {
+    const auto ada = connect("ada");
+    server.setReachable(false);
+    ada->tick();
+    const auto place = (ada->cacheFolder() / kLook.value).string();
+    const auto layer = SdfLayer::FindOrOpen(place);  // as composition does
+    // A client looks for such layers now and then only.
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(5);
+    while (layer->PermissionToEdit() && std::chrono::steady_clock::now() < end) {
+        ada->tick();
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    EXPECT_FALSE(layer->PermissionToEdit());
+    server.setReachable(true);
+    EXPECT_TRUE(ada->openLayer(kLook));
+    EXPECT_TRUE(layer->PermissionToEdit());
+    EXPECT_EQ(text(layer), text(open(*ada, kLook)));
+    layer->SetComment("mine");
+    EXPECT_TRUE(ada->flush(1000));
+    EXPECT_NE(serverText(kLook).find("mine"), std::string::npos);
+}
+
+// M12: what was written into the placeholder before anybody knew of it.
+TEST_F(ClientTest, M12WorkOfBeforeALayerWasLiveIsKept) {
+    const auto ada = connect("ada");
+    const auto layer = SdfLayer::FindOrOpen((ada->cacheFolder() / kLook.value).string());
+    pxr::SdfCreatePrimInLayer(layer, SdfPath("/Early"));
+    open(*ada, kLook);
+    EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/Early")));
+    ASSERT_EQ(ada->lostWork().size(), 1u);
+    const auto kept = ada->lostWorkAsLayer(0, kLook);
+    ASSERT_TRUE(kept) << kept.error().message;
+    EXPECT_TRUE((*kept)->GetPrimAtPath(SdfPath("/Early")));
+}
+
+TEST_F(ClientTest, WorkDoneOfflineArrivesLater) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    std::vector<std::string> told;
+    ada->setEventHandler([&](const client::Event& event) {
+        if (std::holds_alternative<event::Disconnected>(event)) told.push_back("gone");
+        if (std::holds_alternative<event::Connected>(event)) told.push_back("back");
+    });
+    server.setReachable(false);
+    tick({ada.get(), bo.get()});
+    EXPECT_FALSE(ada->isConnected());
+    hers->SetComment("offline");
+    pxr::SdfCreatePrimInLayer(his, SdfPath("/World/Offline"));
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(ada->pendingTransactions(), 1u);
+    EXPECT_FALSE(ada->flush(20));
+    server.setReachable(true);
+    EXPECT_TRUE(ada->flush(2000));
+    EXPECT_TRUE(bo->flush(2000));
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(text(hers), text(his));
+    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(told, (std::vector<std::string>{"gone", "back"}));
+}
+
+TEST_F(ClientTest, AValueThatCannotBeSharedIsToldAndUndone) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kRoot);
+    std::vector<std::string> lost;
+    ada->setEventHandler([&](const client::Event& event) {
+        if (const auto* work = std::get_if<event::Lost>(&event))
+            lost.push_back(work->work.reason.message);
+    });
+    layer->SetTimeCodesPerSecond(0);
+    tick({ada.get()});
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_NE(lost[0].find("root.usda </> timeCodesPerSecond"), std::string::npos);
+    EXPECT_FALSE(layer->HasTimeCodesPerSecond());
+    EXPECT_EQ(ada->lostWork().size(), 1u);
+}
+
+TEST_F(ClientTest, BigValuesTravelBesideTheStream) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    const auto attribute = pxr::SdfAttributeSpec::New(
+        hers->GetPrimAtPath(SdfPath("/World")), "points", pxr::SdfValueTypeNames->DoubleArray);
+    pxr::VtArray<double> points(500'000);
+    for (std::size_t i = 0; i < points.size(); ++i) points[i] = double(i);
+    attribute->SetDefaultValue(pxr::VtValue(points));
+    EXPECT_TRUE(ada->flush(5000));
+    EXPECT_EQ(server.blobs.size(), 1u);
+    tick({ada.get(), bo.get()}, 40);
+    EXPECT_EQ(text(his), text(hers));
+    // Who comes later waits for them, too.
+    const auto cy = connect("cy");
+    EXPECT_EQ(text(open(*cy, kRoot)), text(hers));
+}
+
+TEST_F(ClientTest, AReloadBringsTheProjectBackAndHarmsNobody) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    hers->SetComment("kept");
+    tick({ada.get(), bo.get()});
+    const auto before = text(his);
+    hers->Reload(true);  // the file is an empty placeholder
+    EXPECT_NE(text(hers), before);
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(text(his), before);
+    EXPECT_EQ(text(hers), before);
+    hers->SetComment("works on");
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(text(hers), text(his));
+}
+
+TEST_F(ClientTest, AMutedLayerIsLeftAloneAndComesBackUpToDate) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    for (const bool dirty : {false, true}) {
+        if (dirty) hers->SetComment("dirty");
+        tick({ada.get(), bo.get()});
+        hers->SetMuted(true);
+        tick({ada.get(), bo.get()});
+        his->SetDocumentation("meanwhile");
+        tick({ada.get(), bo.get()});
+        hers->SetMuted(false);
+        tick({ada.get(), bo.get()});
+        EXPECT_EQ(text(hers), text(his));
+        EXPECT_EQ(text(his), serverText(kRoot));
+        EXPECT_NE(text(his).find("World"), std::string::npos);
+    }
+}
+
+TEST_F(ClientTest, AGestureIsSeenAtOnceAndCommittedOnce) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    const SdfPath x("/World.x");
+    const auto value = [&](const auto& layer) {
+        return layer->template GetFieldAs<double>(x, pxr::SdfFieldKeys->Default);
+    };
+    const Revision before = server.head();
+    ada->beginGesture();
+    for (int i = 0; i < 5; ++i) {
+        hers->SetField(x, pxr::SdfFieldKeys->Default, 100.0 + i);
+        std::this_thread::sleep_for(std::chrono::milliseconds(40));
+        tick({ada.get(), bo.get()}, 2);
+    }
+    EXPECT_GE(value(his), 100.0);
+    EXPECT_EQ(server.head(), before);
+    ada->endGesture();
+    EXPECT_TRUE(ada->flush(1000));
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(server.head(), before + 1);
+    EXPECT_EQ(value(his), 104.0);
+    EXPECT_EQ(text(hers), serverText(kRoot));
+}
+
+TEST_F(ClientTest, ClosedMeansOnItsOwn) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    hers->SetComment("last");
+    ada->close(kRoot);
+    EXPECT_FALSE(ada->layerId(hers));
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(his->GetComment(), "last");
+    hers->SetComment("alone");
+    his->SetDocumentation("together");
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(his->GetComment(), "last");
+    EXPECT_EQ(hers->GetDocumentation(), "");
+    EXPECT_TRUE(hers->PermissionToEdit());
+    // Opened again it is the project's.
+    EXPECT_EQ(text(open(*ada, kRoot)), text(his));
+}
+
+TEST_F(ClientTest, AttachesLayersOpenedFromAFolder) {
+    const auto folder = freshFolder("project");
+    fs::create_directories(folder / "shot");
+    for (const auto& [id, doc] : project())
+        if (id != kLook) std::ofstream(folder / id.value) << *usd::exportText(doc, blobs);
+    const auto mine = SdfLayer::FindOrOpen((folder / kRoot.value).string());
+    const auto other = SdfLayer::FindOrOpen((folder / kProp.value).string());
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto his = open(*bo, kRoot);
+    his->SetComment("newer than the file");
+    tick({bo.get()});
+
+    mine->SetDocumentation("unsaved");
+    const auto refused = ada->attach(folder);
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().code, ErrorCode::InvalidArgument);
+    mine->Reload();
+
+    const auto attached = ada->attach(folder);
+    ASSERT_TRUE(attached) << attached.error().message;
+    EXPECT_EQ(*attached, (std::vector{kProp, kRoot}));
+    EXPECT_EQ(text(mine), text(his));
+    mine->SetDocumentation("shared");
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(his->GetDocumentation(), "shared");
+    // What composition opens from there later becomes live, too.
+    const auto anim = SdfLayer::FindOrOpen((folder / kAnim.value).string());
+    ada->tick();
+    std::this_thread::sleep_for(std::chrono::milliseconds(120));
+    tick({ada.get()});
+    EXPECT_EQ(ada->layerId(anim), kAnim);
+}
+
+TEST_F(ClientTest, AHandlerMayCallTheClient) {
+    const auto ada = connect("ada");
+    open(*ada, kRoot);
+    std::vector<Revision> revisions;
+    ada->setEventHandler([&](const client::Event& event) {
+        if (const auto* committed = std::get_if<event::Committed>(&event)) {
+            revisions.push_back(committed->commit.revision);
+            ada->tick();
+            if (revisions.size() == 1) open(*ada, kLook);
+        }
+    });
+    for (int i = 0; i < 3; ++i) {
+        open(*ada, kRoot)->SetComment(std::to_string(i));
+        ada->tick();
+    }
+    EXPECT_TRUE(ada->flush(1000));
+    EXPECT_EQ(revisions, (std::vector<Revision>{1, 2, 3}));
+}
+
+TEST_F(ClientTest, SavesOnTheServer) {
+    const auto ada = connect("ada");
+    open(*ada, kRoot)->SetComment("to be saved");
+    EXPECT_TRUE(ada->flush(1000));
+    bool told = false;
+    ada->setEventHandler([&](const client::Event& event) {
+        if (const auto* saved = std::get_if<event::Saved>(&event))
+            told = saved->outcome.saved == std::vector{kRoot};
+    });
+    ada->save({kRoot});
+    tick({ada.get()});
+    EXPECT_TRUE(told);
+    EXPECT_EQ(server.saved, std::vector{kRoot});
+}
+
+// Several editors at once, with losses of the connection, until everything has arrived: M8.
+TEST_F(ClientTest, M8AllEditorsEndAlike) {
+    const char* given = std::getenv("USDLIVE_CLIENT_SEEDS");
+    const unsigned seeds = given ? unsigned(std::atoi(given)) : 30;
+    const char* first = std::getenv("USDLIVE_CLIENT_FIRST");
+    const unsigned from = first ? unsigned(std::atoi(first)) : 0;
+    for (unsigned seed = from; seed < from + seeds; ++seed) {
+        SCOPED_TRACE(seed);  // a failure prints the seed that repeats it
+        std::mt19937 random(seed);
+        MemoryServer shared(project());
+        std::vector<std::unique_ptr<Client>> clients;
+        std::vector<RandomEditor> editors;
+        std::vector<std::vector<pxr::SdfLayerRefPtr>> layers;
+        const std::vector<LayerId> ids{kRoot, kProp};
+        for (unsigned i = 0; i < 3; ++i) {
+            Client::Options options;
+            options.user = "user" + std::to_string(i);
+            clients.push_back(std::move(*Client::connectBy(shared.connect(), options)));
+            layers.emplace_back();
+            for (const auto& id : ids) {
+                layers.back().push_back(open(*clients.back(), id));
+                editors.emplace_back(layers.back().back(), unsigned(random()));
+            }
+        }
+        for (int step = 0; step < 150; ++step) {
+            const auto who = random() % editors.size();
+            editors[who].step();
+            if (random() % 2) clients[random() % clients.size()]->tick();
+            if (random() % 60 == 0) shared.setReachable(false);
+            if (random() % 20 == 0) shared.setReachable(true);
+        }
+        shared.setReachable(true);
+        for (int round = 0; round < 3; ++round)
+            for (const auto& client : clients) ASSERT_TRUE(client->flush(5000));
+        for (std::size_t layer = 0; layer < ids.size(); ++layer) {
+            NoBlobs none;
+            const auto served = shared.doc(ids[layer]).dump();
+            for (std::size_t i = 0; i < clients.size(); ++i) {
+                EXPECT_EQ(usd::readLayer(layers[i][layer], none)->dump(), served)
+                    << "client " << i << " " << ids[layer].value;
+                EXPECT_EQ(text(layers[i][layer]), text(layers[0][layer]));
+            }
+        }
+        if (HasFailure()) return;
+    }
+}

@@ -1,0 +1,192 @@
+#include "MemoryServer.h"
+
+#include <thread>
+
+namespace usdlive::tests {
+
+class MemoryConnection final : public client::Connection {
+public:
+    explicit MemoryConnection(MemoryServer& server) : server_(server) {}
+    ~MemoryConnection() override { server_.gone(*this); }
+
+    void send(SharedBytes frames) override {
+        if (session_ == 0) return;
+        server_.post([&server = server_, session = session_, frames] {
+            if (server.lines_.contains(session)) server.project_->received(session, *frames);
+        });
+    }
+    std::vector<Happening> poll(std::size_t most) override {
+        if (session_ == 0 && server_.open(*this)) inbox.push_back(Opened{});
+        server_.work();
+        std::vector<Happening> happenings;
+        while (!inbox.empty() && happenings.size() < most) {
+            happenings.push_back(std::move(inbox.front()));
+            inbox.pop_front();
+        }
+        return happenings;
+    }
+    bool wait(std::chrono::milliseconds time) override {
+        if (session_ != 0) server_.work();
+        if (inbox.empty())
+            std::this_thread::sleep_for(std::min(time, std::chrono::milliseconds(1)));
+        return !inbox.empty();
+    }
+    std::size_t queuedBytes() const override { return 0; }
+    void reset() override { cut("reset"); }
+
+    void cut(const std::string& why) {
+        if (session_ == 0) return;
+        server_.gone(*this);
+        inbox.push_back(Lost{{ErrorCode::NotConnected, why}});
+    }
+
+    std::deque<Happening> inbox;
+    server::SessionId session_ = 0;
+
+private:
+    MemoryServer& server_;
+};
+
+namespace {
+
+server::CommitStore::Head emptyHead() { return {0, {}, 1}; }
+
+std::vector<LayerId> namesOf(const std::map<LayerId, LayerDoc>& files) {
+    std::vector<LayerId> names;
+    for (const auto& [name, doc] : files) names.push_back(name);
+    return names;
+}
+
+SharedBytes encoded(const Frame& frame) {
+    return std::make_shared<const Bytes>(encodeFrame(frame));
+}
+
+}  // namespace
+
+MemoryServer::MemoryServer(std::map<LayerId, LayerDoc> docs) : files(std::move(docs)) {
+    project_ = std::make_unique<server::Project>(server::Project::Options{.name = "test"}, *this,
+                                                 emptyHead(), namesOf(files),
+                                                 std::vector<server::NamespaceChange>{});
+}
+
+std::unique_ptr<client::Connection> MemoryServer::connect() {
+    return std::make_unique<MemoryConnection>(*this);
+}
+
+void MemoryServer::setReachable(bool reachable) {
+    reachable_ = reachable;
+    if (reachable) return;
+    work();
+    for (const auto& [session, line] : std::map(lines_)) line->cut("the cable was pulled");
+}
+
+void MemoryServer::work() {
+    while (!tasks_.empty()) {
+        const auto task = std::move(tasks_.front());
+        tasks_.pop_front();
+        task();
+    }
+}
+
+bool MemoryServer::open(MemoryConnection& connection) {
+    if (!reachable_) return false;
+    connection.session_ = ++lastSession_;
+    lines_[lastSession_] = &connection;
+    project_->connected(lastSession_);
+    return true;
+}
+
+void MemoryServer::gone(MemoryConnection& connection) {
+    const auto session = std::exchange(connection.session_, 0);
+    if (lines_.erase(session)) project_->disconnected(session);
+}
+
+void MemoryServer::send(server::SessionId session, SharedBytes frames) {
+    if (const auto line = lines_.find(session); line != lines_.end())
+        line->second->inbox.push_back(client::Connection::Message{std::move(frames)});
+}
+
+void MemoryServer::close(server::SessionId session) {
+    post([this, session] {
+        if (const auto line = lines_.find(session); line != lines_.end())
+            line->second->cut("the server closed the connection");
+    });
+}
+
+void MemoryServer::append(server::CommitRecord commit) {
+    commits_.push_back({commit.revision, commit.frame, commit.hash});
+    transactions_[commit.id] = commit.revision;
+    post([this, revision = commit.revision] { project_->appended(revision); });
+}
+
+void MemoryServer::loadLayer(const LayerId& layer) {
+    post([this, layer] {
+        const auto file = files.find(layer);
+        if (file == files.end())
+            project_->layerLoaded(layer, fail(ErrorCode::LayerNotFound, "no layer " + layer.value));
+        else
+            project_->layerLoaded(layer, server::LoadedLayer{file->second, false});
+    });
+}
+
+void MemoryServer::readCommits(server::SessionId session, Revision from, Revision to) {
+    post([this, session, from, to] {
+        std::vector<server::StoredCommit> commits;
+        for (const auto& commit : commits_)
+            if (commit.revision >= from && commit.revision <= to) commits.push_back(commit);
+        project_->commitsRead(session, std::move(commits));
+    });
+}
+
+void MemoryServer::readHistory(server::SessionId session, std::uint64_t request, const LayerId&,
+                               Revision) {
+    post([this, session, request] {
+        project_->historyRead(session, request, fail(ErrorCode::Internal, "no history here"));
+    });
+}
+
+void MemoryServer::sendSnapshot(server::SessionId session, std::uint64_t request, LayerDoc doc) {
+    SnapshotEncoder encoder(std::move(doc), request);
+    while (auto frame = encoder.next())
+        post([this, session, bytes = encoded(*frame)] { send(session, bytes); });
+}
+
+void MemoryServer::sendBlob(server::SessionId session, const Hash& hash, std::uint64_t offset) {
+    const Bytes& blob = blobs.at(hash);
+    for (; offset < blob.size(); offset += kChunkBytes) {
+        const ByteView part = ByteView(blob).subspan(
+            offset, std::min<std::size_t>(kChunkBytes, blob.size() - offset));
+        const BlobFrame frame{hash, blob.size(), offset, std::uint32_t(part.size()), deflate(part)};
+        post([this, session, bytes = encoded(frame)] { send(session, bytes); });
+    }
+}
+
+void MemoryServer::writeBlob(server::SessionId session, BlobFrame part) {
+    const auto raw = inflate(part.data, part.rawBytes, kChunkBytes * 2);
+    static std::map<Hash, Bytes> unfinished;
+    Bytes& bytes = unfinished[part.hash];
+    if (part.offset == 0) bytes.clear();
+    bytes.insert(bytes.end(), raw->begin(), raw->end());
+    const bool whole = bytes.size() == part.size;
+    if (whole) blobs[part.hash] = std::move(unfinished.extract(part.hash).mapped());
+    post([this, session, hash = part.hash, whole] { project_->blobWritten(session, hash, whole); });
+}
+
+void MemoryServer::saveLayers(server::SessionId session, std::uint64_t request,
+                              std::vector<SaveJob> jobs) {
+    LayersSaved outcome;
+    outcome.request = request;
+    for (auto& job : jobs) {
+        outcome.saved.push_back(job.layer);
+        saved.push_back(job.layer);
+        files[job.layer] = std::move(job.doc);
+    }
+    post([this, session, request, outcome] { project_->layersSaved(session, request, outcome); });
+}
+
+std::optional<Revision> MemoryServer::committed(const TransactionId& transaction) {
+    const auto found = transactions_.find(transaction);
+    return found == transactions_.end() ? std::nullopt : std::optional(found->second);
+}
+
+}  // namespace usdlive::tests

@@ -1,0 +1,180 @@
+#include <gtest/gtest.h>
+
+#include <array>
+
+#include "RandomEdits.h"
+#include "usdlive/common/layer/TransactionExecutor.h"
+
+using namespace usdlive;
+
+namespace {
+
+const LayerId kLayer{"a.usda"}, kOther{"b.usda"};
+
+}  // namespace
+
+TEST(NamespaceLog, M3FollowsMovesOfTheSpecAndOfWhatIsAbove) {
+    NamespaceLog log;
+    log.recordMove(1, kLayer, "/A", "/B");
+    log.recordMove(2, kLayer, "/B/x", "/C/y");
+    EXPECT_EQ(log.translate(kLayer, "/A", 0), "/B");
+    EXPECT_EQ(log.translate(kLayer, "/A/x.p", 0), "/C/y.p");
+    EXPECT_EQ(log.translate(kLayer, "/B/x.p", 1), "/C/y.p");
+    EXPECT_EQ(log.translate(kLayer, "/A/xx", 0), "/B/xx");
+    EXPECT_EQ(log.translate(kLayer, "/A", 1), "/A");  // another A, made since
+    EXPECT_EQ(log.translate(kOther, "/A", 0), "/A");
+    EXPECT_EQ(log.translate(kLayer, "/", 0), "/");
+}
+
+TEST(NamespaceLog, M3FollowsVariants) {
+    NamespaceLog log;
+    log.recordMove(1, kLayer, "/A{v=}", "/B{w=}");
+    log.recordMove(2, kLayer, "/B{w=one}", "/B{w=two}");
+    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C.x", 0), "/B{w=two}C.x");
+    EXPECT_EQ(log.translate(kLayer, "/A{v=three}", 0), "/B{w=three}");
+    EXPECT_EQ(log.translate(kLayer, "/A{v=}", 0), "/B{w=}");
+}
+
+TEST(NamespaceLog, M4SaysThatASpecIsGone) {
+    NamespaceLog log;
+    log.recordDelete(3, kLayer, "/A{v=}");
+    log.recordMove(4, kLayer, "/A", "/B");
+    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C", 2), std::nullopt);
+    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C", 3), "/B{v=one}C");  // made anew
+    EXPECT_EQ(log.translate(kLayer, "/A.v", 2), "/B.v");
+}
+
+TEST(NamespaceLog, M3TranslatesFromAMark) {
+    NamespaceLog log;
+    log.recordMove(1, kLayer, "/A", "/B");
+    const auto mark = log.mark();
+    log.recordMove(1, kLayer, "/B", "/C");
+    EXPECT_EQ(log.translateFrom(kLayer, "/A", mark), "/A");
+    EXPECT_EQ(log.translateFrom(kLayer, "/B", mark), "/C");
+    EXPECT_EQ(log.translateFrom(kLayer, "/A", mark - 1), "/C");
+}
+
+TEST(NamespaceLog, TruncateTakesBackWhatCameAfterTheMark) {
+    NamespaceLog log;
+    log.recordMove(1, kLayer, "/A", "/B");
+    const auto mark = log.mark();
+    log.recordDelete(2, kLayer, "/B");
+    log.truncate(mark);
+    EXPECT_EQ(log.mark(), mark);
+    EXPECT_EQ(log.translate(kLayer, "/A", 0), "/B");
+}
+
+TEST(NamespaceLog, PruneForgetsAndKeepsTheNumbers) {
+    NamespaceLog log;
+    log.recordMove(1, kLayer, "/A", "/B");
+    log.recordMove(2, kLayer, "/B", "/C");
+    const auto mark = log.mark();
+    log.recordMove(3, kLayer, "/C", "/D");
+    log.prune(2);
+    EXPECT_EQ(log.oldest(), 2U);
+    EXPECT_EQ(log.translate(kLayer, "/C", 2), "/D");
+    EXPECT_EQ(log.translateFrom(kLayer, "/C", mark), "/D");
+    EXPECT_EQ(log.mark(), mark + 1);
+    log.prune(9);
+    EXPECT_EQ(log.oldest(), 9U);
+    EXPECT_EQ(log.mark(), mark + 1);
+    log.recordMove(10, kLayer, "/D", "/E");
+    EXPECT_EQ(log.translate(kLayer, "/D", 9), "/E");
+    EXPECT_EQ(log.translateFrom(kLayer, "/D", mark + 1), "/E");
+    log.prune(1);
+    EXPECT_EQ(log.oldest(), 9U);
+}
+
+// Looked up where there are many entries, which must be as if each was looked at.
+TEST(NamespaceLog, M3FollowsThroughManyEntries) {
+    struct Move {
+        Revision revision;
+        std::string from;
+        std::optional<std::string> to;
+    };
+    for (unsigned seed = 0; seed < 50; ++seed) {
+        SCOPED_TRACE(seed);
+        RandomEdits random{seed};
+        const auto path = [&] {
+            std::string text;
+            for (std::size_t depth = 1 + random.below(3); depth > 0; --depth)
+                text += (text.ends_with('}') ? "" : "/") + random.name() +
+                        (random.chance(4) ? "{v=" + random.name() + "}" : "");
+            return text;
+        };
+        NamespaceLog log;
+        std::vector<Move> model;
+        for (Revision revision = 1; revision <= 300; ++revision) {
+            log.recordMove(revision, kOther, path(), path());
+            model.push_back({revision, path(), std::nullopt});
+            if (!random.chance(10)) {
+                const std::string parent = specpath::parent(model.back().from);
+                model.back().to =
+                    specpath::child(parent, specpath::last(model.back().from).list, random.name());
+            }
+            if (model.back().to)
+                log.recordMove(revision, kLayer, model.back().from, *model.back().to);
+            else
+                log.recordDelete(revision, kLayer, model.back().from);
+            if (random.chance(20)) {  // taken back
+                const auto mark = log.mark();
+                for (int i = 0; i < 5; ++i) log.recordDelete(revision, kLayer, path());
+                log.truncate(mark);
+            }
+        }
+        log.prune(random.below(100));
+        for (int i = 0; i < 200; ++i) {
+            const Revision since = log.oldest() + random.below(301 - log.oldest());
+            const std::string start = path();
+            std::optional<std::string> expected = start;
+            for (const Move& move : model) {
+                if (move.revision <= since || !expected) continue;
+                if (!specpath::hasPrefix(*expected, move.from)) continue;
+                expected =
+                    move.to ? std::optional(specpath::replacePrefix(*expected, move.from, *move.to))
+                            : std::nullopt;
+            }
+            ASSERT_EQ(log.translate(kLayer, start, since), expected) << start << " " << since;
+        }
+    }
+}
+
+TEST(OwnCreations, M3KeepsThemUntilTheAuthorHasSeenThem) {
+    OwnCreations creations;
+    creations.record({1, 0}, {kLayer, "/A", 0}, 5);
+    creations.record({1, 1}, {kLayer, "/B", 0}, 5);
+    creations.record({2, 0}, {kLayer, "/C", 1}, 6);
+    EXPECT_EQ(creations.find({1, 1})->path, "/B");
+    EXPECT_EQ(creations.find({3, 0}), nullptr);
+    creations.seen(5);
+    EXPECT_EQ(creations.find({1, 0}), nullptr);
+    EXPECT_NE(creations.find({2, 0}), nullptr);
+    creations.forget(2);
+    EXPECT_EQ(creations.find({2, 0}), nullptr);
+}
+
+TEST(RelativePath, GoesThereAndBack) {
+    const std::vector<std::array<std::string, 3>> cases{
+        {"/A", "/A", ""},
+        {"/A/B.x", "/A", "/B.x"},
+        {"/A.x", "/A", ".x"},
+        {"/A{v=}", "/A", "{v=}"},
+        {"/A{v=one}B", "/A", "{v=one}B"},
+        {"/A{v=one}B.x", "/A{v=one}", "B.x"},
+        {"/A{v=one}.x", "/A{v=one}", ".x"},
+        {"/A{v=one}{w=}", "/A{v=one}", "{w=}"},
+        {"/A{v=one}B.x", "/A{v=}", "{v=one}B.x"},
+        {"/A{v=one}", "/A{v=}", "{v=one}"},
+    };
+    for (const auto& [path, created, relative] : cases) {
+        EXPECT_EQ(relativePath(path, created), relative);
+        EXPECT_EQ(absolutePath(relative, created), path);
+    }
+}
+
+TEST(RelativePath, MindsThatTheSpecHasAnotherNameByNow) {
+    EXPECT_EQ(absolutePath("{v=one}B", "/A{w=}"), "/A{w=one}B");
+    EXPECT_EQ(absolutePath("/B", "/A{v=one}"), "/A{v=one}B");
+    EXPECT_EQ(absolutePath("B", "/A"), std::nullopt);
+    EXPECT_EQ(absolutePath("one}", "/A{v=}"), std::nullopt);
+}

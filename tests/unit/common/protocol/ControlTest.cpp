@@ -1,0 +1,101 @@
+#include "usdlive/common/protocol/Control.h"
+
+#include <gtest/gtest.h>
+
+namespace usdlive {
+namespace {
+
+const Hash kHash = sha256(asBytes("x"));
+
+void expectRoundTrip(const ControlMessage& message) {
+    const auto decoded = decodeControl(encodeControl(message));
+    ASSERT_TRUE(decoded) << decoded.error().message << "\n" << encodeControl(message);
+    EXPECT_EQ(*decoded, message);
+}
+
+TEST(Control, EveryMessageComesBackAsItWas) {
+    Hello hello{2, 1, {"a", "b"}, {"0123456789abcdef0123456789abcdef"}, {"Zoë"}, "usdview", {}};
+    expectRoundTrip(hello);
+    hello.resume = Hello::Resume{3, 1ull << 60, kHash};
+    expectRoundTrip(hello);
+    expectRoundTrip(Welcome{
+        1, {"a"}, "shot", 4, 9, kHash, true, {{{"a.usda"}}, {{"s/b.usdc"}}}, 64 << 20, 4ull << 30});
+    expectRoundTrip(OpenLayer{5, {"a.usda"}, 7});
+    expectRoundTrip(LayerOpened{5, {"a.usda"}, 7, 1000});
+    expectRoundTrip(CloseLayer{{"a.usda"}});
+    expectRoundTrip(RequestBlob{kHash, 1ull << 33});
+    expectRoundTrip(BlobStored{kHash});
+    expectRoundTrip(AlreadyCommitted{4, 9});
+    expectRoundTrip(SaveLayers{6, {{"a.usda"}}});
+    expectRoundTrip(LayersSaved{6, 9, {{"a.usda"}}, {{{"b.usda"}, "saveFailed", "no space"}}});
+    expectRoundTrip(RequestLog{7, 1, 0});
+    expectRoundTrip(LogBegin{7});
+    expectRoundTrip(LogEnd{7});
+    expectRoundTrip(ErrorMessage{"internal", "fault", true, {}, {}});
+    expectRoundTrip(ErrorMessage{"blobNotFound", "gone", false, 7, kHash});
+}
+
+TEST(Control, ReadsAsWritten) {
+    EXPECT_EQ(encodeControl(OpenLayer{5, {"a.usda"}, 7}),
+              R"({"layer":"a.usda","request":5,"revision":7,"type":"openLayer"})");
+}
+
+TEST(Control, UnknownMembersAreIgnored) {
+    const auto decoded = decodeControl(
+        R"({"type":"logBegin","request":7,"later":{"deep":[1,2,{"x":null}]},"request2":"x"})");
+    EXPECT_EQ(decoded, ControlMessage(LogBegin{7}));
+}
+
+TEST(Control, WhatIsNotAMessageIsMalformed) {
+    const std::string deep = std::string(100'000, '[') + std::string(100'000, ']');
+    for (const std::string& json : std::vector<std::string>{
+             "",
+             "{",
+             "[]",
+             "7",
+             "null",
+             "{}",
+             R"({"type":7})",
+             R"({"type":"fly"})",
+             R"({"type":"logBegin"})",
+             R"({"type":"logBegin","request":"7"})",
+             R"({"type":"logBegin","request":-7})",
+             R"({"type":"logBegin","request":7.5})",
+             R"({"type":"logBegin","request":1e30})",
+             R"({"type":"blobStored","hash":"00"})",
+             R"({"type":"blobStored","hash":")" + std::string(64, 'G') + "\"}",
+             R"({"type":"saveLayers","request":1,"layers":"a.usda"})",
+             "{\"type\":\"closeLayer\",\"layer\":\"\xff.usda\"}",
+             R"({"type":"logBegin","request":7,"x":)" + deep + "}",
+             R"({"type":"hello","protocol":99999999999,"oldestProtocol":1,"features":[],)"
+             R"("client":"c","user":"u","application":""})",
+         }) {
+        const auto decoded = decodeControl(json);
+        ASSERT_FALSE(decoded) << json;
+        EXPECT_EQ(decoded.error().code, ErrorCode::MalformedControl) << json;
+        EXPECT_FALSE(decoded.error().message.empty());
+    }
+}
+
+TEST(Control, LN1NamesThatLeadOutAreTold) {
+    const auto decoded = decodeControl(R"({"type":"closeLayer","layer":"../../etc/a.usda"})");
+    ASSERT_FALSE(decoded);
+    EXPECT_EQ(decoded.error().code, ErrorCode::InvalidLayerName);
+}
+
+TEST(Control, LengthsAreBounded) {
+    Hello hello{1, 1, {}, {"c"}, {std::string(300, 'u')}, "", {}};
+    EXPECT_FALSE(decodeControl(encodeControl(hello)));
+    ErrorMessage error{"internal", std::string(1'000'000, 'x'), false, {}, {}};
+    const auto decoded = decodeControl(encodeControl(error));  // cut when it is written
+    ASSERT_TRUE(decoded);
+    EXPECT_EQ(std::get<ErrorMessage>(*decoded).message.size(), 64u * 1024);
+}
+
+TEST(Control, TextThatIsNotUtf8IsMendedWhenWritten) {
+    const ErrorMessage error{"internal", "a \xff name", false, {}, {}};
+    EXPECT_TRUE(decodeControl(encodeControl(error)));
+}
+
+}  // namespace
+}  // namespace usdlive

@@ -1,0 +1,237 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/base/tf/weakPtr.h>
+#include <pxr/base/vt/array.h>
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/changeList.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/notice.h>
+#include <pxr/usd/sdf/path.h>
+#include <pxr/usd/sdf/pathExpression.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include "MemoryBlobs.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+using namespace usdlive;
+using namespace usdlive::usd;
+using namespace pxr;
+using testing::HasSubstr;
+using usdlive::test::MemoryBlobs;
+
+namespace {
+
+constexpr const char* kScene = R"(#usda 1.0
+(
+    "about"
+    defaultPrim = "W"
+    metersPerUnit = 2
+    subLayers = [
+        @a.usda@ (offset = 2)
+    ]
+)
+
+def Xform "W" (
+    append variantSets = "look"
+    variants = {
+        string look = "red"
+    }
+)
+{
+    def Sphere "S"
+    {
+        double radius = 4
+        double radius.timeSamples = {
+            1: 2,
+            3: None,
+        }
+        double radius.connect = </W.other>
+        rel r = [
+            </W>,
+            </W/S.radius>,
+        ]
+    }
+    variantSet "look" = {
+        "red" {
+            def "InRed"
+            {
+            }
+
+        }
+    }
+}
+
+def "V"
+{
+}
+
+)";
+
+class ChangeCount : public TfWeakBase {
+public:
+    ChangeCount() { TfNotice::Register(TfCreateWeakPtr(this), &ChangeCount::handle); }
+    std::size_t notices = 0, entries = 0;
+
+private:
+    void handle(const SdfNotice::LayersDidChange& notice) {
+        ++notices;
+        for (const auto& change : notice.GetChangeListVec())
+            entries += change.second.GetEntryList().size();
+    }
+};
+
+SdfLayerRefPtr fromText(const std::string& text) {
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    EXPECT_TRUE(layer->ImportFromString(text));
+    return layer;
+}
+
+std::string textOf(const SdfLayerRefPtr& layer) {
+    std::string text;
+    layer->ExportToString(&text);
+    return text;
+}
+
+void fillWhole(const LayerDoc& doc, MemoryBlobs& blobs, SdfLayerStore& store) {
+    LayerFill fill(doc, blobs);
+    while (!fill.fill(100)) {
+    }
+    const auto filled = fill.into(store);
+    EXPECT_TRUE(filled) << filled.error().message;
+}
+
+}  // namespace
+
+TEST(LayerFill, FillsAnEmptyLayerWithFewChangeEntries) {
+    MemoryBlobs blobs;
+    const auto source = fromText(kScene);
+    const LayerDoc doc = *readLayer(source, blobs);
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    SdfLayerStore store(layer, blobs, nullptr);
+    ChangeCount changes;
+    fillWhole(doc, blobs, store);
+    EXPECT_EQ(textOf(layer), textOf(source));
+    EXPECT_TRUE(*readLayer(layer, blobs) == doc);
+    EXPECT_EQ(changes.notices, 1U);
+    EXPECT_EQ(changes.entries, 3U);  // the pseudo-root and two root prims
+    EXPECT_TRUE(layer->HasSpec(SdfPath("/W/S.r[/W]")));
+    EXPECT_TRUE(layer->HasSpec(SdfPath("/W/S.radius[/W.other]")));
+}
+
+TEST(LayerFill, WhatIsAlreadyThereIsNotToldAgain) {
+    MemoryBlobs blobs;
+    const auto layer = fromText(kScene);
+    const auto other = fromText(kScene);
+    SdfLayerStore store(layer, blobs, nullptr);
+    ChangeCount changes;
+    fillWhole(*readLayer(other, blobs), blobs, store);
+    EXPECT_EQ(changes.entries, 0U);
+    other->SetField(SdfPath("/W/S.radius"), SdfFieldKeys->Default, 5.0);
+    changes.entries = 0;
+    fillWhole(*readLayer(other, blobs), blobs, store);
+    EXPECT_EQ(changes.entries, 1U);
+    EXPECT_EQ(textOf(layer), textOf(other));
+}
+
+TEST(LayerFill, ReplacesWhatWasThere) {
+    MemoryBlobs blobs;
+    const auto layer =
+        fromText("#usda 1.0\n(\n\"old\"\n)\ndef \"V\" {\nrel r = </Old>\n}\ndef \"Old\" {\n}\n");
+    const auto source = fromText(kScene);
+    SdfLayerStore store(layer, blobs, nullptr);
+    fillWhole(*readLayer(source, blobs), blobs, store);
+    EXPECT_EQ(textOf(layer), textOf(source));
+    fillWhole(LayerDoc(), blobs, store);
+    EXPECT_EQ(textOf(layer), textOf(SdfLayer::CreateAnonymous(".usda")));
+}
+
+TEST(LayerFill, WorksInSteps) {
+    MemoryBlobs blobs;
+    LayerDoc doc;
+    for (int i = 0; i < 1000; ++i)
+        ASSERT_TRUE(doc.apply("/P" + std::to_string(i), CreateSpec{SpecKind::Prim}));
+    LayerFill fill(doc, blobs);
+    EXPECT_EQ(fill.progress(), 0);
+    int steps = 0;
+    for (double before = 0; !fill.fill(0); ++steps) {
+        EXPECT_GT(fill.progress(), before);
+        before = fill.progress();
+    }
+    EXPECT_GT(steps, 5);
+    EXPECT_EQ(fill.progress(), 1);
+}
+
+TEST(LayerFill, OneFieldThatCannotBeHeldKeepsNothingElseAway) {
+    MemoryBlobs blobs;
+    LayerDoc doc = *readLayer(fromText(kScene), blobs);
+    const Value bad(ValueType::Path, stringValue("/A//B").bytes());
+    ASSERT_TRUE(doc.apply("/W", SetField{"assetInfo", {}, FieldValue(bad)}));
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    SdfLayerStore store(layer, blobs, nullptr);
+    LayerFill fill(doc, blobs);
+    ASSERT_TRUE(fill.fill(1e6));
+    const auto filled = fill.into(store);
+    ASSERT_FALSE(filled);
+    EXPECT_THAT(filled.error().message, HasSubstr("/W, field assetInfo"));
+    EXPECT_EQ(textOf(layer), textOf(fromText(kScene)));
+    // A file would lack it without a word.
+    const auto made = makeLayer(doc, blobs, "usda");
+    ASSERT_FALSE(made);
+    EXPECT_EQ(made.error().code, ErrorCode::InvalidValue);
+}
+
+TEST(LayerFill, V9MissingBlobsComeLater) {
+    MemoryBlobs blobs, away;
+    const VtValue big(VtArray<double>(40'000, 2.5));
+    const FieldValue value = *encodeValue(big, away);
+    LayerDoc doc;
+    ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(doc.apply("/A", SetField{"customData", DictionaryKey{{"k"}}, value}));
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    SdfLayerStore store(layer, blobs, nullptr);
+    fillWhole(doc, blobs, store);
+    EXPECT_TRUE(store.waitsForBlobs());
+    EXPECT_FALSE(layer->HasField(SdfPath("/A"), SdfFieldKeys->CustomData));
+    const auto made = makeLayer(doc, blobs, "usda");
+    ASSERT_FALSE(made);
+    EXPECT_EQ(made.error().code, ErrorCode::BlobNotFound);
+
+    const auto [hash, bytes] = *away.all.begin();
+    blobs.keepBlob(hash, bytes);
+    store.blobArrived(hash, [&](const std::string& path, const std::string& field) {
+        return doc.field(path, field);
+    });
+    EXPECT_FALSE(store.waitsForBlobs());
+    EXPECT_TRUE(*readLayer(layer, blobs) == doc);
+    EXPECT_TRUE(makeLayer(doc, blobs, "usda"));
+}
+
+TEST(ExportText, IsWhatALayerOfThatContentExports) {
+    MemoryBlobs blobs;
+    const auto layer = fromText(kScene);
+    const auto text = exportText(*readLayer(layer, blobs), blobs);
+    ASSERT_TRUE(text) << text.error().message;
+    EXPECT_EQ(*text, textOf(layer));
+    EXPECT_EQ(*exportText(LayerDoc(), blobs), textOf(SdfLayer::CreateAnonymous(".usda")));
+}
+
+TEST(ExportText, RefusesTextThatCannotBeReadBack) {
+    MemoryBlobs blobs;
+    LayerDoc doc;
+    ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
+    const auto expression = *encodeValue(VtValue(SdfPathExpression("//x")), blobs);
+    ASSERT_TRUE(doc.apply("/A", SetField{"customData", DictionaryKey{{"k"}}, expression}));
+    testing::internal::CaptureStderr();
+    const auto text = exportText(doc, blobs);
+    EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+    ASSERT_FALSE(text);
+    EXPECT_EQ(text.error().code, ErrorCode::SaveFailed);
+    EXPECT_THAT(text.error().message, HasSubstr("/A"));
+
+    LayerDoc typeless;
+    ASSERT_TRUE(typeless.apply("/A", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(typeless.apply("/A.x", CreateSpec{SpecKind::Attribute}));
+    EXPECT_FALSE(exportText(typeless, blobs));
+}

@@ -1,0 +1,340 @@
+#include "usdlive/server/files/LayerFiles.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <pxr/base/vt/array.h>
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/path.h>
+#include <pxr/usd/sdf/schema.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <random>
+
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+using namespace usdlive;
+using namespace usdlive::server;
+using namespace pxr;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+namespace fs = std::filesystem;
+
+namespace {
+
+class FakeBlobs : public BlobStore, public usd::BlobSink, public usd::BlobSource {
+public:
+    bool has(const Hash& hash) const override { return all.contains(hash); }
+    Result<std::uint64_t> size(const Hash& hash) const override {
+        return read(hash, 0, SIZE_MAX).map([](const Bytes& bytes) { return bytes.size(); });
+    }
+    Result<bool> write(const Hash& hash, std::uint64_t, std::uint64_t, ByteView part) override {
+        if (isFull) return fail(ErrorCode::StorageFull, "full");
+        all[hash] = Bytes(part.begin(), part.end());
+        return true;
+    }
+    Result<Bytes> read(const Hash& hash, std::uint64_t, std::size_t) const override {
+        const auto found = all.find(hash);
+        if (found == all.end()) return fail(ErrorCode::BlobNotFound, "not here");
+        return found->second;
+    }
+    void keepBlob(const Hash& hash, SharedBytes bytes) override { all[hash] = *bytes; }
+    SharedBytes blob(const Hash& hash) override {
+        return all.contains(hash) ? std::make_shared<const Bytes>(all[hash]) : nullptr;
+    }
+
+    std::map<Hash, Bytes> all;
+    bool isFull = false;
+};
+
+constexpr const char* kText = "#usda 1.0\n\ndef \"A\"\n{\n    double x = 1\n}\n\n";
+
+class LayerFilesTest : public testing::Test {
+protected:
+    LayerFilesTest() {
+        char name[] = "/tmp/usdlive-files-XXXXXX";
+        root = fs::canonical(mkdtemp(name));
+        folder = root / "project";
+        fs::create_directories(folder / "shot");
+        open();
+    }
+    ~LayerFilesTest() override { fs::remove_all(root); }
+
+    void open() { files = *createLayerFiles(folder, blobs); }
+    fs::path put(const fs::path& path, const std::string& content = kText) {
+        fs::create_directories((folder / path).parent_path());
+        std::ofstream(folder / path) << content;
+        return folder / path;
+    }
+    static std::string contentOf(const fs::path& path) {
+        std::ifstream in(path, std::ios::binary);
+        return {std::istreambuf_iterator<char>(in), {}};
+    }
+    static bool isCrate(const fs::path& path) { return contentOf(path).starts_with("PXR-USDC"); }
+    static std::string textOf(const fs::path& path) {
+        std::string text;
+        if (const auto layer = SdfLayer::OpenAsAnonymous(path)) layer->ExportToString(&text);
+        return text;
+    }
+    LayerDoc someDoc() {
+        LayerDoc doc;
+        EXPECT_TRUE(doc.apply("/New", CreateSpec{SpecKind::Prim}));
+        const auto def = *usd::encodeValue(VtValue(SdfSpecifierDef), blobs);
+        EXPECT_TRUE(doc.apply("/New", SetField{"specifier", {}, def}));
+        return doc;
+    }
+    // Big, and no compression makes it small.
+    LayerDoc bigDoc() {
+        std::mt19937_64 random{7};
+        VtArray<double> noise(60'000);
+        for (double& number : noise) number = double(random()) / 3e18;
+        LayerDoc doc = someDoc();
+        EXPECT_TRUE(doc.apply("/New.x", CreateSpec{SpecKind::Attribute}));
+        EXPECT_TRUE(
+            doc.apply("/New.x", SetField{"typeName", {}, FieldValue(tokenValue("double[]"))}));
+        EXPECT_TRUE(
+            doc.apply("/New.x", SetField{"default", {}, *usd::encodeValue(VtValue(noise), blobs)}));
+        return doc;
+    }
+    std::vector<std::string> everythingIn(const fs::path& path) {
+        std::vector<std::string> names;
+        for (const auto& entry : fs::directory_iterator(path))
+            names.push_back(entry.path().filename());
+        std::ranges::sort(names);
+        return names;
+    }
+    ErrorCode importError(const std::string& name) {
+        const auto doc = files->import(LayerId{name});
+        EXPECT_FALSE(doc);
+        message = doc ? "" : doc.error().message;
+        return doc ? ErrorCode{} : doc.error().code;
+    }
+    ErrorCode saveError(const std::string& name, const LayerDoc& doc) {
+        const auto saved = files->save(LayerId{name}, doc);
+        EXPECT_FALSE(saved);
+        message = saved ? "" : saved.error().message;
+        return saved ? ErrorCode{} : saved.error().code;
+    }
+
+    fs::path root, folder;
+    FakeBlobs blobs;
+    std::unique_ptr<LayerFiles> files;
+    std::string message;
+};
+
+// Runs it in a process of its own, whose limits and rights it may change; true if it returns true.
+bool inChild(const std::function<bool()>& work) {
+    const pid_t child = fork();
+    if (child == 0) _exit(work() ? 0 : 1);
+    int status = 0;
+    waitpid(child, &status, 0);
+    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+}  // namespace
+
+TEST_F(LayerFilesTest, ListsLayersAndNothingElse) {
+    for (const char* name : {"b.usda", "a.usd", "shot/c.usdc", "shot/deep/d.usda"}) put(name);
+    for (const char* name : {"x.usdz", "notes.txt", ".hidden.usda", ".git/e.usda",
+                             ".usdlive/f.usda", "col:on.usda", "back\\slash.usda", "\xff.usda"})
+        put(name);
+    fs::create_symlink(root, folder / "outside");
+    fs::create_symlink(folder / "b.usda", folder / "link.usda");
+    fs::create_symlink(folder, folder / "loop");
+    const auto listed = files->list();
+    ASSERT_TRUE(listed) << listed.error().message;
+    EXPECT_THAT(*listed, ElementsAre(LayerId{"a.usd"}, LayerId{"b.usda"}, LayerId{"shot/c.usdc"},
+                                     LayerId{"shot/deep/d.usda"}));
+}
+
+TEST_F(LayerFilesTest, LN1NeverLeavesTheProject) {
+    std::ofstream(root / "secret.usda") << kText;
+    put("b.usda");
+    fs::create_symlink(root / "secret.usda", folder / "out.usda");
+    fs::create_symlink(root, folder / "up");
+    fs::create_symlink("b.usda", folder / "link.usda");
+    fs::create_symlink(root / "nowhere", folder / "nowhere");
+    fs::create_symlink(root / "not there.usda", folder / "dangling.usda");
+    for (const char* name :
+         {"../secret.usda", "/etc/x.usda", "shot/../../secret.usda", "out.usda", "up/secret.usda",
+          "up/new.usda", "dangling.usda", "link.usda", "nowhere/new.usda"}) {
+        SCOPED_TRACE(name);
+        const auto path = files->resolve(LayerId{name});
+        ASSERT_FALSE(path);
+        EXPECT_EQ(path.error().code, ErrorCode::InvalidLayerName);
+        EXPECT_EQ(importError(name), ErrorCode::InvalidLayerName);
+        EXPECT_EQ(saveError(name, someDoc()), ErrorCode::InvalidLayerName);
+    }
+    EXPECT_EQ(contentOf(root / "secret.usda"), kText);
+    EXPECT_EQ(*files->resolve(LayerId{"shot/new.usda"}), folder / "shot/new.usda");
+    EXPECT_THAT(files->resolve(LayerId{"link.usda"}).error().message, HasSubstr("b.usda"));
+}
+
+TEST_F(LayerFilesTest, ServesAFolderThatIsALink) {
+    put("b.usda");
+    fs::create_symlink(folder, root / "link");
+    const auto linked = createLayerFiles(root / "link", blobs);
+    ASSERT_TRUE(linked);
+    EXPECT_EQ((*linked)->folder(), folder);
+    EXPECT_TRUE((*linked)->import(LayerId{"b.usda"}));
+    EXPECT_FALSE(createLayerFiles(root / "missing", blobs));
+    EXPECT_FALSE(createLayerFiles(put("file.usda"), blobs));
+}
+
+TEST_F(LayerFilesTest, ImportsWhatIsInTheFileNow) {
+    const auto path = put("a.usda");
+    const auto open = SdfLayer::FindOrOpen(path);
+    open->SetField(SdfPath("/A.x"), SdfFieldKeys->Default, 2.0);  // in memory only
+    const auto doc = files->import(LayerId{"a.usda"});
+    ASSERT_TRUE(doc) << doc.error().message;
+    EXPECT_EQ(*doc->field("/A.x", "default"), FieldValue(doubleValue(1)));
+    put("a.usda", "#usda 1.0\ndef \"Changed\" {\n}\n");
+    EXPECT_TRUE(files->import(LayerId{"a.usda"})->has("/Changed"));
+}
+
+TEST_F(LayerFilesTest, ImportTellsWhyAFileCannotBeRead) {
+    put("bad.usda", "#usda 1.0\ndef \"A\" {\n    nonsense\n}\n");
+    put("empty.usda", "");
+    put("cut.usdc", "PXR-USDC and then nothing");
+    put("harm.usda", "#usda 1.0\n(\n    timeCodesPerSecond = 0\n)\n");
+    fs::create_directories(folder / "folder.usda");
+    testing::internal::CaptureStderr();
+    EXPECT_EQ(importError("bad.usda"), ErrorCode::LayerUnreadable);
+    EXPECT_THAT(message, testing::AllOf(HasSubstr("bad.usda"), HasSubstr("nonsense")));
+    EXPECT_EQ(importError("empty.usda"), ErrorCode::LayerUnreadable);
+    EXPECT_EQ(importError("cut.usdc"), ErrorCode::LayerUnreadable);
+    EXPECT_EQ(importError("folder.usda"), ErrorCode::LayerUnreadable);
+    EXPECT_EQ(importError("harm.usda"), ErrorCode::LayerUnreadable);
+    EXPECT_THAT(message, HasSubstr("timeCodesPerSecond"));
+    EXPECT_EQ(importError("none.usda"), ErrorCode::LayerNotFound);
+    EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+TEST_F(LayerFilesTest, V9BigValuesGoToTheBlobStoreAndComeBack) {
+    ASSERT_TRUE(files->save(LayerId{"big.usdc"}, bigDoc()));
+    blobs.all.clear();
+    const auto doc = files->import(LayerId{"big.usdc"});
+    ASSERT_TRUE(doc);
+    EXPECT_TRUE(*doc == bigDoc());
+    EXPECT_EQ(blobs.all.size(), 1U);
+
+    const LayerDoc kept = *doc;
+    blobs.all.clear();
+    EXPECT_EQ(saveError("big.usdc", kept), ErrorCode::SaveFailed);
+    blobs.isFull = true;
+    EXPECT_EQ(importError("big.usdc"), ErrorCode::StorageFull);
+}
+
+TEST_F(LayerFilesTest, SavesInTheFormatTheFileHas) {
+    put("text.usd");
+    const auto binary = folder / "binary.usd";
+    ASSERT_TRUE(files->save(LayerId{"binary.usd"}, someDoc()));
+    EXPECT_TRUE(isCrate(binary));  // as every new .usd
+    for (const char* name : {"text.usd", "new.usda", "new.usdc", "binary.usd"})
+        ASSERT_TRUE(files->save(LayerId{name}, someDoc())) << name;
+    EXPECT_FALSE(isCrate(folder / "text.usd"));
+    EXPECT_FALSE(isCrate(folder / "new.usda"));
+    EXPECT_TRUE(isCrate(folder / "new.usdc"));
+    EXPECT_TRUE(isCrate(binary));
+    for (const char* name : {"text.usd", "new.usda", "new.usdc", "binary.usd"})
+        EXPECT_TRUE(*files->import(LayerId{name}) == someDoc()) << name;
+}
+
+TEST_F(LayerFilesTest, SavesIntoFoldersThatAreNew) {
+    ASSERT_TRUE(files->save(LayerId{"new/deep/a.usda"}, someDoc()));
+    EXPECT_THAT(everythingIn(folder / "new/deep"), ElementsAre("a.usda"));
+}
+
+TEST_F(LayerFilesTest, SavingKeepsThePermissions) {
+    const auto path = put("a.usda");
+    fs::permissions(path, fs::perms(0640));
+    ASSERT_TRUE(files->save(LayerId{"a.usda"}, someDoc()));
+    EXPECT_EQ(fs::status(path).permissions(), fs::perms(0640));
+    ASSERT_TRUE(files->save(LayerId{"b.usdc"}, someDoc()));
+    EXPECT_EQ(fs::status(folder / "b.usdc").permissions(), fs::perms(0644));
+}
+
+TEST_F(LayerFilesTest, WhatCannotBeSavedLeavesTheFileWhole) {
+    const auto path = put("a.usda");
+    LayerDoc doc = someDoc();
+    // Is written as text that cannot be read.
+    ASSERT_TRUE(doc.apply("/New", SetField{"customData", DictionaryKey{{"k"}},
+                                           FieldValue(Value(ValueType::Opaque, Bytes{}))}));
+    testing::internal::CaptureStderr();
+    EXPECT_EQ(saveError("a.usda", doc), ErrorCode::SaveFailed);
+    EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+    EXPECT_THAT(message, HasSubstr("a.usda"));
+    EXPECT_EQ(contentOf(path), kText);
+    EXPECT_THAT(everythingIn(folder), ElementsAre("a.usda", "shot"));
+}
+
+TEST_F(LayerFilesTest, AFullDiskLeavesTheFileWhole) {
+    const LayerDoc doc = bigDoc();
+    for (const char* name : {"a.usda", "a.usdc"}) {
+        SCOPED_TRACE(name);
+        ASSERT_TRUE(files->save(LayerId{name}, someDoc()));
+        const std::string before = contentOf(folder / name);
+        EXPECT_TRUE(inChild([&] {
+            std::signal(SIGXFSZ, SIG_IGN);
+            const rlimit limit{100'000, 100'000};
+            setrlimit(RLIMIT_FSIZE, &limit);
+            const auto saved = files->save(LayerId{name}, doc);
+            return !saved && saved.error().code == ErrorCode::SaveFailed &&
+                   saved.error().message.size() < 2000;
+        }));
+        EXPECT_EQ(contentOf(folder / name), before);
+    }
+    EXPECT_THAT(everythingIn(folder), ElementsAre("a.usda", "a.usdc", "shot"));
+}
+
+TEST_F(LayerFilesTest, WhatMayNotBeWrittenStaysAsItIs) {
+    const auto path = put("shot/a.usda");
+    fs::permissions(root, fs::perms(0755));
+    const auto refused = [&](const fs::path& guarded, fs::perms perms) {
+        fs::permissions(guarded, perms);
+        const bool isRefused = inChild([&] {
+            constexpr uid_t kNobody = 65534;
+            if (geteuid() == 0 && setuid(kNobody) != 0) return false;
+            const auto saved = files->save(LayerId{"shot/a.usda"}, someDoc());
+            return !saved && saved.error().code == ErrorCode::SaveFailed;
+        });
+        fs::permissions(guarded, fs::perms(0777));
+        return isRefused;
+    };
+    fs::permissions(folder / "shot", fs::perms(0777));
+    fs::permissions(path, fs::perms(0666));
+    EXPECT_TRUE(refused(folder / "shot", fs::perms(0555)));
+    EXPECT_TRUE(refused(path, fs::perms(0444)));
+    EXPECT_EQ(contentOf(path), kText);
+    EXPECT_THAT(everythingIn(folder / "shot"), ElementsAre("a.usda"));
+}
+
+TEST_F(LayerFilesTest, RemovesWhatACutShortSaveLeft) {
+    put("shot/.usdlive-save-abc123.usda");
+    put("shot/.usdlive-save-abc123.xY12ab");
+    put(".usdlive-other");
+    open();
+    EXPECT_THAT(everythingIn(folder / "shot"), IsEmpty());
+    EXPECT_THAT(everythingIn(folder), ElementsAre(".usdlive-other", "shot"));
+}
+
+TEST_F(LayerFilesTest, SavedFilesAreReadAsTheyWere) {
+    put("a.usda",
+        "#usda 1.0\n(\n    customLayerData = {\n        int a = 1\n    }\n)\n\ndef \"A\" (\n"
+        "    references = @x.usd@\n)\n{\n    rel r = </A>\n}\n\n");
+    const std::string before = textOf(folder / "a.usda");
+    const auto doc = files->import(LayerId{"a.usda"});
+    ASSERT_TRUE(doc);
+    ASSERT_TRUE(files->save(LayerId{"a.usda"}, *doc));
+    EXPECT_EQ(contentOf(folder / "a.usda"), before);
+    ASSERT_TRUE(files->save(LayerId{"b.usdc"}, *doc));
+    EXPECT_EQ(textOf(folder / "b.usdc"), before);
+}

@@ -1,0 +1,237 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/server/project/Project.h"
+
+namespace usdlive::server::testing {
+
+/// Notes what a project asks for; the test answers when it wants to.
+class FakeHost : public ProjectHost {
+public:
+    struct HistoryRead {
+        SessionId session;
+        std::uint64_t request;
+        LayerId layer;
+        Revision revision;
+    };
+    struct Snapshot {
+        SessionId session;
+        std::uint64_t request;
+        LayerDoc doc;
+    };
+    struct CommitsRead {
+        SessionId session;
+        Revision from, to;
+    };
+    struct Save {
+        SessionId session;
+        std::uint64_t request;
+        std::vector<SaveJob> jobs;
+    };
+
+    std::map<SessionId, std::deque<Bytes>> sent;  ///< frames without their length
+    std::set<SessionId> closed;
+    std::set<SessionId> congestedSessions;
+    std::deque<CommitRecord> appending;
+    std::deque<LayerId> loading;
+    std::deque<CommitsRead> reading;
+    std::deque<HistoryRead> readingHistory;
+    std::vector<Snapshot> snapshots;
+    std::vector<Save> saves;
+    std::vector<std::pair<SessionId, BlobFrame>> blobParts;
+    std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
+    std::set<Hash> blobs;
+    std::map<TransactionId, Revision> stored;
+    std::vector<StoredCommit> log;  ///< what the store holds
+    std::vector<LayerId> unsaved;
+    bool space = true;
+
+    void send(SessionId session, SharedBytes frames) override {
+        const auto split = splitMessage(*frames);
+        for (const ByteView frame : *split) sent[session].emplace_back(frame.begin(), frame.end());
+    }
+    bool congested(SessionId session) override { return congestedSessions.contains(session); }
+    void close(SessionId session) override { closed.insert(session); }
+    void append(CommitRecord commit) override { appending.push_back(std::move(commit)); }
+    void loadLayer(const LayerId& layer) override { loading.push_back(layer); }
+    void readCommits(SessionId session, Revision from, Revision to) override {
+        reading.push_back({session, from, to});
+    }
+    void readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
+                     Revision revision) override {
+        readingHistory.push_back({session, request, layer, revision});
+    }
+    void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override {
+        snapshots.push_back({session, request, std::move(doc)});
+    }
+    void sendBlob(SessionId session, const Hash&, std::uint64_t offset) override {
+        blobsSent.emplace_back(session, offset);
+    }
+    void writeBlob(SessionId session, BlobFrame part) override {
+        blobParts.emplace_back(session, std::move(part));
+    }
+    bool hasBlob(const Hash& hash) override { return blobs.contains(hash); }
+    bool hasSpace() override { return space; }
+    void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override {
+        saves.push_back({session, request, std::move(jobs)});
+    }
+    std::vector<LayerId> unsavedLayers() override { return unsaved; }
+    std::optional<Revision> committed(const TransactionId& transaction) override {
+        const auto found = stored.find(transaction);
+        return found == stored.end() ? std::nullopt : std::optional(found->second);
+    }
+    std::int64_t wallClockMs() override { return 1'700'000'000'000; }
+};
+
+/// A project, what its host is asked, and how clients see it.
+class World {
+public:
+    explicit World(Project::Options options = {},
+                   std::vector<LayerId> layers = {{"a.usda"}, {"b.usda"}})
+        : options(options), layers(std::move(layers)) {
+        start({});
+    }
+
+    /// A new process over what is stored.
+    void start(CommitStore::Head head) {
+        head.epoch = ++epoch;
+        host.sent.clear();
+        host.loading.clear();
+        project = std::make_unique<Project>(options, host, head, layers, namespaceChanges);
+    }
+    void restart() {
+        start({host.log.empty() ? 0 : host.log.back().revision,
+               host.log.empty() ? Hash{} : host.log.back().hash, 0});
+    }
+
+    /// Everything handed to append() becomes durable.
+    void store() {
+        Revision upTo = 0;
+        for (CommitRecord& commit : host.appending) {
+            upTo = commit.revision;
+            if (commit.id.sequence != 0) host.stored[commit.id] = commit.revision;
+            host.log.push_back({commit.revision, commit.frame, commit.hash});
+            namespaceChanges.insert(namespaceChanges.end(), commit.namespaceChanges.begin(),
+                                    commit.namespaceChanges.end());
+            records.push_back(std::move(commit));
+        }
+        host.appending.clear();
+        if (upTo != 0) project->appended(upTo);
+    }
+    /// Answers readCommits() once.
+    void answerRead() {
+        const auto read = host.reading.front();
+        host.reading.pop_front();
+        std::vector<StoredCommit> commits;
+        for (const StoredCommit& commit : host.log)
+            if (commit.revision >= read.from && commit.revision <= read.to)
+                commits.push_back(commit);
+        project->commitsRead(read.session, std::move(commits));
+    }
+    /// Answers loadLayer() with a layer that holds /A and /B.
+    void load(bool imported = false) {
+        const LayerId layer = host.loading.front();
+        host.loading.pop_front();
+        project->layerLoaded(layer, LoadedLayer{sample(), imported});
+    }
+    static LayerDoc sample() {
+        LayerDoc doc;
+        (void)doc.apply("/A", CreateSpec{SpecKind::Prim});
+        (void)doc.apply("/A.x", CreateSpec{SpecKind::Attribute});
+        (void)doc.apply("/B", CreateSpec{SpecKind::Prim});
+        return doc;
+    }
+
+    static ClientId client(SessionId session) { return {"client" + std::to_string(session)}; }
+    void receive(SessionId session, const Frame& frame) {
+        project->received(session, encodeFrame(frame));
+    }
+    void receive(SessionId session, const ControlMessage& message) {
+        receive(session, Frame(ControlFrame{encodeControl(message)}));
+    }
+    Hello hello(SessionId session) const {
+        return {kProtocolVersion,
+                kOldestProtocolVersion,
+                {},
+                client(session),
+                {"user" + std::to_string(session)},
+                "test",
+                {}};
+    }
+    void connect(SessionId session, std::optional<Hello> greeting = {}) {
+        project->connected(session);
+        receive(session, ControlMessage(greeting ? *greeting : hello(session)));
+    }
+    /// Connects and takes the welcome away.
+    void join(SessionId session) {
+        connect(session);
+        host.sent[session].clear();
+    }
+    void submit(SessionId session, std::uint64_t sequence, std::vector<Edit> edits,
+                Revision base = 0, std::uint64_t gesture = 0) {
+        receive(session,
+                Frame(SubmitFrame{{{client(session), sequence}, base, gesture, std::move(edits)}}));
+    }
+
+    /// The next frame the session got; fails the test when there is none.
+    Frame next(SessionId session) {
+        auto& frames = host.sent[session];
+        if (frames.empty()) throw std::runtime_error("nothing was sent");
+        auto frame = decodeFrame(frames.front());
+        lastHash = sha256({});
+        if (frame)
+            if (const auto* commit = std::get_if<CommitFrame>(&*frame))
+                lastHash = hashAfter(*commit, commit->commit.previous, frames.front());
+        frames.pop_front();
+        return frame.value();
+    }
+    template <class T>
+    T nextFrame(SessionId session) {
+        return std::get<T>(next(session));
+    }
+    template <class T>
+    T nextControl(SessionId session) {
+        const auto message = decodeControl(nextFrame<ControlFrame>(session).json);
+        return std::get<T>(message.value());
+    }
+    [[nodiscard]] bool silent(SessionId session) const {
+        const auto found = host.sent.find(session);
+        return found == host.sent.end() || found->second.empty();
+    }
+
+    Project::Options options;
+    std::vector<LayerId> layers;
+    Epoch epoch = 0;
+    FakeHost host;
+    std::vector<NamespaceChange> namespaceChanges;
+    std::vector<CommitRecord> records;
+    std::unique_ptr<Project> project;
+    Hash lastHash;
+};
+
+inline Edit set(const std::string& path, double value, LayerId layer = {"a.usda"}) {
+    return {layer, {path, {}}, SetField{"default", {}, doubleValue(value), {}}};
+}
+inline Edit create(const std::string& path, LayerId layer = {"a.usda"}) {
+    return {layer, {path, {}}, CreateSpec{SpecKind::Prim}};
+}
+inline Edit erase(const std::string& path, LayerId layer = {"a.usda"}) {
+    return {layer, {path, {}}, DeleteSpec{}};
+}
+inline Edit move(const std::string& path, const std::string& parent, const std::string& name,
+                 LayerId layer = {"a.usda"}) {
+    return {layer, {path, {}}, MoveSpec{{parent, {}}, name}};
+}
+inline Edit inCreated(std::uint64_t sequence, std::uint32_t edit, const std::string& path,
+                      EditAction action, LayerId layer = {"a.usda"}) {
+    return {layer, {path, Creation{sequence, edit}}, std::move(action)};
+}
+
+}  // namespace usdlive::server::testing

@@ -1,0 +1,303 @@
+#include <gtest/gtest.h>
+
+#include "FakeHost.h"
+
+namespace usdlive::server::testing {
+namespace {
+
+TEST(ProjectLayers, SeveralOpensShareOneLoad) {
+    World world;
+    world.join(1);
+    world.join(2);
+    world.receive(1, ControlMessage(OpenLayer{5, {"a.usda"}, 0}));
+    world.receive(2, ControlMessage(OpenLayer{6, {"a.usda"}, 0}));
+    EXPECT_EQ(world.host.loading.size(), 1u);
+    world.load();
+    EXPECT_EQ(world.nextControl<LayerOpened>(1), (LayerOpened{5, {"a.usda"}, 0, 4}));
+    EXPECT_EQ(world.nextControl<LayerOpened>(2), (LayerOpened{6, {"a.usda"}, 0, 4}));
+    ASSERT_EQ(world.host.snapshots.size(), 2u);
+    EXPECT_EQ(world.host.snapshots[0].doc, World::sample());
+}
+
+TEST(ProjectLayers, AnImportIsACommitToldByAStub) {
+    World world;
+    world.join(1);
+    world.join(2);
+    world.receive(1, ControlMessage(OpenLayer{5, {"a.usda"}, 0}));
+    world.load(true);
+    EXPECT_TRUE(world.silent(1));  // not before it is durable
+    world.store();
+    const auto stub = world.nextFrame<CommitFrame>(2);
+    EXPECT_EQ(stub.commit.imported, LayerId{"a.usda"});
+    EXPECT_TRUE(stub.commit.edits.empty());
+    EXPECT_EQ(stub.hashAfter, world.records[0].hash);
+    EXPECT_EQ(world.lastHash, world.records[0].hash);
+    EXPECT_EQ(world.records[0].imported, LayerId{"a.usda"});
+    EXPECT_EQ(world.nextFrame<CommitFrame>(1), stub);
+    EXPECT_EQ(world.nextControl<LayerOpened>(1).revision, 1u);
+
+    const auto stored = decodeFrame(ByteView(*world.records[0].frame).subspan(4));
+    const auto& commit = std::get<CommitFrame>(*stored).commit;
+    LayerDoc replayed;
+    for (const Edit& edit : commit.edits)
+        ASSERT_TRUE(replayed.apply(edit.address.path, edit.action));
+    EXPECT_EQ(replayed, World::sample());
+
+    // Whoever resumes over it gets the stub, too, from the store.
+    world.restart();
+    Hello hello = world.hello(3);
+    hello.resume = Hello::Resume{1, 0, {}};
+    world.connect(3, hello);
+    world.nextControl<Welcome>(3);
+    world.answerRead();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3), stub);
+}
+
+TEST(ProjectLayers, ASnapshotHoldsNothingThatIsNotDurable) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    world.host.snapshots.clear();
+    world.submit(1, 1, {create("/C")});
+    world.join(2);
+    world.receive(2, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    EXPECT_TRUE(world.silent(2));
+    world.store();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 1u);
+    EXPECT_EQ(world.nextControl<LayerOpened>(2).revision, 1u);
+    EXPECT_TRUE(world.host.snapshots.at(0).doc.has("/C"));
+}
+
+TEST(ProjectLayers, AnOpenOfWhatIsTakenBackIsOfTheReloadedLayer) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    world.submit(1, 1, {create("/C")});
+    world.join(2);
+    world.receive(2, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.host.appending.clear();
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {});
+    world.host.snapshots.clear();
+    world.load();
+    EXPECT_EQ(world.nextControl<LayerOpened>(2).revision, 0u);
+    EXPECT_FALSE(world.host.snapshots.at(0).doc.has("/C"));
+}
+
+TEST(ProjectLayers, AnImportThatIsTakenBackIsToldAndDoneAgainWhenAskedFor) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load(true);
+    world.host.appending.clear();
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {});
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).request, 1u);
+    EXPECT_TRUE(world.host.loading.empty());
+    world.receive(1, ControlMessage(OpenLayer{2, {"a.usda"}, 0}));
+    world.load(true);
+    world.store();
+    world.nextFrame<CommitFrame>(1);
+    EXPECT_EQ(world.nextControl<LayerOpened>(1).request, 2u);
+}
+
+TEST(ProjectLayers, WithoutSpaceWhatHasToBeImportedCannotBeOpened) {
+    World world;
+    world.join(1);
+    world.host.space = false;
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.receive(1, ControlMessage(OpenLayer{2, {"b.usda"}, 0}));
+    world.load(true);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).code, errorName(ErrorCode::StorageFull));
+    world.load(false);
+    EXPECT_EQ(world.nextControl<LayerOpened>(1).request, 2u);
+}
+
+TEST(ProjectLayers, UnknownAndUnreadableOnesAreAnErrorOfTheRequest) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"x.usda"}, 0}));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).code, errorName(ErrorCode::LayerNotFound));
+    world.receive(1, ControlMessage(OpenLayer{2, {"a.usda"}, 0}));
+    world.project->layerLoaded({"a.usda"}, fail(ErrorCode::LayerUnreadable, "parse error"));
+    const auto error = world.nextControl<ErrorMessage>(1);
+    EXPECT_EQ(error.code, errorName(ErrorCode::LayerUnreadable));
+    EXPECT_EQ(error.request, 2u);
+    EXPECT_FALSE(error.closing);
+}
+
+TEST(ProjectLayers, ALayerAsItWasComesFromTheHistory) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    world.submit(1, 1, {create("/C")});
+    world.store();
+    world.host.sent.clear();
+    world.host.snapshots.clear();
+    world.receive(1, ControlMessage(OpenLayer{3, {"a.usda"}, 9}));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).code, errorName(ErrorCode::FutureRevision));
+    world.receive(1, ControlMessage(OpenLayer{4, {"a.usda"}, 1}));
+    ASSERT_EQ(world.host.readingHistory.size(), 1u);
+    world.project->historyRead(1, 4, World::sample());
+    EXPECT_EQ(world.nextControl<LayerOpened>(1), (LayerOpened{4, {"a.usda"}, 1, 4}));
+    EXPECT_EQ(world.host.snapshots.size(), 1u);
+}
+
+// --- Saving
+
+TEST(ProjectSaves, AllThatDiffersIsSavedOnceDurable) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    world.submit(1, 1, {create("/C")});
+    world.host.unsaved = {{"b.usda"}};
+    world.receive(1, ControlMessage(SaveLayers{9, {}}));
+    world.load();
+    EXPECT_TRUE(world.host.saves.empty());
+    world.store();
+    ASSERT_EQ(world.host.saves.size(), 1u);
+    ASSERT_EQ(world.host.saves[0].jobs.size(), 2u);
+    EXPECT_EQ(world.host.saves[0].jobs[0].revision, 1u);
+    world.host.sent.clear();
+    world.host.unsaved.clear();
+    world.project->layersSaved(1, 9, {0, 1, {{"a.usda"}, {"b.usda"}}, {}});
+    EXPECT_EQ(world.nextControl<LayersSaved>(1).request, 9u);
+    world.receive(1, ControlMessage(SaveLayers{10, {}}));
+    EXPECT_EQ(world.nextControl<LayersSaved>(1), (LayersSaved{10, 1, {}, {}}));
+}
+
+TEST(ProjectSaves, WhatCannotBeSavedIsNamed) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(SaveLayers{9, {{"a.usda"}, {"b.usda"}, {"x.usda"}}}));
+    world.project->layerLoaded({"a.usda"}, fail(ErrorCode::LayerUnreadable, "parse error"));
+    world.project->layerLoaded({"b.usda"}, LoadedLayer{World::sample(), false});
+    ASSERT_EQ(world.host.saves.size(), 1u);
+    EXPECT_EQ(world.host.saves[0].jobs.size(), 1u);
+    world.project->layersSaved(1, 9, {0, 0, {{"b.usda"}}, {}});
+    const auto saved = world.nextControl<LayersSaved>(1);
+    EXPECT_EQ(saved.failed.size(), 2u);
+}
+
+// --- Big values
+
+TEST(ProjectBlobs, ArePassedOnAndConfirmed) {
+    World world;
+    world.join(1);
+    const Bytes raw{1, 2, 3};
+    const Hash hash = sha256(raw);
+    world.receive(1, ControlMessage(RequestBlob{hash, 0}));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).blob, hash);
+    world.receive(1, Frame(BlobFrame{hash, 3, 0, 3, deflate(raw)}));
+    EXPECT_EQ(world.host.blobParts.size(), 1u);
+    world.host.blobs.insert(hash);
+    world.project->blobWritten(1, hash, true);
+    EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hash);
+    world.receive(1, ControlMessage(RequestBlob{hash, 0}));
+    EXPECT_EQ(world.host.blobsSent.size(), 1u);
+    // It is here already.
+    world.receive(1, Frame(BlobFrame{hash, 3, 0, 3, deflate(raw)}));
+    EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hash);
+    EXPECT_EQ(world.host.blobParts.size(), 1u);
+}
+
+TEST(ProjectBlobs, PartsThatCannotBeAreRefused) {
+    World world;
+    world.join(1);
+    const Hash hash = sha256(asBytes("x"));
+    const auto expectError = [&](BlobFrame part, ErrorCode code) {
+        world.receive(1, Frame(std::move(part)));
+        EXPECT_EQ(world.nextControl<ErrorMessage>(1).code, errorName(code));
+    };
+    expectError({hash, 5ull << 30, 0, 3, {}}, ErrorCode::BlobTooLarge);
+    expectError({hash, 10, 8, 3, {}}, ErrorCode::BlobMismatch);
+    expectError({hash, 10, ~0ull, 3, {}}, ErrorCode::BlobMismatch);
+    expectError({hash, 10'000'000, 0, std::uint32_t(kChunkBytes + 1), {}}, ErrorCode::BlobMismatch);
+    world.project->blobWritten(1, hash, fail(ErrorCode::BlobMismatch, "hash"));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).blob, hash);
+}
+
+// --- Gestures
+
+TEST(ProjectPreviews, M11ArePassedOnAndShownToWhoComesLater) {
+    World world;
+    world.join(1);
+    world.join(2);
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {set("/A.x", 1)}}));
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {set("/A.x", 2)}}));
+    EXPECT_TRUE(world.silent(1));
+    EXPECT_EQ(world.nextFrame<PreviewFrame>(2).author, world.client(1));
+    EXPECT_EQ(world.nextFrame<PreviewFrame>(2).edits, (std::vector<Edit>{set("/A.x", 2)}));
+    world.connect(3);
+    world.nextControl<Welcome>(3);
+    EXPECT_EQ(world.nextFrame<PreviewFrame>(3).edits, (std::vector<Edit>{set("/A.x", 2)}));
+    EXPECT_TRUE(world.silent(3));
+}
+
+TEST(ProjectPreviews, M11AreWithdrawnWhenTheirAuthorGoes) {
+    World world;
+    world.join(1);
+    world.join(2);
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {set("/A.x", 1)}}));
+    world.next(2);
+    world.project->disconnected(1);
+    const auto withdrawn = world.nextFrame<PreviewFrame>(2);
+    EXPECT_EQ(withdrawn.gesture, 7u);
+    EXPECT_TRUE(withdrawn.edits.empty());
+    world.connect(3);
+    world.nextControl<Welcome>(3);
+    EXPECT_TRUE(world.silent(3));
+}
+
+TEST(ProjectPreviews, M11TooManyAtOncePushOutTheOldest) {
+    World world;
+    world.join(1);
+    world.join(2);
+    for (std::uint64_t gesture = 1; gesture <= 17; ++gesture)
+        world.receive(1, Frame(PreviewFrame{{}, gesture, 0, {set("/A.x", 1)}}));
+    std::vector<std::uint64_t> withdrawn;
+    while (!world.silent(2)) {
+        const auto frame = world.nextFrame<PreviewFrame>(2);
+        if (frame.edits.empty()) withdrawn.push_back(frame.gesture);
+    }
+    EXPECT_EQ(withdrawn, std::vector<std::uint64_t>{1});
+}
+
+TEST(ProjectPreviews, PreviewsOfNoGestureAndTooLargeOnes) {
+    World world;
+    world.join(1);
+    world.join(2);
+    const Value large = stringValue(std::string(200'000, 'x'));
+    const Edit edit{{"a.usda"}, {"/A.x", {}}, SetField{"default", {}, large, {}}};
+    world.receive(1, Frame(PreviewFrame{{}, 1, 0, std::vector(8, edit)}));
+    EXPECT_FALSE(world.nextControl<ErrorMessage>(1).closing);
+    EXPECT_TRUE(world.silent(2));
+    world.receive(1, Frame(PreviewFrame{{}, 0, 0, {set("/A.x", 1)}}));
+    EXPECT_TRUE(world.nextControl<ErrorMessage>(1).closing);
+}
+
+TEST(ProjectPreviews, M11EndWithTheirTransaction) {
+    World world;
+    world.join(1);
+    world.join(2);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {set("/A.x", 1)}}));
+    world.next(2);
+    world.submit(1, 1, {set("/A.x", 3)}, 0, 7);
+    world.store();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.gesture, 7u);
+    world.connect(3);
+    world.nextControl<Welcome>(3);
+    EXPECT_TRUE(world.silent(3));
+    // And one that is refused leaves nothing behind.
+    world.receive(1, Frame(PreviewFrame{{}, 8, 1, {set("/A.x", 1)}}));
+    world.next(2);
+    world.submit(1, 2, {move("/A", "/", "B")}, 1, 8);
+    EXPECT_TRUE(world.nextFrame<PreviewFrame>(2).edits.empty());
+}
+
+}  // namespace
+}  // namespace usdlive::server::testing

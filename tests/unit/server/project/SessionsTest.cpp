@@ -1,0 +1,267 @@
+#include <gtest/gtest.h>
+
+#include "FakeHost.h"
+
+namespace usdlive::server::testing {
+namespace {
+
+TEST(ProjectSessions, HelloIsAnsweredByAWelcome) {
+    World world;
+    world.connect(1);
+    const auto welcome = world.nextControl<Welcome>(1);
+    EXPECT_EQ(welcome.protocol, kProtocolVersion);
+    EXPECT_EQ(welcome.epoch, 1u);
+    EXPECT_EQ(welcome.revision, 0u);
+    EXPECT_FALSE(welcome.resumed);
+    EXPECT_EQ(welcome.layers, (std::vector<LayerInfo>{{{"a.usda"}}, {{"b.usda"}}}));
+    EXPECT_EQ(welcome.maxFrameBytes, kMaxFrameBytes);
+    EXPECT_EQ(world.project->sessionCount(), 1u);
+}
+
+void expectClosed(World& world, SessionId session, ErrorCode code) {
+    const auto error = world.nextControl<ErrorMessage>(session);
+    EXPECT_EQ(error.code, errorName(code));
+    EXPECT_TRUE(error.closing);
+    EXPECT_TRUE(world.host.closed.contains(session));
+    world.receive(session, ControlMessage(world.hello(session)));
+    EXPECT_TRUE(world.silent(session));
+}
+
+TEST(ProjectSessions, WhatIsNotTheProtocolIsToldAndClosed) {
+    World world;
+    world.project->connected(1);
+    world.project->received(1, asBytes("no frame"));
+    expectClosed(world, 1, ErrorCode::FrameTooLarge);
+
+    world.project->connected(2);
+    world.project->received(2, Bytes{4, 0, 0, 0, 1, 2, 3, 4});
+    expectClosed(world, 2, ErrorCode::MalformedFrame);
+
+    world.project->connected(3);
+    world.receive(3, Frame(ControlFrame{"{}"}));
+    expectClosed(world, 3, ErrorCode::MalformedControl);
+}
+
+TEST(ProjectSessions, NothingComesBeforeTheHello) {
+    World world;
+    world.project->connected(1);
+    world.submit(1, 1, {create("/C")});
+    expectClosed(world, 1, ErrorCode::NotGreeted);
+    world.project->connected(2);
+    world.receive(2, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    expectClosed(world, 2, ErrorCode::NotGreeted);
+}
+
+TEST(ProjectSessions, ASecondHelloCloses) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(world.hello(1)));
+    expectClosed(world, 1, ErrorCode::SecondHello);
+}
+
+TEST(ProjectSessions, VersionsAreNegotiated) {
+    World world;
+    Hello newer = world.hello(1);
+    newer.protocol = kProtocolVersion + 1;
+    world.connect(1, newer);
+    EXPECT_EQ(world.nextControl<Welcome>(1).protocol, kProtocolVersion);
+
+    Hello tooNew = world.hello(2);
+    tooNew.protocol = tooNew.oldestProtocol = kProtocolVersion + 1;
+    world.connect(2, tooNew);
+    expectClosed(world, 2, ErrorCode::UnsupportedProtocol);
+}
+
+TEST(ProjectSessions, FramesOfTheServerAreRefused) {
+    World world;
+    world.join(1);
+    world.receive(1, Frame(RefusalFrame{1, 0, {ErrorCode::Internal, "x"}}));
+    expectClosed(world, 1, ErrorCode::UnknownFrame);
+    world.join(2);
+    world.receive(2, ControlMessage(LogEnd{1}));
+    expectClosed(world, 2, ErrorCode::MalformedControl);
+}
+
+TEST(ProjectSessions, TooManyAreToldSo) {
+    Project::Options options;
+    options.maxSessions = 1;
+    World world(options);
+    world.join(1);
+    world.project->connected(2);
+    expectClosed(world, 2, ErrorCode::TooManySessions);
+    world.project->disconnected(2);
+    world.project->disconnected(1);
+    world.connect(3);
+    EXPECT_NO_THROW(world.nextControl<Welcome>(3));
+}
+
+TEST(ProjectSessions, LayerNamesThatLeadOutAreToldAndClosed) {
+    World world;
+    world.join(1);
+    world.receive(1, Frame(ControlFrame{
+                         R"({"type":"openLayer","request":1,"layer":"../x.usda","revision":0})"}));
+    expectClosed(world, 1, ErrorCode::InvalidLayerName);
+}
+
+// --- Resuming
+
+class ProjectResume : public ::testing::Test {
+protected:
+    void SetUp() override {
+        world.join(1);
+        world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+        world.load();
+        for (std::uint64_t number = 1; number <= 4; ++number)
+            world.submit(1, number, {create("/P" + std::to_string(number))}, number - 1);
+        world.store();
+        for (const StoredCommit& commit : world.host.log) hashes.push_back(commit.hash);
+    }
+    Hello resuming(Revision revision) {
+        Hello hello = world.hello(2);
+        hello.resume = Hello::Resume{1, revision, hashes[revision]};
+        return hello;
+    }
+    void expectCommits(Revision from, Revision to) {
+        for (Revision revision = from; revision <= to; ++revision)
+            EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, revision);
+        EXPECT_TRUE(world.silent(2));
+    }
+
+    World world;
+    std::vector<Hash> hashes{Hash{}};
+};
+
+TEST_F(ProjectResume, SendsWhatTheClientHasMissed) {
+    world.connect(2, resuming(2));
+    const auto welcome = world.nextControl<Welcome>(2);
+    EXPECT_TRUE(welcome.resumed);
+    EXPECT_EQ(welcome.revision, 4u);
+    EXPECT_EQ(welcome.hash, hashes[4]);
+    expectCommits(3, 4);
+}
+
+TEST_F(ProjectResume, ReadsFromTheStoreAfterARestart) {
+    world.restart();
+    world.connect(2, resuming(1));
+    EXPECT_TRUE(world.silent(2));  // the hash is being checked
+    world.receive(2, ControlMessage(OpenLayer{7, {"zzz.usda"}, 0}));
+    world.answerRead();
+    EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).request, 7u);  // waited for the welcome
+    world.answerRead();
+    expectCommits(2, 4);
+}
+
+TEST_F(ProjectResume, AnotherHistoryIsToldAndJoinedAnew) {
+    Hello hello = resuming(2);
+    hello.resume->hash = hashes[3];
+    world.connect(2, hello);
+    const auto error = world.nextControl<ErrorMessage>(2);
+    EXPECT_EQ(error.code, errorName(ErrorCode::HistoryDiverged));
+    EXPECT_FALSE(error.closing);
+    EXPECT_FALSE(world.nextControl<Welcome>(2).resumed);
+    EXPECT_TRUE(world.silent(2));
+}
+
+TEST_F(ProjectResume, ARevisionThatIsNotThereIsToldAndJoinedAnew) {
+    Hello hello = resuming(4);
+    hello.resume->revision = 9;
+    world.connect(2, hello);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::FutureRevision));
+    EXPECT_FALSE(world.nextControl<Welcome>(2).resumed);
+}
+
+TEST_F(ProjectResume, ALaterEpochIsAnotherHistory) {
+    Hello hello = resuming(4);
+    hello.resume->epoch = 2;
+    world.connect(2, hello);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::HistoryDiverged));
+}
+
+TEST_F(ProjectResume, WaitsWhileTheConnectionIsCongested) {
+    world.host.congestedSessions.insert(2);
+    world.connect(2, resuming(0));
+    EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
+    EXPECT_TRUE(world.silent(2));
+    world.submit(1, 5, {create("/P5")}, 4);
+    world.store();
+    EXPECT_TRUE(world.silent(2));
+    world.host.congestedSessions.clear();
+    world.project->drained(2);
+    expectCommits(1, 5);
+    world.submit(1, 6, {create("/P6")}, 5);
+    world.store();
+    expectCommits(6, 6);
+}
+
+TEST_F(ProjectResume, SE5ARefusalWaitsForTheCommitsThatAreResumed) {
+    world.restart();
+    Hello hello = world.hello(2);
+    hello.client = world.client(1);
+    hello.resume = Hello::Resume{1, 2, hashes[2]};
+    world.connect(2, hello);
+    world.receive(2, Frame(SubmitFrame{{{world.client(1), 9}, 2, 0, {create("/C", {"x.usda"})}}}));
+    world.answerRead();  // the hash
+    world.nextControl<Welcome>(2);
+    EXPECT_TRUE(world.silent(2));
+    world.answerRead();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 3u);
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 4u);
+    EXPECT_EQ(world.nextFrame<RefusalFrame>(2).sequence, 9u);
+}
+
+TEST_F(ProjectResume, WhatIsNoLongerInMemoryIsReadFromTheStore) {
+    world.options.recentCommitBytes = 1'000;
+    world.restart();
+    world.join(1);
+    world.submit(1, 5, {create("/P5")}, 4);
+    world.load();
+    for (std::uint64_t number = 6; number <= 20; ++number)
+        world.submit(1, number, {create("/P" + std::to_string(number))}, number - 1);
+    world.store();
+    world.connect(2, resuming(1));
+    world.answerRead();
+    world.nextControl<Welcome>(2);
+    world.answerRead();
+    expectCommits(2, 20);
+}
+
+TEST_F(ProjectResume, AStoreThatCannotBeReadEndsTheSession) {
+    world.restart();
+    world.connect(2, resuming(1));
+    world.answerRead();
+    world.nextControl<Welcome>(2);
+    world.host.reading.clear();
+    world.project->commitsRead(2, fail(ErrorCode::StorageCorrupt, "revision 2"));
+    EXPECT_TRUE(world.nextControl<ErrorMessage>(2).closing);
+}
+
+// --- The log
+
+TEST_F(ProjectResume, TheLogIsSentBetweenItsMarksAndLiveCommitsAfterIt) {
+    world.restart();
+    world.join(2);
+    world.receive(2, ControlMessage(RequestLog{5, 2, 0}));
+    EXPECT_EQ(world.nextControl<LogBegin>(2).request, 5u);
+    world.join(1);
+    world.submit(1, 5, {create("/P5")}, 4);
+    world.load();
+    world.store();
+    EXPECT_TRUE(world.silent(2));
+    world.answerRead();
+    for (Revision revision = 2; revision <= 4; ++revision)
+        EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, revision);
+    EXPECT_EQ(world.nextControl<LogEnd>(2).request, 5u);
+    expectCommits(5, 5);
+}
+
+TEST_F(ProjectResume, TheLogOfTheFutureIsAnError) {
+    world.join(2);
+    world.receive(2, ControlMessage(RequestLog{5, 2, 9}));
+    const auto error = world.nextControl<ErrorMessage>(2);
+    EXPECT_EQ(error.code, errorName(ErrorCode::FutureRevision));
+    EXPECT_EQ(error.request, 5u);
+}
+
+}  // namespace
+}  // namespace usdlive::server::testing

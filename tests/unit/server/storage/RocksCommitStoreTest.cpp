@@ -1,0 +1,436 @@
+#include "usdlive/server/storage/RocksCommitStore.h"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/mount.h>
+#include <sys/resource.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <fstream>
+#include <random>
+#include <thread>
+
+#include "TestCommits.h"
+
+namespace usdlive::server {
+namespace {
+
+namespace fs = std::filesystem;
+using test::RandomEdits;
+using test::TestCommits;
+using test::TestFolder;
+
+const LayerId kLayer{"a.usda"};
+constexpr std::uint64_t kMib = 1024 * 1024;
+
+RocksCommitStoreOptions options() {
+    RocksCommitStoreOptions options;
+    options.minFreeBytes = 0;
+    options.reserveBytes = 0;
+    return options;
+}
+
+std::unique_ptr<CommitStore> open(const fs::path& folder) {
+    auto store = createRocksCommitStore(folder, options());
+    if (!store) throw std::runtime_error(store.error().message);
+    return std::move(*store);
+}
+
+std::vector<CommitRecord> someCommits(TestCommits& commits, int count, unsigned seed = 1) {
+    RandomEdits random(seed);
+    std::vector<CommitRecord> all;
+    for (int number = 0; number < count; ++number)
+        all.push_back(commits.next(random.next(kLayer, commits.layers[kLayer])));
+    return all;
+}
+
+void append(CommitStore& store, std::span<const CommitRecord> commits) {
+    for (const CommitRecord& commit : commits) {
+        const auto appended = store.append({&commit, 1});
+        ASSERT_TRUE(appended) << appended.error().message;
+    }
+}
+
+/// A copy of the store's folder as a killed process or a fault would leave it.
+void copyFolder(const fs::path& from, const fs::path& to) {
+    fs::remove_all(to);
+    fs::copy(from, to, fs::copy_options::recursive);
+}
+
+std::vector<fs::path> filesOf(const fs::path& folder, const std::string& extension = "") {
+    std::vector<fs::path> files;
+    for (const auto& entry : fs::recursive_directory_iterator(folder))
+        if (entry.is_regular_file() && entry.file_size() > 0 &&
+            (extension.empty() || entry.path().extension() == extension))
+            files.push_back(entry.path());
+    std::sort(files.begin(), files.end());
+    return files;
+}
+
+fs::path newestLog(const fs::path& folder) { return filesOf(folder, ".log").back(); }
+
+/// Opens a copy that was damaged. Either all is there, or something says that it is not.
+testing::AssertionResult openIsEqualOrCorrupt(const fs::path& folder, const TestCommits& commits) {
+    const auto store = createRocksCommitStore(folder, options());
+    const auto corrupt = [](const Error& error) {
+        return error.code == ErrorCode::StorageCorrupt
+                   ? testing::AssertionSuccess()
+                   : testing::AssertionFailure() << errorName(error.code) << error.message;
+    };
+    if (!store) return corrupt(store.error());
+    const auto head = (*store)->head();
+    if (head.revision != commits.head.revision || head.hash != commits.head.hash)
+        return testing::AssertionFailure() << "the history ends at " << head.revision;
+    Revision visited = 0;
+    const auto read = (*store)->read(1, head.revision, [&](const StoredCommit&) {
+        ++visited;
+        return true;
+    });
+    if (!read) return corrupt(read.error());
+    if (visited != head.revision) return testing::AssertionFailure() << visited << " commits";
+    const auto doc = (*store)->loadLayer(kLayer);
+    if (!doc) return corrupt(doc.error());
+    if (!*doc || (*doc)->dump() != commits.layers.at(kLayer).dump())
+        return testing::AssertionFailure() << "the layer is another";
+    return testing::AssertionSuccess();
+}
+
+TEST(RocksCommitStore, WhatAKilledProcessLeftIsWhole) {
+    TestFolder folder;
+    TestCommits commits;
+    const auto store = open(folder.path / "a");
+    for (int round = 0; round < 5; ++round) {
+        append(*store, someCommits(commits, 20, unsigned(round)));
+        copyFolder(folder.path / "a", folder.path / "b");
+        ASSERT_TRUE(openIsEqualOrCorrupt(folder.path / "b", commits));
+        EXPECT_EQ(open(folder.path / "b")->head().revision, commits.head.revision);
+    }
+}
+
+TEST(RocksCommitStore, AppendThatWasTornIsAsIfItHadNotBeen) {
+    TestFolder folder;
+    TestCommits commits;
+    const fs::path whole = folder.path / "a", torn = folder.path / "b";
+    const auto store = open(whole);
+    append(*store, someCommits(commits, 20));
+    copyFolder(whole, torn);
+    const auto before = fs::file_size(newestLog(torn));
+    const TestCommits acknowledged = commits;
+    append(*store, someCommits(commits, 1));
+    const auto log = newestLog(whole);
+    const auto after = fs::file_size(log);
+    ASSERT_GT(after, before);
+    for (auto cut = before + 1; cut < after; cut += 1 + (after - before) / 20) {
+        SCOPED_TRACE(cut);
+        TestFolder copy;
+        copyFolder(torn, copy.path / "b");
+        fs::copy_file(log, newestLog(copy.path / "b"), fs::copy_options::overwrite_existing);
+        fs::resize_file(newestLog(copy.path / "b"), cut);
+        const auto opened = createRocksCommitStore(copy.path / "b", options());
+        ASSERT_TRUE(opened) << opened.error().message;
+        EXPECT_EQ((*opened)->head().revision, acknowledged.head.revision);
+        EXPECT_EQ((*opened)->loadLayer(kLayer).value()->dump(),
+                  acknowledged.layers.at(kLayer).dump());
+    }
+}
+
+TEST(RocksCommitStore, NeverServesAShortenedHistory) {
+    TestFolder folder;
+    TestCommits commits;
+    const auto store = open(folder.path / "a");
+    append(*store, someCommits(commits, 30));
+    const auto size = fs::file_size(newestLog(folder.path / "a"));
+    for (const std::uint64_t cut : {1, 10, 100, 1'000}) {
+        copyFolder(folder.path / "a", folder.path / "b");
+        fs::resize_file(newestLog(folder.path / "b"), size - cut);
+        const auto opened = createRocksCommitStore(folder.path / "b", options());
+        ASSERT_FALSE(opened) << cut;
+        EXPECT_EQ(opened.error().code, ErrorCode::StorageCorrupt);
+        EXPECT_NE(opened.error().message.find("commit 30"), std::string::npos)
+            << opened.error().message;
+    }
+}
+
+// The damage is in a log, in tables, in what lists them, and in our own files.
+TEST(RocksCommitStore, AFlippedBitIsFoundOrHarmless) {
+    TestFolder folder;
+    TestCommits commits;
+    const fs::path whole = folder.path / "a", damaged = folder.path / "b";
+    for (unsigned part = 0; part < 3; ++part)  // each opening writes tables of the log
+        append(*open(whole), someCommits(commits, 30, part));
+    const auto store = open(whole);
+    append(*store, someCommits(commits, 30, 3));
+
+    std::mt19937 random(7);
+    for (int flip = 0; flip < 150; ++flip) {
+        copyFolder(whole, damaged);
+        const auto files = filesOf(damaged);
+        const fs::path& path = files[random() % files.size()];
+        std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+        const auto at = std::streamoff(random() % fs::file_size(path));
+        const int bit = 1 << random() % 8;
+        const int byte = file.seekg(at).get();
+        file.seekp(at).put(char(byte ^ bit));
+        file.close();
+        ASSERT_TRUE(openIsEqualOrCorrupt(damaged, commits))
+            << path << " at " << at << ", bit " << bit;
+    }
+}
+
+TEST(RocksCommitStore, AMissingFileIsFound) {
+    TestFolder folder;
+    TestCommits commits;
+    const fs::path whole = folder.path / "a", damaged = folder.path / "b";
+    for (unsigned part = 0; part < 3; ++part) append(*open(whole), someCommits(commits, 30, part));
+    const auto store = open(whole);
+    append(*store, someCommits(commits, 30, 3));
+    for (std::size_t at = 0; at < filesOf(whole).size(); ++at) {
+        copyFolder(whole, damaged);
+        const auto path = filesOf(damaged)[at];
+        fs::remove(path);
+        ASSERT_TRUE(openIsEqualOrCorrupt(damaged, commits)) << path;
+    }
+}
+
+TEST(RocksCommitStore, ANewerFormatIsLeftAlone) {
+    TestFolder folder;
+    (void)open(folder.path);
+    Bytes format{2, 0, 0, 0};
+    const Hash seal = sha256(format);
+    format.insert(format.end(), seal.bytes.begin(), seal.bytes.end());
+    std::ofstream(folder.path / "format", std::ios::binary)
+        .write(reinterpret_cast<const char*>(format.data()), std::streamsize(format.size()));
+    const auto opened = createRocksCommitStore(folder.path, options());
+    ASSERT_FALSE(opened);
+    EXPECT_EQ(opened.error().code, ErrorCode::StorageTooNew);
+}
+
+TEST(RocksCommitStore, OneHasItOpen) {
+    TestFolder folder;
+    auto store = open(folder.path);
+    const auto second = createRocksCommitStore(folder.path, options());
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::StorageLocked);
+    EXPECT_TRUE(store->append({}));
+    store.reset();
+    EXPECT_EQ(open(folder.path)->head().epoch, 2u);
+}
+
+TEST(RocksCommitStore, AFolderThatCannotBeMadeFails) {
+    const auto opened = createRocksCommitStore("/proc/usdlive", options());
+    ASSERT_FALSE(opened);
+    EXPECT_EQ(opened.error().code, ErrorCode::StorageFailed);
+    EXPECT_NE(opened.error().message.find("/proc/usdlive"), std::string::npos);
+}
+
+TEST(RocksCommitStore, RefusesEditsBelowTheLeastFreeSpace) {
+    TestFolder folder;
+    auto tight = options();
+    tight.minFreeBytes = std::uint64_t(1) << 60;
+    const auto store = createRocksCommitStore(folder.path, tight);
+    ASSERT_TRUE(store) << store.error().message;
+    EXPECT_FALSE((*store)->hasSpace());
+}
+
+TEST(RocksCommitStore, ASampleOfManyIsASmallWrite) {
+    TestFolder folder;
+    TestCommits commits;
+    const auto store = open(folder.path);
+    TimeSamples many;
+    for (int time = 0; time < 100'000; ++time) many.samples.emplace_back(time, doubleValue(time));
+    append(*store, std::vector{commits.next(kLayer, "/", SetField{"timeSamples", {}, many})});
+    const auto written = [&] {
+        std::uintmax_t bytes = 0;
+        for (const auto& log : filesOf(folder.path, ".log")) bytes += fs::file_size(log);
+        return bytes;
+    };
+    const auto before = written();
+    append(*store, std::vector{commits.next(
+                       kLayer, "/", SetField{"timeSamples", SampleTime{500}, doubleValue(-1)})});
+    EXPECT_LT(written() - before, 2'000u);
+    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
+TEST(RocksCommitStore, ReadersWorkWhileItAppends) {
+    TestFolder folder;
+    TestCommits commits;
+    auto quick = options();
+    quick.durability = Durability::OperatingSystem;
+    const auto store = std::move(*createRocksCommitStore(folder.path, quick));
+    append(*store, std::vector{commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})});
+    std::atomic<bool> done = false;
+    std::vector<std::thread> readers;
+    for (int reader = 0; reader < 2; ++reader)
+        readers.emplace_back([&] {
+            while (!done) {
+                const auto head = store->head();
+                EXPECT_TRUE(
+                    store->read(1, head.revision, [](const StoredCommit&) { return true; }));
+                EXPECT_TRUE(store->loadLayer(kLayer));
+                EXPECT_TRUE(store->setSavedRevision(kLayer, head.revision));
+                EXPECT_TRUE(store->unsavedLayers());
+                EXPECT_TRUE(store->hasSpace());
+            }
+        });
+    append(*store, someCommits(commits, 300));
+    done = true;
+    for (auto& reader : readers) reader.join();
+    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
+/// A small disk of its own; needs root.
+class SmallDisk {
+public:
+    explicit SmallDisk(const char* size)
+        : mounted_(::mount("tmpfs", folder_.path.c_str(), "tmpfs", 0, size) == 0) {}
+    ~SmallDisk() {
+        if (mounted_) ::umount2(folder_.path.c_str(), MNT_DETACH);
+    }
+    explicit operator bool() const { return mounted_; }
+    [[nodiscard]] const fs::path& path() const { return folder_.path; }
+    [[nodiscard]] std::uint64_t free() const {
+        struct statvfs disk{};
+        ::statvfs(folder_.path.c_str(), &disk);
+        return disk.f_bavail * disk.f_frsize;
+    }
+
+private:
+    TestFolder folder_;
+    bool mounted_;
+};
+
+/// No file may get longer than this, as on a disk that fails.
+class FileLimit {
+public:
+    explicit FileLimit(rlim_t bytes) {
+        ::signal(SIGXFSZ, SIG_IGN);
+        ::getrlimit(RLIMIT_FSIZE, &before_);
+        const rlimit limit{bytes, before_.rlim_max};
+        ::setrlimit(RLIMIT_FSIZE, &limit);
+    }
+    ~FileLimit() { ::setrlimit(RLIMIT_FSIZE, &before_); }
+
+private:
+    rlimit before_{};
+};
+
+TEST(RocksCommitStore, AFailedWriteIsNotTriedAgain) {
+    TestFolder folder;
+    TestCommits commits;
+    auto store = open(folder.path);
+    append(*store, std::vector{commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})});
+    const auto commit =
+        commits.next(kLayer, "/", SetField{"comment", {}, stringValue(std::string(50'000, 'x'))});
+    {
+        const FileLimit limit(20'000);
+        EXPECT_EQ(store->append({&commit, 1}).error().code, ErrorCode::StorageFailed);
+    }
+    EXPECT_EQ(store->append({&commit, 1}).error().code, ErrorCode::StorageFailed);
+    EXPECT_EQ(store->setSavedRevision(kLayer, 1).error().code, ErrorCode::StorageFailed);
+    EXPECT_EQ(store->head().revision, 1u);
+    store.reset();
+    store = open(folder.path);
+    EXPECT_EQ(store->head().revision, 1u);
+    append(*store, std::vector{commit});
+    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
+CommitRecord bigCommit(TestCommits& commits, std::mt19937& random, std::size_t bytes) {
+    std::string text(bytes, ' ');
+    for (char& letter : text) letter = char('0' + random() % 64);
+    return commits.next(kLayer, "/", SetField{"comment", {}, stringValue(text)});
+}
+
+// D1: RocksDB, as Debian builds it, ends the process when a write finds the disk full.
+TEST(RocksCommitStore, AFullDiskRefusesAndGoesOn) {
+    const SmallDisk disk("size=96m");
+    if (!disk) GTEST_SKIP() << "cannot mount a small disk";
+    RocksCommitStoreOptions tight;
+    tight.minFreeBytes = 16 * kMib;
+    const fs::path folder = disk.path() / "store", ballast = disk.path() / "ballast";
+    auto opened = createRocksCommitStore(folder, tight);
+    ASSERT_TRUE(opened) << opened.error().message;
+    auto store = std::move(*opened);
+    TestCommits commits;
+    std::mt19937 random(1);
+
+    for (int round = 0; round < 4; ++round) {
+        SCOPED_TRACE(round);
+        bool full = false;
+        for (int step = 0; step < 2'000 && !full; ++step) {
+            const TestCommits before = commits;
+            const auto commit = bigCommit(commits, random, 64 * 1024);
+            const auto appended = store->append({&commit, 1});
+            if (appended) {
+                // Somebody else fills the disk, too, down to nothing.
+                std::ofstream other(ballast, std::ios::app | std::ios::binary);
+                other << std::string(1024 * 1024, 'x');
+                continue;
+            }
+            ASSERT_EQ(appended.error().code, ErrorCode::StorageFull) << appended.error().message;
+            commits = before;
+            full = true;
+        }
+        ASSERT_TRUE(full);
+        EXPECT_EQ(store->head().revision, commits.head.revision);
+        // A log may get free yet, when what is in it has been written to a table.
+        for (int left = 20; left > 0 && (disk.free() > 0 || store->hasSpace()); --left) {
+            std::ofstream(ballast, std::ios::app) << std::string(disk.free(), 'x');
+            std::this_thread::sleep_for(std::chrono::milliseconds(150));
+        }
+        EXPECT_FALSE(store->hasSpace());
+        EXPECT_EQ(store->append({}).has_value(), true);
+        EXPECT_TRUE(store->loadLayer(kLayer)) << "reading goes on";
+
+        if (round % 2) {
+            store.reset();  // closing needs no space
+            fs::remove(ballast);
+            store = std::move(*createRocksCommitStore(folder, tight));
+        }
+        fs::remove(ballast);
+        std::this_thread::sleep_for(std::chrono::milliseconds(150));
+        EXPECT_TRUE(store->hasSpace()) << disk.free() / kMib << " MiB free";
+        const auto commit = bigCommit(commits, random, 1024);
+        const auto appended = store->append({&commit, 1});
+        ASSERT_TRUE(appended) << appended.error().message;
+    }
+    store.reset();
+    EXPECT_TRUE(openIsEqualOrCorrupt(folder, commits));
+    EXPECT_EQ(open(folder)->head().revision, commits.head.revision);
+}
+
+// The store itself fills the disk, while its tables are written and merged in the background.
+TEST(RocksCommitStore, FillsADiskToItsLimit) {
+    const SmallDisk disk("size=160m");
+    if (!disk) GTEST_SKIP() << "cannot mount a small disk";
+    RocksCommitStoreOptions tight;
+    tight.minFreeBytes = 24 * kMib;
+    const fs::path folder = disk.path() / "store", ballast = disk.path() / "ballast";
+    TestCommits commits;
+    std::mt19937 random(2);
+    for (int round = 0; round < 3; ++round) {
+        SCOPED_TRACE(round);
+        std::ofstream(ballast, std::ios::binary) << std::string((3 - round) * 24 * kMib, 'x');
+        auto opened = createRocksCommitStore(folder, tight);
+        ASSERT_TRUE(opened) << opened.error().message;
+        for (;;) {
+            const TestCommits before = commits;
+            const auto commit = bigCommit(commits, random, 20'000 + random() % 200'000);
+            const auto appended = (*opened)->append({&commit, 1});
+            if (appended) continue;
+            ASSERT_EQ(appended.error().code, ErrorCode::StorageFull) << appended.error().message;
+            commits = before;
+            break;
+        }
+        EXPECT_EQ((*opened)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+        fs::remove(ballast);
+    }
+    EXPECT_GT(commits.head.revision, 300u) << "most of the disk was of use";
+    EXPECT_EQ(createRocksCommitStore(folder, tight).value()->head().revision,
+              commits.head.revision);
+}
+
+}  // namespace
+}  // namespace usdlive::server

@@ -1,0 +1,170 @@
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <random>
+
+#include "usdlive/common/layer/SpecPath.h"
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitStore.h"
+#include "usdlive/server/project/StateChanges.h"
+
+namespace usdlive::server::test {
+
+/// Makes the commits of a project, one after the other, as Project would, and holds the layers that
+/// a store has to give back.
+class TestCommits {
+public:
+    CommitRecord next(std::vector<Edit> edits) {
+        std::vector<ExecutedEdit> executed;
+        for (Edit& edit : edits) {
+            auto applied = layers[edit.layer].apply(edit.address.path, edit.action);
+            if (applied && applied->changed)
+                executed.push_back({std::move(edit), std::move(*applied)});
+        }
+        Commit commit = begin();
+        for (const ExecutedEdit& one : executed) commit.edits.push_back(one.edit);
+        CommitRecord record = finish(commit);
+        record.changes = stateChanges(layers, executed);
+        record.namespaceChanges = namespaceChanges(head.revision, executed);
+        return record;
+    }
+    CommitRecord next(const LayerId& layer, const std::string& path, EditAction action) {
+        return next({Edit{layer, {path, {}}, std::move(action)}});
+    }
+    /// Of a layer that nobody opened before.
+    CommitRecord import(const LayerId& layer, const LayerDoc& doc) {
+        Commit commit = begin();
+        commit.imported = layer;
+        for (auto& [path, action] : difference(LayerDoc(), doc))
+            commit.edits.push_back({layer, {path, {}}, std::move(action)});
+        CommitRecord record = finish(commit);
+        record.changes = stateChanges(layer, doc);
+        record.imported = layer;
+        layers[layer] = doc;
+        return record;
+    }
+    /// With state changes as they are given; the layers here do not follow.
+    CommitRecord raw(std::vector<StateChange> changes) {
+        CommitRecord record = finish(begin());
+        record.changes = std::move(changes);
+        return record;
+    }
+
+    LayerDocs layers;
+    CommitStore::Head head;
+    TransactionId id{{"00112233445566778899aabbccddeeff"}, 0};
+
+private:
+    Commit begin() {
+        ++id.sequence;
+        Commit commit;
+        commit.revision = head.revision + 1;
+        commit.epoch = 1;
+        commit.id = id;
+        commit.user = {"ada"};
+        commit.previous = head.hash;
+        return commit;
+    }
+    CommitRecord finish(const Commit& commit) {
+        CommitRecord record;
+        record.revision = ++head.revision;
+        record.id = id;
+        record.frame = std::make_shared<const Bytes>(encodeFrame(CommitFrame{commit}));
+        record.hash = head.hash = chainHash(head.hash, ByteView(*record.frame).subspan(4));
+        return record;
+    }
+};
+
+/// Edits of all kinds, of which most can be done.
+class RandomEdits {
+public:
+    explicit RandomEdits(unsigned seed) : random_(seed) {}
+
+    std::size_t below(std::size_t bound) { return random_() % bound; }
+
+    std::vector<Edit> next(const LayerId& layer, const LayerDoc& doc) {
+        std::vector<std::string> prims{"/"}, attributes;
+        doc.visit([&](const LayerDoc::SpecView& spec) {
+            if (spec.kind == SpecKind::Prim) prims.emplace_back(spec.path);
+            if (spec.kind == SpecKind::Attribute) attributes.emplace_back(spec.path);
+        });
+        const auto& prim = prims[below(prims.size())];
+        const auto edit = [&](std::string path, EditAction action) {
+            return Edit{layer, {std::move(path), {}}, std::move(action)};
+        };
+        if (attributes.empty() || below(4) == 0) return structure(prim, prims, edit);
+        std::vector<Edit> edits;
+        for (auto left = below(4) + 1; left > 0; --left)
+            edits.push_back(edit(attributes[below(attributes.size())], content()));
+        return edits;
+    }
+
+private:
+    template <class MakeEdit>
+    std::vector<Edit> structure(const std::string& prim, const std::vector<std::string>& prims,
+                                MakeEdit edit) {
+        const std::string name(1, char('A' + below(6)));
+        switch (below(8)) {
+            case 0:
+                return {edit(prim, DeleteSpec{})};
+            case 1:
+                return {edit(prim, MoveSpec{{prims[below(prims.size())], {}}, name})};
+            case 2:
+                return {edit(prim, PlaceSpec{name})};
+            case 3:
+            case 4:
+                return {edit(specpath::child(prim, ChildList::Properties, name),
+                             CreateSpec{SpecKind::Attribute})};
+            default:
+                return {edit(specpath::child(prim, ChildList::Prims, name),
+                             CreateSpec{SpecKind::Prim})};
+        }
+    }
+    EditAction content() {
+        const std::string field = below(2) ? "default" : "timeSamples";
+        const double time = double(below(7)) - 3.5;
+        switch (below(10)) {
+            case 0:
+                return usdlive::EraseField{field, {}};
+            case 1:
+            case 2:
+                return usdlive::EraseField{field, SampleTime{time}};
+            case 3:
+                return SetField{field, {}, doubleValue(double(random_()))};
+            case 4:
+                return SetField{field, {}, samples()};
+            case 5:
+                return SetField{"customData", DictionaryKey{{"a", std::to_string(below(3))}},
+                                doubleValue(double(random_()))};
+            default:
+                return SetField{field, SampleTime{time}, doubleValue(double(random_()))};
+        }
+    }
+    TimeSamples samples() {
+        TimeSamples all;
+        for (std::size_t at = 0, end = below(5); at < end; ++at)
+            all.samples.emplace_back(double(at) - 2.5, doubleValue(double(random_())));
+        return all;
+    }
+
+    std::mt19937 random_;
+};
+
+/// A folder that is deleted with everything in it.
+class TestFolder {
+public:
+    TestFolder() {
+        std::string name = (std::filesystem::temp_directory_path() / "usdlive-XXXXXX").string();
+        if (::mkdtemp(name.data())) path = name;
+    }
+    TestFolder(const TestFolder&) = delete;
+    TestFolder& operator=(const TestFolder&) = delete;
+    ~TestFolder() { std::filesystem::remove_all(path); }
+
+    std::filesystem::path path;
+};
+
+}  // namespace usdlive::server::test

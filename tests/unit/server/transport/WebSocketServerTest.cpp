@@ -1,0 +1,551 @@
+#include "usdlive/server/transport/WebSocketServer.h"
+
+#include <gmock/gmock.h>
+
+#include <atomic>
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/read_until.hpp>
+#include <boost/asio/write.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/websocket/stream.hpp>
+#include <condition_variable>
+#include <future>
+#include <mutex>
+#include <thread>
+
+#include "usdlive/common/protocol/Control.h"
+#include "usdlive/common/protocol/Frame.h"
+
+using namespace usdlive;
+using namespace usdlive::server;
+using namespace std::chrono_literals;
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace websocket = beast::websocket;
+using asio::ip::tcp;
+using testing::AnyOf;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+namespace {
+
+class NoLog final : public Log {
+    void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
+};
+
+/// What the server told, for other threads to wait for.
+class Recorder final : public SessionHandler {
+public:
+    void opened(SessionId session) override {
+        note([&] { opened_.push_back(session); });
+    }
+    void received(SessionId session, ByteView message) override {
+        if (asText(message) == "throw") throw std::logic_error("a bug");
+        note([&] { messages_[session].emplace_back(asText(message)); });
+    }
+    void closed(SessionId session) override {
+        note([&] { closed_.push_back(session); });
+    }
+    void drained(SessionId session) override {
+        note([&] { drained_.push_back(session); });
+    }
+
+    bool waitDrained(SessionId session) {
+        return wait([&] { return std::count(drained_.begin(), drained_.end(), session) > 0; });
+    }
+    SessionId session(std::size_t index) {
+        return wait([&] { return opened_.size() > index; }) ? opened_[index] : 0;
+    }
+    std::vector<std::string> messages(SessionId session, std::size_t count) {
+        wait([&] { return messages_[session].size() >= count; });
+        const std::lock_guard lock(mutex_);
+        return messages_[session];
+    }
+    std::size_t closedTimes(SessionId session) {
+        const std::lock_guard lock(mutex_);
+        return std::size_t(std::count(closed_.begin(), closed_.end(), session));
+    }
+    bool waitClosed(SessionId session, std::chrono::milliseconds time = 10s) {
+        return wait([&] { return std::count(closed_.begin(), closed_.end(), session) > 0; }, time);
+    }
+
+private:
+    template <class Change>
+    void note(Change change) {
+        const std::lock_guard lock(mutex_);
+        change();
+        changed_.notify_all();
+    }
+    template <class Condition>
+    bool wait(Condition condition, std::chrono::milliseconds time = 10s) {
+        std::unique_lock lock(mutex_);
+        return changed_.wait_for(lock, time, condition);
+    }
+
+    std::mutex mutex_;
+    std::condition_variable changed_;
+    std::vector<SessionId> opened_, closed_, drained_;
+    std::map<SessionId, std::vector<std::string>> messages_;
+};
+
+SharedBytes shared(std::string_view text) {
+    const ByteView bytes = asBytes(text);
+    return std::make_shared<const Bytes>(bytes.begin(), bytes.end());
+}
+
+class WebSocketServerTest : public testing::Test {
+protected:
+    void start(WebSocketServerOptions options = {}) {
+        HttpRoutes routes;
+        routes["/healthz"] = [] { return HttpReply{"application/json", "{\"status\":\"ok\"}"}; };
+        routes["/broken"] = []() -> HttpReply { throw std::runtime_error("no"); };
+        auto created =
+            createWebSocketServer(io_, std::move(options), recorder_, routes, background(), log_);
+        ASSERT_TRUE(created) << created.error().message;
+        server_ = std::move(*created);
+        port_ = server_->port();
+        thread_ = std::thread([this] { io_.run(); });
+    }
+
+    ~WebSocketServerTest() override {
+        asio::post(io_, [this] { server_.reset(); });
+        work_.reset();
+        if (thread_.joinable()) thread_.join();
+        for (auto& worker : workers_) worker.join();
+    }
+
+    Background background() {
+        return [this](std::function<void()> job) { workers_.emplace_back(std::move(job)); };
+    }
+
+    /// Calls the server on its thread, which must not wait for what that thread records.
+    template <class Function>
+    auto onServer(Function function) {
+        using Task = std::packaged_task<decltype(function(*server_))()>;
+        const auto task = std::make_shared<Task>([&] { return function(*server_); });
+        auto result = task->get_future();
+        asio::post(io_, [task] { (*task)(); });
+        return result.get();
+    }
+
+    tcp::socket connect(int receiveBuffer = 0) {
+        tcp::socket socket(clientIo_);
+        socket.open(tcp::v4());
+        if (receiveBuffer) socket.set_option(asio::socket_base::receive_buffer_size(receiveBuffer));
+        socket.connect({asio::ip::address_v4::loopback(), port_});
+        return socket;
+    }
+
+    /// All that the server answers to a request until it closes.
+    std::string http(const std::string& request) {
+        tcp::socket socket = connect();
+        beast::error_code error;
+        asio::write(socket, asio::buffer(request), error);
+        std::string answer;
+        asio::read(socket, asio::dynamic_buffer(answer), error);
+        return answer;
+    }
+
+    struct Client {
+        explicit Client(tcp::socket socket) : stream(std::move(socket)) { stream.binary(true); }
+        websocket::stream<tcp::socket> stream;
+
+        void send(std::string_view text) { stream.write(asio::buffer(text)); }
+        std::string read() {
+            beast::flat_buffer buffer;
+            beast::error_code error;
+            stream.read(buffer, error);
+            if (error) return "";
+            const auto data = buffer.data();
+            return {static_cast<const char*>(data.data()), data.size()};
+        }
+        /// The error message in the only frame of the next message.
+        ErrorMessage readError() {
+            const std::string message = read();
+            const auto frames = splitMessage(asBytes(message));
+            if (!frames || frames->size() != 1) return {};
+            const auto frame = decodeFrame(frames->front());
+            const auto* control = frame ? std::get_if<ControlFrame>(&*frame) : nullptr;
+            const auto decoded = control ? decodeControl(control->json) : fail(ErrorCode{}, "none");
+            const auto* error = decoded ? std::get_if<ErrorMessage>(&*decoded) : nullptr;
+            return error ? *error : ErrorMessage{};
+        }
+        /// The code the server closed with; 0 if it did not.
+        unsigned closeCode() {
+            while (!read().empty()) continue;
+            return stream.reason().code;
+        }
+    };
+
+    std::unique_ptr<Client> join(int receiveBuffer = 0, const std::string& origin = {}) {
+        auto client = std::make_unique<Client>(connect(receiveBuffer));
+        if (!origin.empty())
+            client->stream.set_option(websocket::stream_base::decorator(
+                [origin](auto& request) { request.set("Origin", origin); }));
+        client->stream.handshake("127.0.0.1", "/live");
+        recorder_.session(joined_++);  // the server may be told a little later than the client
+        return client;
+    }
+
+    NoLog log_;
+    Recorder recorder_;
+    asio::io_context io_{1}, clientIo_;
+    asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
+    std::unique_ptr<WebSocketServer> server_;
+    std::thread thread_;
+    std::vector<std::thread> workers_;  // one a job
+    std::uint16_t port_ = 0;
+    std::size_t joined_ = 0;
+};
+
+TEST_F(WebSocketServerTest, AnswersHttpRoutes) {
+    start();
+    const std::string answer = http("GET /healthz?x=1 HTTP/1.1\r\nHost: x\r\n\r\n");
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 200 OK\r\n"));
+    EXPECT_THAT(answer, HasSubstr("Content-Type: application/json"));
+    EXPECT_THAT(answer, HasSubstr("\r\n\r\n{\"status\":\"ok\"}"));
+}
+
+TEST_F(WebSocketServerTest, RefusesOtherHttp) {
+    start();
+    EXPECT_THAT(http("GET / HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 404"));
+    EXPECT_THAT(http("GET /live HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 426"));
+    EXPECT_THAT(http("GET /broken HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 500"));
+    EXPECT_THAT(http("nonsense\r\n\r\n"), StartsWith("HTTP/1.1 400"));
+    EXPECT_THAT(http("POST /nowhere HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 404"));
+    const std::string post =
+        http("POST /healthz HTTP/1.1\r\nHost: x\r\nContent-Length: 4\r\n\r\nbody");
+    EXPECT_THAT(post, StartsWith("HTTP/1.1 405"));
+    EXPECT_THAT(post, HasSubstr("\r\nAllow: GET\r\n"));
+}
+
+TEST_F(WebSocketServerTest, RefusesLargeHeaders) {
+    start();
+    EXPECT_THAT(
+        http("GET /healthz HTTP/1.1\r\nHost: x\r\nX: " + std::string(9000, 'x') + "\r\n\r\n"),
+        StartsWith("HTTP/1.1 431"));
+}
+
+TEST_F(WebSocketServerTest, HangsUpOnHeadersThatTakeTooLong) {
+    WebSocketServerOptions options;
+    options.headerTime = 200ms;
+    start(options);
+    tcp::socket socket = connect();
+    const auto begin = std::chrono::steady_clock::now();
+    asio::write(socket, asio::buffer(std::string("GET /heal")));
+    char byte;
+    beast::error_code error;
+    asio::read(socket, asio::buffer(&byte, 1), error);
+    EXPECT_TRUE(error);
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, 2s);
+    EXPECT_THAT(http("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(WebSocketServerTest, HangsUpWhenThereAreTooManyConnections) {
+    WebSocketServerOptions options;
+    options.maxConnections = 1;
+    start(options);
+    const auto first = join();
+    EXPECT_EQ(http("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"), "");
+    const auto counters = onServer([](auto& server) { return server.counters(); });
+    EXPECT_EQ(counters.turnedAway, 1u);
+    EXPECT_EQ(counters.connections, 1u);
+}
+
+TEST_F(WebSocketServerTest, RefusesPagesOfForeignOrigins) {
+    WebSocketServerOptions options;
+    options.allowedOrigins = {"https://studio.example"};
+    start(options);
+    EXPECT_THROW(join(0, "https://evil.example"), beast::system_error);
+    EXPECT_NO_THROW(join(0, "https://studio.example"));
+}
+
+TEST_F(WebSocketServerTest, SaysThatThePortIsInUse) {
+    start();
+    WebSocketServerOptions options;
+    options.port = port_;
+    const auto second = createWebSocketServer(io_, options, recorder_, {}, background(), log_);
+    ASSERT_FALSE(second);
+    EXPECT_EQ(second.error().code, ErrorCode::InvalidConfiguration);
+    EXPECT_EQ(second.error().message,
+              "cannot listen at 127.0.0.1:" + std::to_string(port_) + ": Address already in use");
+}
+
+TEST_F(WebSocketServerTest, HandsOverMessagesAndTellsOpenAndClose) {
+    start();
+    const auto client = join();
+    const SessionId session = recorder_.session(0);
+    client->send("one");
+    client->send(std::string(300'000, 'x'));
+    client->send("three");
+    EXPECT_THAT(recorder_.messages(session, 3),
+                testing::ElementsAre("one", std::string(300'000, 'x'), "three"));
+    client->stream.close(websocket::close_code::normal);
+    EXPECT_TRUE(recorder_.waitClosed(session));
+    EXPECT_EQ(recorder_.closedTimes(session), 1u);
+}
+
+TEST_F(WebSocketServerTest, SendsAllOfATurnAsOneMessageInOrder) {
+    start();
+    const auto client = join();
+    const SessionId session = recorder_.session(0);
+    std::string expected;
+    std::vector<SharedBytes> frames;
+    for (int frame = 0; frame < 500; ++frame) {
+        // Small ones, that are joined, and large ones, that are not.
+        frames.push_back(shared(std::to_string(frame) + std::string(frame % 7 ? 10 : 2000, '.')));
+        expected += asText(*frames.back());
+    }
+    onServer([&](auto& server) {
+        for (const auto& frame : frames) server.send(session, frame);
+    });
+    EXPECT_EQ(client->read(), expected);
+    // The client may have it before the server is told that it is sent.
+    auto counters = onServer([](auto& server) { return server.counters(); });
+    for (int turn = 0; turn < 1000 && counters.queuedBytes > 0; ++turn) {
+        std::this_thread::sleep_for(1ms);
+        counters = onServer([](auto& server) { return server.counters(); });
+    }
+    EXPECT_EQ(counters.framesOut, 500u);
+    EXPECT_EQ(counters.messagesOut, 1u);
+    EXPECT_EQ(counters.bytesOut, expected.size());
+    EXPECT_EQ(counters.queuedBytes, 0u);
+}
+
+TEST_F(WebSocketServerTest, SendsOneLargeFrameWhole) {
+    start();
+    const auto client = join();
+    const SharedBytes large = shared(std::string(5 << 20, 'x') + "end");
+    const SessionId session = recorder_.session(0);
+    onServer([&](auto& server) { server.send(session, large); });
+    EXPECT_EQ(client->read(), asText(*large));
+}
+
+TEST_F(WebSocketServerTest, FlushIntervalJoinsWhatIsSentWithin) {
+    WebSocketServerOptions options;
+    options.flushInterval = 100ms;
+    start(options);
+    const auto client = join();
+    const SessionId session = recorder_.session(0);
+    onServer([&](auto& server) { server.send(session, shared("a")); });
+    onServer([&](auto& server) { server.send(session, shared("b")); });
+    EXPECT_EQ(client->read(), "ab");
+}
+
+TEST_F(WebSocketServerTest, TextIsToldAndClosed) {
+    start();
+    const auto client = join();
+    client->stream.text(true);
+    client->send("hello");
+    const ErrorMessage error = client->readError();
+    EXPECT_EQ(error.code, "textFrame");
+    EXPECT_TRUE(error.closing);
+    EXPECT_EQ(client->closeCode(), websocket::close_code::unknown_data);
+    EXPECT_TRUE(recorder_.waitClosed(recorder_.session(0)));
+    EXPECT_EQ(recorder_.messages(recorder_.session(0), 0).size(), 0u);
+}
+
+TEST_F(WebSocketServerTest, TooLargeAMessageIsToldAndClosed) {
+    WebSocketServerOptions options;
+    options.maxMessageBytes = 10'000;
+    start(options);
+    const auto client = join();
+    client->send(std::string(10'000, 'x'));
+    recorder_.messages(recorder_.session(0), 1);
+    client->send(std::string(10'001, 'x'));
+    EXPECT_EQ(client->readError().code, "frameTooLarge");
+    EXPECT_EQ(client->closeCode(), websocket::close_code::too_big);
+    EXPECT_EQ(recorder_.messages(recorder_.session(0), 0).size(), 1u);
+}
+
+TEST_F(WebSocketServerTest, AHandlerThatThrowsEndsItsSessionOnly) {
+    start();
+    const auto faulty = join(), other = join();
+    faulty->send("throw");
+    EXPECT_EQ(faulty->readError().code, "internal");
+    EXPECT_EQ(faulty->closeCode(), websocket::close_code::internal_error);
+    other->send("fine");
+    EXPECT_THAT(recorder_.messages(recorder_.session(1), 1), testing::ElementsAre("fine"));
+}
+
+TEST_F(WebSocketServerTest, CloseSendsWhatIsQueuedFirst) {
+    start();
+    const auto client = join();
+    const SessionId session = recorder_.session(0);
+    onServer([&](auto& server) {
+        server.send(session, shared("last words"));
+        server.close(session);
+        server.send(session, shared("too late"));
+    });
+    EXPECT_EQ(client->read(), "last words");
+    EXPECT_EQ(client->closeCode(), websocket::close_code::normal);
+    EXPECT_TRUE(recorder_.waitClosed(session));
+}
+
+// Sends until the session is cut: the system's buffers take some megabytes by themselves.
+TEST_F(WebSocketServerTest, CutsASlowReaderAndNoOther) {
+    WebSocketServerOptions options;
+    options.slowReaderBytes = 1 << 20;
+    start(options);
+    const auto slow = join(4096);
+    const auto quick = join();
+    const SessionId slowId = recorder_.session(0), quickId = recorder_.session(1);
+    const SharedBytes frame = shared(std::string(64 * 1024, 'x'));
+    std::size_t sent = 0, read = 0;
+    while (!recorder_.closedTimes(slowId) && sent < 64u << 20) {
+        onServer([&](auto& server) {
+            server.send(slowId, frame);
+            server.send(quickId, frame);
+        });
+        sent += frame->size();
+        while (read < sent) read += quick->read().size();
+        const auto counters = onServer([](auto& server) { return server.counters(); });
+        EXPECT_LE(counters.queuedBytes, options.slowReaderBytes + 2 * frame->size());
+    }
+    EXPECT_EQ(recorder_.closedTimes(slowId), 1u);
+    EXPECT_EQ(recorder_.closedTimes(quickId), 0u);
+    EXPECT_EQ(read, sent);
+    EXPECT_EQ(onServer([](auto& server) { return server.counters().slowReaders; }), 1u);
+
+    // Reading at last, it learns why.
+    std::string last, message;
+    while (!(message = slow->read()).empty()) last = message;
+    EXPECT_THAT(last, HasSubstr("slowReader"));
+    EXPECT_EQ(slow->stream.reason().code, websocket::close_code::policy_error);
+}
+
+TEST_F(WebSocketServerTest, TellsWhenACongestedSessionHasDrained) {
+    start();
+    const auto client = join(4096);
+    const SessionId session = recorder_.session(0);
+    EXPECT_FALSE(onServer([&](auto& server) { return server.congested(session); }));
+    const SharedBytes frame = shared(std::string(512 * 1024, 'x'));
+    onServer([&](auto& server) {
+        for (int i = 0; i < 24; ++i) server.send(session, frame);
+    });
+    EXPECT_TRUE(onServer([&](auto& server) { return server.congested(session); }));
+    for (std::size_t read = 0; read < 24 * frame->size();) read += client->read().size();
+    EXPECT_TRUE(recorder_.waitDrained(session));
+    EXPECT_FALSE(onServer([&](auto& server) { return server.congested(session); }));
+}
+
+TEST_F(WebSocketServerTest, CutsAReaderThatStandsStill) {
+    WebSocketServerOptions options;
+    options.slowReaderTime = 300ms;
+    start(options);
+    const auto client = join(4096);
+    const SessionId session = recorder_.session(0);
+    const SharedBytes large = shared(std::string(15 << 20, 'x'));
+    onServer([&](auto& server) { server.send(session, large); });
+    EXPECT_FALSE(recorder_.waitClosed(session, 200ms));
+    // 14 MiB above the usual megabyte have time for a thin line.
+    EXPECT_FALSE(recorder_.waitClosed(session, 500ms));
+    client->stream.next_layer().close();
+
+    const auto small = join(4096);
+    const SessionId second = recorder_.session(1);
+    const SharedBytes frame = shared(std::string(512 * 1024, 'x'));
+    onServer([&](auto& server) {
+        for (int i = 0; i < 16; ++i) server.send(second, frame);
+    });
+    EXPECT_TRUE(recorder_.waitClosed(second, 3s));
+}
+
+TEST_F(WebSocketServerTest, NoticesADeadPeer) {
+    WebSocketServerOptions options;
+    options.peerTime = 400ms;
+    start(options);
+    const auto client = join();  // reads nothing, so it answers no ping
+    EXPECT_FALSE(recorder_.waitClosed(recorder_.session(0), 200ms));
+    EXPECT_TRUE(recorder_.waitClosed(recorder_.session(0), 2s));
+}
+
+TEST_F(WebSocketServerTest, APeerThatAnswersPingsStays) {
+    WebSocketServerOptions options;
+    options.peerTime = 200ms;
+    start(options);
+    const auto client = join();
+    std::thread reader([&] { EXPECT_EQ(client->read(), "still here"); });
+    const SessionId session = recorder_.session(0);
+    EXPECT_FALSE(recorder_.waitClosed(session, 1s));
+    onServer([&](auto& server) { server.send(session, shared("still here")); });
+    reader.join();
+}
+
+TEST_F(WebSocketServerTest, SourcesTakeTurnsAndLetSmallFramesPass) {
+    start();
+    const auto client = join(4096);
+    const SessionId session = recorder_.session(0);
+    constexpr std::size_t kChunk = 300'000;
+    constexpr int kChunks = 40;
+    std::atomic<int> made = 0;
+    const auto source = [&](char name) {
+        return [name, &made, left = kChunks]() mutable -> SharedBytes {
+            if (left-- == 0) return nullptr;
+            ++made;
+            return shared(std::string(kChunk, name));
+        };
+    };
+    onServer([&](auto& server) {
+        server.sendBeside(session, source('a'));
+        server.sendBeside(session, source('b'));
+    });
+    std::this_thread::sleep_for(200ms);
+    EXPECT_LT(made, 2 * kChunks);  // lazily: the reader has not read yet
+
+    // A small frame comes before the rest of the sources.
+    onServer([&](auto& server) { server.send(session, shared("!")); });
+    std::string all;
+    while (all.size() < 2 * kChunk * kChunks + 1) all += client->read();
+    const std::size_t at = all.find('!');
+    EXPECT_LT(at, all.size() - 10 * kChunk);
+    all.erase(at, 1);
+    for (int chunk = 0; chunk < 2 * kChunks; ++chunk)
+        ASSERT_EQ(all.substr(std::size_t(chunk) * kChunk, kChunk),
+                  std::string(kChunk, chunk % 2 ? 'b' : 'a'));
+}
+
+TEST_F(WebSocketServerTest, ASourceThatThrowsClosesTheSession) {
+    start();
+    const auto client = join();
+    const SessionId session = recorder_.session(0);
+    onServer([&](auto& server) {
+        server.sendBeside(session, []() -> SharedBytes { throw std::runtime_error("a bug"); });
+    });
+    EXPECT_EQ(client->readError().code, "internal");
+}
+
+TEST_F(WebSocketServerTest, ReadsOnlyWhileItShould) {
+    start();
+    const auto client = join();
+    const SessionId session = recorder_.session(0);
+    onServer([&](auto& server) { server.setReading(session, false); });
+    client->send("one");  // the read that was running
+    EXPECT_EQ(recorder_.messages(session, 1).size(), 1u);
+    client->send("two");
+    std::this_thread::sleep_for(50ms);
+    EXPECT_EQ(recorder_.messages(session, 1).size(), 1u);
+    onServer([&](auto& server) { server.setReading(session, true); });
+    EXPECT_EQ(recorder_.messages(session, 2).size(), 2u);
+}
+
+TEST_F(WebSocketServerTest, StopTellsEverybodyAndWaitsNotForEver) {
+    start();
+    const auto polite = join(), silent = join();
+    std::promise<void> stopped;
+    onServer([&](auto& server) {
+        server.stop(Error{ErrorCode::ShuttingDown, "bye"}, 500ms, [&] { stopped.set_value(); });
+    });
+    EXPECT_EQ(polite->readError().code, "shuttingDown");
+    EXPECT_EQ(polite->closeCode(), websocket::close_code::going_away);
+    EXPECT_EQ(stopped.get_future().wait_for(3s), std::future_status::ready);
+    EXPECT_TRUE(recorder_.waitClosed(recorder_.session(0)));
+    EXPECT_TRUE(recorder_.waitClosed(recorder_.session(1)));
+    EXPECT_THROW(join(), beast::system_error);
+}
+
+}  // namespace
