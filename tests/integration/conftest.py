@@ -23,19 +23,26 @@ class Server:
         self.process: subprocess.Popen | None = None
 
     def start(self) -> "Server":
-        port_file = self.log.with_suffix(".port")
-        port_file.unlink(missing_ok=True)
-        self.process = subprocess.Popen(
-            [os.environ["USDLIVE_BIN"], "serve", str(self.folder), "--port", str(self.port),
-             "--port-file", str(port_file), "--min-free-mib", "1", *self.options],
-            stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
+        self.launch()
         end = time.monotonic() + 20
-        while not port_file.exists():
+        while not self.port_file.exists():
             assert self.process.poll() is None, self.log.read_text()
             assert time.monotonic() < end, "the server did not come up"
             time.sleep(0.005)
-        self.port = int(port_file.read_text())
+        self.port = int(self.port_file.read_text())
         return self
+
+    def launch(self) -> None:
+        """Starts the process and does not wait for it."""
+        self.port_file.unlink(missing_ok=True)
+        self.process = subprocess.Popen(
+            [os.environ["USDLIVE_BIN"], "serve", str(self.folder), "--port", str(self.port),
+             "--port-file", str(self.port_file), "--min-free-mib", "1", *self.options],
+            stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
+
+    @property
+    def port_file(self) -> pathlib.Path:
+        return self.log.with_suffix(".port")
 
     def kill(self) -> None:
         self.process.kill()

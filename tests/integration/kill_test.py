@@ -1,65 +1,196 @@
 """kill -9 at any moment: no acknowledged edit is lost, none is doubled, the store opens."""
 
+import os
 import random
+import threading
 import time
 
 import pytest
+import wire
 from conftest import cat
 from pxr import Sdf
+from websockets.exceptions import WebSocketException
 
-KILLS = 5
+# K1. `./run soak kills` does 1,000, in lots of 50 that have a folder and a seed each.
+KILLS = int(os.environ.get("USDLIVE_KILLS", "50"))
+SEED = int(os.environ.get("USDLIVE_SEED", "1"))
+LOT = 50
+
+EDITORS = ("ada", "bo")
+WIRES = ("wire1", "wire2")  # these are back at once, editors take their time
 
 
-def test_acknowledged_edits_survive_kill_9(project, serve, editor):
-    """Two writers append numbered samples; each number they saw acknowledged is there after every kill."""
-    (project / "root.usda").write_text("#usda 1.0\n")
+class Writer(threading.Thread):
+    """Appends numbered samples over the bare wire, transaction n sample n, and resumes after each
+    loss of the server (SE2, SE4). Notes what it was sent."""
+
+    WINDOW = 8  # transactions not acknowledged
+
+    def __init__(self, server, name):
+        super().__init__(daemon=True)
+        self.server, self.path, self.client = server, f"/{name}.n", wire.new_client()
+        self.written = self.acknowledged = 0
+        self.history = []  # (revision, client, sequence, hash), as it was sent
+        self.writing = True
+        self.resume = None
+        self.failure = None
+        self.done = threading.Event()
+        self.start()
+
+    def run(self):
+        try:
+            while not self.done.is_set():
+                try:
+                    with wire.Peer(self.server.url, self.client, resume=self.resume, timeout=2) as peer:
+                        self.session(peer)
+                except (OSError, WebSocketException, EOFError):
+                    time.sleep(0.01)
+        except BaseException as failure:  # told by check()
+            self.failure = failure
+
+    def session(self, peer):
+        if self.resume and not peer.welcome["resumed"]:
+            raise wire.Broken(f"SE2: revision {self.resume['revision']} is not known any more")
+        self.resume = peer.resume_point()
+        for sequence in range(self.acknowledged + 1, self.written + 1):
+            self.submit(peer, sequence)
+        while not self.done.is_set():
+            if self.writing and self.written - self.acknowledged < self.WINDOW:
+                self.written += 1
+                self.submit(peer, self.written)
+            try:
+                kind, members = peer.frame(0.002 if self.writing else 0.05)
+            except TimeoutError:
+                continue
+            if kind == "Commit":
+                self.take(peer, members)
+            elif kind == "Refusal" or kind == "errorMessage":
+                raise wire.Broken(f"{kind}: {members}")
+            elif kind == "alreadyCommitted" and members["sequence"] > self.acknowledged:
+                raise wire.Broken("M9: alreadyCommitted came before the commit")
+
+    def submit(self, peer, sequence):
+        peer.submit(sequence, "root.usda", wire.set_sample(self.path, sequence, wire.int64(sequence * 7)))
+
+    def take(self, peer, commit):
+        peer.follow(commit)
+        self.resume = peer.resume_point()
+        self.history.append((commit["revision"], commit["client"], commit["sequence"], commit["hash"]))
+        if commit["client"] == self.client:
+            if commit["sequence"] != self.acknowledged + 1 or commit["dropped"]:
+                raise wire.Broken(f"transaction {commit['sequence']} after {self.acknowledged}")
+            self.acknowledged += 1
+
+    def check(self):
+        if self.failure:
+            raise self.failure
+
+    def stop_writing(self):
+        self.writing = False
+        end = time.monotonic() + 20
+        while self.acknowledged < self.written:
+            self.check()
+            assert time.monotonic() < end, "what was pending is not committed"
+            time.sleep(0.01)
+
+    def end(self):
+        self.done.set()
+        self.join(10)
+
+
+EDITOR = (
+    "import time\n"
+    "root = stage.GetRootLayer()\n"
+    "a = stage.GetAttributeAtPath('/{name}.n')\n"
+    "written = 0\nacknowledged = []\n"
+    "def note(event):\n"
+    " if type(event).__name__ == 'Committed' and event.client == live.id:\n"
+    "  acknowledged.extend(int(e.part) for e in event.edits if e.field == 'timeSamples')\n"
+    "live.add_handler(note)\n"
+    "def work(seconds):\n"
+    " global written\n"
+    " end = time.monotonic() + seconds\n"
+    " while time.monotonic() < end:\n"
+    "  if live.pending < 100:\n"
+    "   written += 1\n"
+    "   a.Set(written * 7, written)\n"
+    "  live.tick(); time.sleep(0.004)\n")
+
+
+def samples(text, name):
+    stored = Sdf.Layer.CreateAnonymous(".usda")
+    assert stored.ImportFromString(text)
+    path = Sdf.Path(f"/{name}.n")
+    return {int(t): stored.QueryTimeSample(path, t) for t in stored.ListTimeSamplesForPath(path)}
+
+
+def audit(text, acknowledged):
+    for name, numbers in acknowledged.items():
+        there = samples(text, name)
+        missing = [n for n in numbers if there.get(n) != n * 7]
+        assert not missing, f"{name}: acknowledged and lost: {missing[:10]}"
+
+
+@pytest.mark.parametrize("lot", range(-(-KILLS // LOT)))
+def test_k1_acknowledged_edits_survive_kill_9(lot, project, serve, editor, capfd):
+    """Four writers append numbered samples. Each number they saw acknowledged is there after every
+    kill; in the end each stands once and in order, and what anybody was ever sent is the history."""
+    seed = SEED + lot
+    kills = min(LOT, KILLS - lot * LOT)
+    moments = random.Random(seed)
+    print(f"seed {seed}: {kills} kills; repeat with USDLIVE_SEED={seed} USDLIVE_KILLS={kills}")
+    (project / "root.usda").write_text("#usda 1.0\n" + "".join(
+        f'def "{name}"\n{{\n    int64 n\n}}\n' for name in EDITORS + WIRES))
     server = serve(project)
-    writers = {name: editor(server, name, "root.usda") for name in ("ada", "bo")}
-    for name, writer in writers.items():
-        writer.run(
-            f"root = stage.GetRootLayer()\n"
-            f"a = stage.DefinePrim('/{name}').CreateAttribute('n', Sdf.ValueTypeNames.Int64)\n"
-            "written = 0\nacknowledged = set()\n"
-            "def note(event):\n"
-            " if type(event).__name__ == 'Committed' and event.client == live.id:\n"
-            "  acknowledged.update(int(e.part) for e in event.edits if e.field == 'timeSamples')\n"
-            "live.add_handler(note)\n"
-            "def work(seconds):\n"
-            " global written\n"
-            " end = time.monotonic() + seconds\n"
-            " while time.monotonic() < end:\n"
-            "  written += 1\n"
-            "  a.Set(written * 7, written)\n"
-            "  live.tick(); time.sleep(0.002)\n"
-            "import time\n"
-            "assert live.flush(20)")
-    moments = random.Random(1)
-    for _ in range(KILLS):
-        for writer in writers.values():
-            writer.process.stdin.write('"work(0.6)\\nresult = sorted(acknowledged)"\n')
-            writer.process.stdin.flush()
-        time.sleep(moments.uniform(0.05, 0.5))
-        server.kill()
-        acknowledged = {name: writer._answer() for name, writer in writers.items()}
-        server.start()
-        stored = Sdf.Layer.CreateAnonymous(".usda")
-        assert stored.ImportFromString(cat(server, "root.usda"))
-        for name, numbers in acknowledged.items():
-            path = Sdf.Path(f"/{name}.n")
-            there = {int(t): stored.QueryTimeSample(path, t)
-                     for t in stored.ListTimeSamplesForPath(path)}
-            missing = [n for n in numbers if there.get(n) != n * 7]
-            assert not missing, f"{name}: acknowledged and lost: {missing[:10]}"
-    # What was not acknowledged is sent again, once.
-    revisions = [writer.flush() for writer in writers.values()]
-    for writer in writers.values():
-        writer.catch_up(max(revisions))
-    texts = [writer.text("root.usda") for writer in writers.values()]
-    assert texts == [cat(server, "root.usda")] * 2
-    for name, writer in writers.items():
-        written = writer.run("result = written")
-        assert writer.run(f"result = root.ListTimeSamplesForPath('/{name}.n')") == list(
-            range(1, written + 1))
+    editors = {name: editor(server, name, "root.usda") for name in EDITORS}
+    for name, one in editors.items():
+        one.run(EDITOR.format(name=name))
+    wires = {name: Writer(server, name) for name in WIRES}
+    acknowledged_before = 0
+    try:
+        for _ in range(kills):
+            life = moments.uniform(0.05, 0.6)
+            for one in editors.values():
+                one.process.stdin.write(f'"work({life + 0.05})\\nresult = acknowledged"\n')
+                one.process.stdin.flush()
+            time.sleep(life)
+            server.kill()
+            acknowledged = {name: one._answer() for name, one in editors.items()}
+            acknowledged |= {name: range(1, one.acknowledged + 1) for name, one in wires.items()}
+            if moments.random() < 0.2:  # also while it opens
+                server.launch()
+                time.sleep(moments.uniform(0, 0.1))
+                server.kill()
+            server.start()
+            audit(cat(server, "root.usda"), acknowledged)
+            for one in wires.values():
+                one.check()
+        for one in wires.values():
+            one.stop_writing()
+        # What was not acknowledged is sent again, once.
+        revision = max(one.flush() for one in editors.values())
+        for one in editors.values():
+            one.catch_up(revision)
+        text = cat(server, "root.usda")
+        assert [one.text("root.usda") for one in editors.values()] == [text] * len(editors)
+        for name, one in editors.items():
+            written, acknowledged = one.run("result = (written, acknowledged)")
+            assert acknowledged == list(range(1, written + 1)), "doubled, or out of order"
+            assert samples(text, name) == {n: n * 7 for n in range(1, written + 1)}
+        for name, one in wires.items():
+            assert samples(text, name) == {n: n * 7 for n in range(1, one.written + 1)}
+        with wire.Peer(server.url) as peer:
+            stored = {c["revision"]: (c["revision"], c["client"], c["sequence"], c["hash"])
+                      for c in peer.log()}
+            assert len(stored) == peer.welcome["revision"]
+        assert len({commit[1:3] for commit in stored.values()}) == len(stored), "committed twice"
+        for one in wires.values():
+            assert one.history and one.history == [stored[entry[0]] for entry in one.history]
+    finally:
+        for one in wires.values():
+            one.end()
+    with capfd.disabled():
+        print(f"\nK1 seed {seed}: {kills} kills, {len(stored)} commits, 0 lost, 0 doubled")
 
 
 def test_edits_made_offline_arrive_later(project, serve, editor):

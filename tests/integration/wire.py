@@ -1,0 +1,292 @@
+"""The wire protocol in plain Python, for tests that share no code with the product: FlatBuffers by the
+schema of common/protocol/frames.fbs, and a peer over a bare WebSocket."""
+
+from __future__ import annotations
+
+import collections
+import hashlib
+import json
+import pathlib
+import re
+import struct
+import time
+import uuid
+
+from websockets.sync.client import connect
+
+SCHEMA = pathlib.Path(__file__).parents[2] / "common/protocol/frames.fbs"
+SCALARS = {"bool": "?", "ubyte": "B", "ushort": "H", "uint": "I", "ulong": "Q", "long": "q",
+           "double": "d"}
+Member = collections.namedtuple("Member", "name type slot")
+
+
+def _schema():
+    text = re.sub(r"//.*", "", SCHEMA.read_text())
+    unions = {name: ["NONE", *re.split(r"\s*,\s*", body.strip())]
+              for name, body in re.findall(r"union (\w+) \{(.*?)\}", text, re.S)}
+    tables = {}
+    for name, body in re.findall(r"table (\w+) \{(.*?)\}", text, re.S):
+        members, slot = [], 0
+        for member, kind in re.findall(r"(\w+): *(\[?\w+\]?)", body):
+            slot += kind in unions  # what kind of member it is stands in the slot before
+            members.append(Member(member, kind, slot))
+            slot += 1
+        tables[name] = members
+    return tables, unions
+
+
+TABLES, UNIONS = _schema()
+
+
+def _number(kind, data, at):
+    return struct.unpack_from("<" + SCALARS[kind], data, at)[0]
+
+
+def _value(kind, data, at):
+    """What stands behind the offset at `at`."""
+    at += _number("uint", data, at)
+    if kind in TABLES:
+        return _table(kind, data, at)
+    count = _number("uint", data, at)
+    if kind in ("string", "[ubyte]"):
+        content = bytes(data[at + 4:at + 4 + count])
+        return content.decode() if kind == "string" else content
+    return [_value(kind[1:-1], data, at + 4 + 4 * index) for index in range(count)]
+
+
+def _table(name, data, at):
+    vtable = at - struct.unpack_from("<i", data, at)[0]
+    slots = (_number("ushort", data, vtable) - 4) // 2
+
+    def place(slot):
+        offset = _number("ushort", data, vtable + 4 + 2 * slot) if slot < slots else 0
+        return at + offset if offset else None
+
+    values = {}
+    for member in TABLES[name]:
+        where = place(member.slot)
+        if member.type in SCALARS:
+            values[member.name] = _number(member.type, data, where) if where else 0
+        elif member.type in UNIONS:
+            kind = UNIONS[member.type][data[place(member.slot - 1)]] if where else None
+            values[member.name] = (kind, _value(kind, data, where)) if where else None
+        else:
+            values[member.name] = _value(member.type, data, where) if where else None
+    return values
+
+
+def decode(frame):
+    """(kind, members) of a frame: scalars, text, bytes, lists and dictionaries; a union is (kind, members)."""
+    assert bytes(frame[4:8]) == b"USDL"
+    return _table("Frame", frame, _number("uint", frame, 0))["body"]
+
+
+class _Builder:
+    def __init__(self):
+        self.data = bytearray(4) + b"USDL"
+
+    def _align(self, size):
+        self.data += bytes(-len(self.data) % size)
+
+    def _refer(self, at, target):
+        struct.pack_into("<I", self.data, at, target - at)
+
+    def table(self, name, values):
+        entries = []  # slot, format or (type, value)
+        for member in TABLES[name]:
+            value = values.get(member.name)
+            if value is None:
+                continue
+            if member.type in SCALARS:
+                entries.append((member.slot, SCALARS[member.type], value))
+            elif member.type in UNIONS:
+                entries.append((member.slot - 1, "B", UNIONS[member.type].index(value[0])))
+                entries.append((member.slot, None, value))
+            else:
+                entries.append((member.slot, None, (member.type, value)))
+        slots = max((entry[0] for entry in entries), default=-1) + 1
+        self._align(2)
+        vtable = len(self.data)
+        self.data += bytes(4 + 2 * slots)
+        self._align(8)
+        at = len(self.data)
+        self.data += struct.pack("<i", at - vtable)
+        references = []
+        for slot, form, value in entries:
+            self._align(struct.calcsize(form or "I"))
+            struct.pack_into("<H", self.data, vtable + 4 + 2 * slot, len(self.data) - at)
+            if form is None:
+                references.append((len(self.data), *value))
+            self.data += struct.pack("<" + (form or "I"), 0 if form is None else value)
+        struct.pack_into("<HH", self.data, vtable, 4 + 2 * slots, len(self.data) - at)
+        for where, kind, value in references:
+            self._refer(where, self.value(kind, value))
+        return at
+
+    def value(self, kind, value):
+        if kind in TABLES:
+            return self.table(kind, value)
+        self._align(4)
+        at = len(self.data)
+        if kind in ("string", "[ubyte]"):
+            content = value.encode() if kind == "string" else value
+            self.data += struct.pack("<I", len(content)) + content + b"\0" * (kind == "string")
+            return at
+        self.data += struct.pack("<I", len(value)) + bytes(4 * len(value))
+        for index, one in enumerate(value):
+            self._refer(at + 4 + 4 * index, self.value(kind[1:-1], one))
+        return at
+
+
+def encode(kind, members):
+    """A message of one frame."""
+    builder = _Builder()
+    builder._refer(0, builder.table("Frame", {"body": (kind, members)}))
+    return struct.pack("<I", len(builder.data)) + builder.data
+
+
+def control(kind, **members):
+    return encode("Control", {"json": json.dumps({"type": kind, **members})})
+
+
+def hello(client, user="wire", resume=None):
+    more = {"resume": resume} if resume else {}
+    return control("hello", protocol=1, oldestProtocol=1, features=["history", "log", "previews"],
+                   client=client, user=user, application="tests", **more)
+
+
+def split(message):
+    """The frames of a message (FR1)."""
+    at = 0
+    while at < len(message):
+        size = _number("uint", message, at)
+        yield message[at + 4:at + 4 + size]
+        at += 4 + size
+
+
+def new_client():
+    return uuid.uuid4().hex
+
+
+def chain_hash(before: bytes, frame: bytes) -> bytes:
+    return hashlib.sha256(before + frame).digest()  # CH1
+
+
+class Broken(Exception):
+    """The server broke a rule."""
+
+
+class Peer:
+    """A session. It holds the history it was sent to the rules: contiguous, chained, epochs that do not
+    fall (SE1, SE3, CH1)."""
+
+    def __init__(self, url, client=None, user="wire", resume=None, timeout=10):
+        self.client = client or new_client()
+        self.socket = connect(f"{url}/live", compression=None, max_size=None, open_timeout=timeout,
+                              ping_interval=None, close_timeout=0.5)
+        self.waiting = collections.deque()
+        try:
+            self.socket.send(hello(self.client, user, resume))
+            self.welcome = self.expect("welcome", timeout)
+        except BaseException:
+            self.close()
+            raise
+        place = resume if self.welcome["resumed"] else self.welcome
+        self.epoch, self.revision = self.welcome["epoch"], place["revision"]
+        self.hash = bytes.fromhex(place["hash"])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self):
+        self.socket.close()
+
+    def send(self, message):
+        self.socket.send(bytes(message))
+
+    def frame(self, timeout=10):
+        """The next frame as (kind, members), control messages as (type, members). TimeoutError."""
+        while not self.waiting:
+            self.waiting.extend(split(self.socket.recv(timeout=timeout)))
+        raw = bytes(self.waiting.popleft())
+        kind, members = decode(raw)
+        if kind == "Control":
+            members = json.loads(members["json"])
+            return members["type"], members
+        if kind == "Commit":
+            members["hash"] = members["hash_after"] or chain_hash(members["previous"], raw)
+        return kind, members
+
+    def follow(self, commit):
+        """Takes the next commit of the live history."""
+        if commit["revision"] != self.revision + 1:
+            raise Broken(f"SE1: revision {commit['revision']} after {self.revision}")
+        if commit["previous"] != self.hash:
+            raise Broken(f"CH1: the chain breaks at revision {commit['revision']}")
+        if commit["epoch"] > self.epoch:
+            raise Broken(f"SE3: epoch {commit['epoch']} in a session of {self.epoch}")
+        self.revision, self.hash = commit["revision"], commit["hash"]
+
+    def expect(self, kind, timeout=10):
+        """The next frame of this kind; others are passed over."""
+        end = time.monotonic() + timeout
+        while True:
+            seen, members = self.frame(max(0.001, end - time.monotonic()))
+            if seen == kind:
+                return members
+            if seen == "errorMessage" and members["closing"]:
+                raise Broken(f"{members['code']}: {members['message']}")
+
+    def log(self, first=1, last=0):
+        """Commits as they are stored, verified as a chain."""
+        self.send(control("requestLog", request=1, **{"from": first, "to": last}))
+        self.expect("logBegin")
+        commits = []
+        while True:
+            kind, members = self.frame(30)
+            if kind == "logEnd":
+                return commits
+            if kind != "Commit":
+                raise Broken(f"{kind} inside a log")
+            if commits and (members["revision"] != commits[-1]["revision"] + 1
+                            or members["previous"] != commits[-1]["hash"]):
+                raise Broken(f"CH1: the log breaks at revision {members['revision']}")
+            commits.append(members)
+
+    def resume_point(self):
+        return {"epoch": self.epoch, "revision": self.revision, "hash": self.hash.hex()}
+
+    def submit(self, sequence, layer, *edits, base=None):
+        self.send(encode("Submit", {"client": self.client, "sequence": sequence, "layers": [layer],
+                                    "base": self.revision if base is None else base,
+                                    "edits": list(edits)}))
+
+
+# --- edits -------------------------------------------------------------------------------------------
+
+INT64, STRING = 5, 11
+
+
+def leaf(kind: int, content: bytes) -> bytes:
+    """V10, inline."""
+    return struct.pack("<HBQ", kind, 0, len(content)) + content
+
+
+def int64(value: int) -> bytes:
+    return leaf(INT64, struct.pack("<q", value))
+
+
+def string(text: str) -> bytes:
+    content = text.encode()
+    return leaf(STRING, struct.pack("<I", len(content)) + content)
+
+
+def set_field(path, field, value, part=None):
+    return {"path": path, "action": ("SetField", {"field": field, "value": value, "part": part})}
+
+
+def set_sample(path, time_code, value):
+    return set_field(path, "timeSamples", value, ("SampleTime", {"time": float(time_code)}))
