@@ -1,0 +1,170 @@
+"""A disk that runs full (D1, SE8): edits are refused with a code, reading goes on, and when there is space
+again so does editing."""
+
+import secrets
+import subprocess
+import time
+
+import pytest
+import wire
+from conftest import cat
+from pxr import Sdf
+
+MIB = 1024 * 1024
+DISK_MIB = 48
+EDIT_BYTES = 64 * 1024
+ROOT = '#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n'
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """A small disk of its own."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "tmpfs", str(folder)],
+                             capture_output=True, text=True, check=False)
+    if mounted.returncode != 0:
+        pytest.skip(f"a small disk cannot be mounted here: {mounted.stderr.strip()}")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+class Author:
+    """Writes large samples, and knows which were acknowledged."""
+
+    def __init__(self, server):
+        self.peer = wire.Peer(server.url)
+        self.sequence = 0
+        self.acknowledged = {}
+        self.refusals = []
+
+    def edit(self):
+        """True: committed. False: refused."""
+        self.sequence += 1
+        text = secrets.token_hex(EDIT_BYTES // 2)
+        self.peer.submit(self.sequence, "root.usda",
+                         wire.set_sample("/World.s", self.sequence, wire.string(text)))
+        while True:
+            kind, members = self.peer.frame(20)
+            if kind == "Commit":
+                self.peer.follow(members)
+                if members["client"] == self.peer.client:
+                    assert members["sequence"] == self.sequence
+                    self.acknowledged[self.sequence] = text
+                    return True
+            elif kind == "Refusal":
+                assert members["sequence"] == self.sequence
+                self.refusals.append(members["code"])
+                return False
+
+    def until_refused(self, most):
+        for _ in range(most):
+            if not self.edit():
+                return
+        pytest.fail(f"{most} edits fit on the disk")
+
+
+def samples(text):
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    assert layer.ImportFromString(text)
+    path = Sdf.Path("/World.s")
+    return {int(t): layer.QueryTimeSample(path, t) for t in layer.ListTimeSamplesForPath(path)}
+
+
+def accepted_after(author, seconds):
+    """How long it takes until an edit is accepted."""
+    start = time.monotonic()
+    while not author.edit():
+        assert time.monotonic() < start + seconds, "there is space again, and edits are still refused"
+        time.sleep(0.05)
+    return time.monotonic() - start
+
+
+def write_until_full(path):
+    with path.open("wb", buffering=0) as file:
+        for size in (MIB, 4096):
+            try:
+                while True:
+                    file.write(b"x" * size)
+            except OSError:
+                pass
+
+
+@pytest.mark.parametrize("by", ["edits", "others"])
+def test_d1_a_full_disk_refuses_edits_and_harms_no_reader(by, disk, serve, editor, capfd):
+    project = disk / "project"
+    project.mkdir()
+    (project / "root.usda").write_text(ROOT)
+    ballast = disk / "ballast"
+    ballast.write_bytes(bytes(8 * MIB))
+    server = serve(project)
+    author = Author(server)
+    ada = editor(server, "ada", "root.usda")
+    with wire.Peer(server.url) as reader:
+        assert author.edit()
+        if by == "others":
+            write_until_full(disk / "other")
+        author.until_refused(DISK_MIB * MIB // EDIT_BYTES)
+        for _ in range(20):
+            author.edit()
+        assert set(author.refusals) == {"storageFull"}
+
+        # Reading goes on: who is there has everything, who comes gets it.
+        while reader.revision < author.peer.revision:
+            reader.follow(reader.expect("Commit"))
+        assert samples(cat(server, "root.usda")) == author.acknowledged
+        late = editor(server, "late", "root.usda")
+        assert samples(late.text("root.usda")) == author.acknowledged
+
+        # An editor's work comes back to it (M12), and it shows what the server has.
+        lost = ada.run("stage.DefinePrim('/Lost'); assert live.flush(20)\n"
+                       "live.wait(lambda: any(type(e).__name__ == 'Lost' for e in happened), 10)\n"
+                       "result = [e.code for e in happened if type(e).__name__ == 'Lost']")
+        assert lost == ["storageFull"]
+        assert samples(ada.text("root.usda")) == author.acknowledged
+        assert "Lost" not in ada.text("root.usda")
+
+        # Space again, and editing goes on unasked, on the same session.
+        (disk / "other" if by == "others" else ballast).unlink()
+        took = accepted_after(author, 5)
+        ada.run("stage.DefinePrim('/Kept'); assert live.flush(20)")
+        assert 'def "Kept"' in cat(server, "root.usda")
+    author.peer.close()
+    text = cat(server, "root.usda")
+    server.kill()
+    server.start()
+    assert cat(server, "root.usda") == text
+    assert samples(text) == author.acknowledged
+    with capfd.disabled():
+        print(f"\nD1 by {by}: {len(author.acknowledged)} edits of {EDIT_BYTES} bytes kept, "
+              f"{len(author.refusals)} refused, accepted again after {took:.2f} s")
+
+
+def test_d1_killed_on_a_full_disk(disk, serve):
+    """What was acknowledged is there after a kill -9 on a full disk: at once, or, if there is no room to
+    open the store, after a sentence that says so and the disk has space again."""
+    project = disk / "project"
+    project.mkdir()
+    (project / "root.usda").write_text(ROOT)
+    server = serve(project)
+    author = Author(server)
+    for _ in range(20):
+        assert author.edit()
+    write_until_full(disk / "other")
+    author.until_refused(DISK_MIB * MIB // EDIT_BYTES)
+    server.kill()
+    author.peer.close()
+    server.launch()
+    end = time.monotonic() + 20
+    while server.process.poll() is None and not server.port_file.exists():
+        assert time.monotonic() < end, "neither serves nor ends"
+        time.sleep(0.01)
+    if server.process.poll() is not None:
+        assert server.process.returncode == 1
+        said = server.log.read_text().splitlines()[-1]
+        assert str(project / ".usdlive" / "store") in said and "full" in said
+        (disk / "other").unlink()
+        server.start()
+    else:
+        server.port = int(server.port_file.read_text())
+    assert samples(cat(server, "root.usda")) == author.acknowledged
