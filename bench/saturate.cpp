@@ -1,0 +1,41 @@
+// How many edits a second can the server order, store and bring to 10 clients?
+//
+//   --durability=sync,os  --fields=1000,100000,1000000  --edits=1  --window=256  --clients=10
+//   --seconds=5
+//
+// 4 writers write as fast as they are acknowledged, `window` transactions at a time. The ceiling is
+// a bare Beast relay that joins what one turn of its event loop brings, and stores nothing.
+#include <exception>
+#include <iostream>
+#include <sstream>
+#include <string>
+
+#include "support/Broadcaster.h"
+#include "support/Fanout.h"
+#include "support/Figures.h"
+
+using namespace usdlive::bench;
+
+int main(int argc, char** argv) {
+    if (isBroadcaster(argc, argv)) return runBroadcaster(argc, argv);
+    try {
+        Arguments arguments(argc, argv);
+        std::istringstream durabilities(arguments.text("--durability", "sync,os"));
+        const auto fields = arguments.numbers("--fields", {1000});
+        FanoutConfiguration configuration;
+        configuration.clients = arguments.number("--clients", 10);
+        configuration.edits = arguments.number("--edits", 1);
+        configuration.window = arguments.number("--window", 256);
+        configuration.seconds = arguments.number("--seconds", 5);
+        arguments.finish();
+        while (std::getline(durabilities, configuration.durability, ','))
+            for (const int count : fields) {
+                configuration.fields = count;
+                measureFanout("saturate", configuration);
+            }
+        return 0;
+    } catch (const std::exception& fault) {
+        std::cerr << "bench saturate: " << fault.what() << '\n';
+        return 1;
+    }
+}

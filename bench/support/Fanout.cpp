@@ -1,0 +1,96 @@
+#include "Fanout.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "Broadcaster.h"
+#include "Figures.h"
+#include "Load.h"
+#include "Server.h"
+
+namespace usdlive::bench {
+
+namespace {
+
+/// What it takes to have half a KiB more of a file on disk, in milliseconds.
+std::vector<float> measureSyncs(const std::filesystem::path& folder) {
+    constexpr int kSyncs = 200;
+    const auto path = folder / "sync";
+    const int file = ::open(path.c_str(), O_CREAT | O_WRONLY | O_APPEND, 0600);
+    const std::vector<char> bytes(512);
+    std::vector<float> times;
+    for (int i = 0; i < kSyncs; ++i) {
+        const auto begin = Clock::now();
+        if (::write(file, bytes.data(), bytes.size()) < 0 || ::fdatasync(file) != 0)
+            throw std::runtime_error("cannot sync " + path.string());
+        times.push_back(static_cast<float>(millisecondsSince(begin)));
+    }
+    ::close(file);
+    return times;
+}
+
+LoadFigures measureServer(const FanoutConfiguration& configuration, const LoadPlan& plan,
+                          const Cores& cores, const std::filesystem::path& folder) {
+    writeLayer(folder, configuration.fields);
+    ServerProcess server(folder,
+                         {"--flush-interval-ms=" + std::to_string(configuration.flushIntervalMs),
+                          "--durability=" + configuration.durability, "--min-free-mib=1"},
+                         cores.server);
+    UsdliveDialect dialect(configuration.edits, configuration.fields);
+    return runLoad(plan, dialect, server.port(), server.process());
+}
+
+LoadFigures measureCeiling(const LoadFigures& real, const LoadPlan& plan, const Cores& cores,
+                           const std::filesystem::path& folder) {
+    const BroadcasterOptions options{folder / "ceiling-port", real.frameBytes, plan.window > 0};
+    ChildProcess broadcaster(broadcasterCommand(options), cores.server);
+    const std::uint16_t port = awaitPort(broadcaster, options.portFile);
+    RelayDialect dialect(real.submissionBytes);
+    return runLoad(plan, dialect, port, broadcaster);
+}
+
+}  // namespace
+
+void measureFanout(const char* name, const FanoutConfiguration& configuration) {
+    const Cores cores = shareCores();
+    const TemporaryFolder folder;
+    LoadPlan plan;
+    plan.connections = configuration.clients;
+    plan.window = configuration.window;
+    plan.seconds = configuration.seconds;
+    auto syncs = measureSyncs(folder.path());
+    pinThisThread(cores.load);
+    const LoadFigures real = measureServer(configuration, plan, cores, folder.path());
+    const LoadFigures ceiling = measureCeiling(real, plan, cores, folder.path());
+
+    const auto cpuUs = [&](const LoadFigures& figures) {
+        return figures.cpuSeconds * 1e6 / double(figures.delivered) / configuration.edits;
+    };
+    const auto perSecond = [&](const LoadFigures& figures) {
+        return double(figures.delivered) * configuration.edits / figures.seconds;
+    };
+    nlohmann::ordered_json line{{"bench", name},
+                                {"transport", "websocket"},
+                                {"clients", configuration.clients},
+                                {"edits", configuration.edits},
+                                {"deliveredPerSec", perSecond(real)},
+                                {"serverCpuUsPerDelivered", cpuUs(real)},
+                                {"p50Ms", real.p50Ms},
+                                {"p99Ms", real.p99Ms},
+                                {"ceilingServerCpuUsPerDelivered", cpuUs(ceiling)},
+                                {"ceilingP99Ms", ceiling.p99Ms},
+                                {"ceilingDeliveredPerSec", perSecond(ceiling)},
+                                {"syncP50Ms", percentile(syncs, 0.5)},
+                                {"syncP99Ms", percentile(syncs, 0.99)},
+                                {"frameBytes", real.frameBytes},
+                                {"durability", configuration.durability},
+                                {"flushIntervalMs", configuration.flushIntervalMs},
+                                {"fields", configuration.fields}};
+    std::cout << line.dump() << std::endl;
+}
+
+}  // namespace usdlive::bench

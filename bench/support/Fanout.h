@@ -1,0 +1,20 @@
+#pragma once
+
+#include <string>
+
+namespace usdlive::bench {
+
+/// What `fanout` and `saturate` are asked for.
+struct FanoutConfiguration {
+    int clients = 0;
+    int edits = 1;
+    int fields = 1000;
+    int window = 0;  ///< 0: 60 transactions a second and writer
+    double seconds = 5;
+    int flushIntervalMs = 0;
+    std::string durability = "sync";
+};
+/// Measures the real server, then its ceiling, and prints both as a JSON line.
+void measureFanout(const char* name, const FanoutConfiguration& configuration);
+
+}  // namespace usdlive::bench

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "ChildProcess.h"
+#include "usdlive/common/core/Id.h"
+
+namespace usdlive::bench {
+
+/// A folder below the system's temporary folder, removed at the end.
+class TemporaryFolder {
+public:
+    TemporaryFolder();
+    ~TemporaryFolder();
+    TemporaryFolder(const TemporaryFolder&) = delete;
+    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+private:
+    std::filesystem::path path_;
+};
+
+inline const LayerId kLayer{"shot.usda"};
+inline constexpr int kAttributesPerPrim = 10;
+
+/// Path of attribute number `index` of the layer that writeLayer() makes.
+[[nodiscard]] std::string attributePath(int index);
+/// `fields` attributes with a double3 each, ten to a prim, as kLayer in the folder.
+void writeLayer(const std::filesystem::path& folder, int fields);
+
+/// The port that a program writes into a file, once it is there. Throws when it ends instead.
+[[nodiscard]] std::uint16_t awaitPort(ChildProcess& child, const std::filesystem::path& portFile);
+
+/// The real server, serving a folder on a free port.
+class ServerProcess {
+public:
+    ServerProcess(const std::filesystem::path& folder, const std::vector<std::string>& options,
+                  const std::vector<int>& cores);
+    [[nodiscard]] std::uint16_t port() const { return port_; }
+    [[nodiscard]] std::string url() const;
+    [[nodiscard]] ChildProcess& process() { return *process_; }
+
+private:
+    std::optional<ChildProcess> process_;
+    std::uint16_t port_ = 0;
+};
+
+}  // namespace usdlive::bench
