@@ -56,3 +56,14 @@ def test_a_real_stage_is_edited_and_saved(name, project, serve, editor):
     assert text_of(project / name) == ada.text(name)
     binary = (project / name).read_bytes()[:8] == b"PXR-USDC"
     assert binary == ((NEWTON / "examples" / "assets" / name).read_bytes()[:8] == b"PXR-USDC")
+
+
+def test_a_file_that_comes_later_is_served(project, serve, editor):
+    (project / "shot.usda").write_text("#usda 1.0\n")
+    server = serve(project)
+    ada = editor(server, "ada", "shot.usda")
+    (project / "prop.usda").write_text('#usda 1.0\n\ndef "Prop"\n{\n}\n')
+    ada.run("assert live.wait(lambda: 'prop.usda' in live.layers(), 20), live.layers()")
+    ada.run("stage.DefinePrim('/Prop').GetReferences().AddReference('prop.usda', '/Prop')\n"
+            "assert live.open_layer('prop.usda').GetPrimAtPath('/Prop')")
+    assert cat(server, "prop.usda") == text_of(project / "prop.usda")

@@ -79,6 +79,12 @@ nb::dict convert(const client::event::Disconnected& event) {
     return d;
 }
 
+nb::dict convert(const client::event::LayersChanged& event) {
+    nb::dict d = make("LayersChanged");
+    d["layers"] = strings(event.layers);
+    return d;
+}
+
 nb::dict convert(const client::event::Joining& event) {
     nb::dict d = make("Joining");
     d["layer"] = text(event.progress.layer.value);

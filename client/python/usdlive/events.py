@@ -36,6 +36,13 @@ class Disconnected:
 
 
 @dataclasses.dataclass(frozen=True)
+class LayersChanged:
+    """The project has other layers than before: these are all of them now."""
+
+    layers: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Joining:
     """A layer is on its way; `specs` of `specs_total` are here."""
 
@@ -101,14 +108,14 @@ class ServerError:
 
 
 Event = (
-    Connected | Disconnected | Joining | Joined | JoinFailed | Committed | Lost | PreviewChanged
-    | Saved | ServerError
+    Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
+    | PreviewChanged | Saved | ServerError
 )
 
 _TYPES = {
     kind.__name__: kind
-    for kind in (Connected, Disconnected, Joining, Joined, JoinFailed, Committed, Lost,
-                 PreviewChanged, Saved, ServerError)
+    for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed,
+                 Lost, PreviewChanged, Saved, ServerError)
 }
 
 

@@ -210,6 +210,14 @@ void Session::Impl::on(const Welcome& message) {
     if (isCaughtUp()) caughtUp();
 }
 
+void Session::Impl::on(const ProjectLayers& message) {
+    if (!welcome_) return;
+    welcome_->layers = message.layers;
+    event::LayersChanged changed;
+    for (const LayerInfo& info : message.layers) changed.layers.push_back(info.layer);
+    events_.push_back(std::move(changed));
+}
+
 void Session::Impl::on(const LayerOpened& message) {
     for (auto& [layer, opened] : layers_)
         if (opened.joining && opened.joining->snapshot.request == message.request)

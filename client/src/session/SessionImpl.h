@@ -129,6 +129,7 @@ private:
     void handle(BlobFrame&& frame);
     void handleCommit(CommitFrame&& frame, ByteView encoded);
     void on(const Welcome& message);
+    void on(const ProjectLayers& message);
     void on(const LayerOpened& message);
     void on(const BlobStored& message);
     void on(const AlreadyCommitted& message);

@@ -357,16 +357,13 @@ private:
         return layers;
     }
 
-    void welcomed(const Welcome& welcome) {
-        for (const auto& info : welcome.layers) layerExists(info.layer);
+    void setProjectLayers(std::set<LayerId> layers) {
+        for (const LayerId& id : layers)
+            if (!projectLayers_.contains(id))
+                if (const auto made = folders_.makePlaceholder(id); !made) report(made.error());
+        projectLayers_ = std::move(layers);
         // What failed may be there now.
         failed_.clear();
-    }
-
-    // Also for layers that come to a project while one is connected, once the server tells of them.
-    void layerExists(const LayerId& id) {
-        if (!projectLayers_.insert(id).second) return;
-        if (const auto made = folders_.makePlaceholder(id); !made) report(made.error());
     }
 
     // --- parts of a tick ---
@@ -491,7 +488,11 @@ private:
     // False: not for the editor, or not yet.
     bool note(client::Event& one) {
         if (const auto* connected = std::get_if<event::Connected>(&one)) {
-            welcomed(connected->welcome);
+            std::set<LayerId> layers;
+            for (const LayerInfo& info : connected->welcome.layers) layers.insert(info.layer);
+            setProjectLayers(std::move(layers));
+        } else if (const auto* changed = std::get_if<event::LayersChanged>(&one)) {
+            setProjectLayers({changed->layers.begin(), changed->layers.end()});
         } else if (auto* joined = std::get_if<event::Joined>(&one)) {
             joined_.push_back(std::move(*joined));
             return false;

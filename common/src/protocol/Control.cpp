@@ -56,6 +56,7 @@ void members(auto& io, Is<Welcome> auto& message) {
     io("maxFrameBytes", message.maxFrameBytes);
     io("maxBlobBytes", message.maxBlobBytes);
 }
+void members(auto& io, Is<ProjectLayers> auto& message) { io("layers", message.layers); }
 void members(auto& io, Is<OpenLayer> auto& message) {
     io("request", message.request);
     io("layer", message.layer);
@@ -108,9 +109,9 @@ void members(auto& io, Is<ErrorMessage> auto& message) {
 }
 
 constexpr std::array<const char*, std::variant_size_v<ControlMessage>> kTypes{
-    "hello",       "welcome",    "openLayer",        "layerOpened", "closeLayer",
-    "requestBlob", "blobStored", "alreadyCommitted", "saveLayers",  "layersSaved",
-    "requestLog",  "logBegin",   "logEnd",           "errorMessage"};
+    "hello",       "welcome",     "projectLayers", "openLayer",        "layerOpened",
+    "closeLayer",  "requestBlob", "blobStored",    "alreadyCommitted", "saveLayers",
+    "layersSaved", "requestLog",  "logBegin",      "logEnd",           "errorMessage"};
 
 class Writer {
 public:

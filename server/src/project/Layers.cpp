@@ -38,11 +38,21 @@ Result<std::vector<Edit>> editsOf(const LayerId& layer, const LayerDoc& doc) {
 
 void Project::Impl::setLayers(const std::vector<LayerId>& layers) {
     const std::set<LayerId> listed(layers.begin(), layers.end());
-    std::erase_if(layers_, [&](const auto& entry) {
-        return std::holds_alternative<NotLoaded>(entry.second.state) &&
-               !listed.contains(entry.first);
-    });
-    for (const LayerId& layer : listed) layers_.try_emplace(layer);
+    bool changed = std::erase_if(layers_, [&](const auto& entry) {
+                       return std::holds_alternative<NotLoaded>(entry.second.state) &&
+                              !listed.contains(entry.first);
+                   }) > 0;
+    for (const LayerId& layer : listed) changed |= layers_.try_emplace(layer).second;
+    if (!changed) return;
+    const ProjectLayers message{layerInfos()};
+    for (auto& [id, session] : sessions_)
+        if (std::holds_alternative<Greeted>(session.phase)) send(session, message);
+}
+
+std::vector<LayerInfo> Project::Impl::layerInfos() const {
+    std::vector<LayerInfo> infos;
+    for (const auto& [layer, entry] : layers_) infos.push_back({layer});
+    return infos;
 }
 
 void Project::Impl::openLayer(Session& session, const OpenLayer& open) {

@@ -174,6 +174,7 @@ public:
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
     void historyRead(SessionId id, std::uint64_t request, Result<LayerDoc> doc);
     void setLayers(const std::vector<LayerId>& layers);
+    [[nodiscard]] std::vector<LayerInfo> layerInfos() const;
 
     // Blobs.cpp
     void blobWritten(SessionId id, const Hash& hash, const Result<bool>& whole);

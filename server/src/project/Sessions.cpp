@@ -203,7 +203,7 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     message.revision = durable_;
     message.hash = durableHash_;
     message.resumed = resumed;
-    for (const auto& [layer, entry] : layers_) message.layers.push_back({layer});
+    message.layers = layerInfos();
     message.maxFrameBytes = options_.maxFrameBytes;
     message.maxBlobBytes = options_.maxBlobBytes;
     send(session, message);

@@ -53,6 +53,16 @@ TEST(ProjectLayers, AnImportIsACommitToldByAStub) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(3), stub);
 }
 
+TEST(ProjectLayers, SE9WhoIsThereIsToldOfOtherLayers) {
+    World world;
+    world.join(1);
+    world.project->setLayers(world.layers);
+    EXPECT_TRUE(world.silent(1));
+    world.project->setLayers({{"b.usda"}, {"late.usda"}});
+    EXPECT_EQ(world.nextControl<usdlive::ProjectLayers>(1),
+              (usdlive::ProjectLayers{{{{"b.usda"}}, {{"late.usda"}}}}));
+}
+
 TEST(ProjectLayers, ASnapshotHoldsNothingThatIsNotDurable) {
     World world;
     world.join(1);

@@ -74,6 +74,10 @@ struct Connected {
 struct Disconnected {
     Error reason;
 };
+/// The project has other layers than before; these are all of them now.
+struct LayersChanged {
+    std::vector<LayerId> layers;
+};
 struct Joining {
     JoinProgress progress;
 };
@@ -103,9 +107,9 @@ struct ServerError {
     ErrorMessage message;
 };
 }  // namespace event
-using Event = std::variant<event::Connected, event::Disconnected, event::Joining, event::Joined,
-                           event::JoinFailed, event::Committed, event::Lost, event::PreviewChanged,
-                           event::Saved, event::ServerError>;
+using Event = std::variant<event::Connected, event::Disconnected, event::LayersChanged,
+                           event::Joining, event::Joined, event::JoinFailed, event::Committed,
+                           event::Lost, event::PreviewChanged, event::Saved, event::ServerError>;
 
 /// One client's side of the protocol: the confirmed layers, its pending transactions on top, and
 /// what the editor is to see of both (M7). Decides without I/O, threads or USD; used by one thread.

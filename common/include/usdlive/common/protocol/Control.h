@@ -54,6 +54,11 @@ struct Welcome {
     std::uint64_t maxBlobBytes = 0;
     bool operator==(const Welcome&) const = default;
 };
+/// Server: what the project has now, whenever that is other than `welcome` said.
+struct ProjectLayers {
+    std::vector<LayerInfo> layers;
+    bool operator==(const ProjectLayers&) const = default;
+};
 /// Client: send me this layer. `revision` 0: as it is now, and its commits from then on. Otherwise
 /// as it was, once (`usdlive cat --revision`).
 struct OpenLayer {
@@ -136,9 +141,10 @@ struct ErrorMessage {
     bool operator==(const ErrorMessage&) const = default;
 };
 
-using ControlMessage = std::variant<Hello, Welcome, OpenLayer, LayerOpened, CloseLayer, RequestBlob,
-                                    BlobStored, AlreadyCommitted, SaveLayers, LayersSaved,
-                                    RequestLog, LogBegin, LogEnd, ErrorMessage>;
+using ControlMessage =
+    std::variant<Hello, Welcome, ProjectLayers, OpenLayer, LayerOpened, CloseLayer, RequestBlob,
+                 BlobStored, AlreadyCommitted, SaveLayers, LayersSaved, RequestLog, LogBegin,
+                 LogEnd, ErrorMessage>;
 
 [[nodiscard]] std::string encodeControl(const ControlMessage& message);
 /// MalformedControl with what is missing or wrong. Nesting and lengths are bounded.
