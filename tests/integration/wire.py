@@ -66,12 +66,14 @@ def _table(name, data, at):
     for member in TABLES[name]:
         where = place(member.slot)
         if member.type in SCALARS:
-            values[member.name] = _number(member.type, data, where) if where else 0
+            values[member.name] = (
+                _number(member.type, data, where) if where else 0.0 if member.type == "double" else 0)
         elif member.type in UNIONS:
             kind = UNIONS[member.type][data[place(member.slot - 1)]] if where else None
             values[member.name] = (kind, _value(kind, data, where)) if where else None
         else:
-            values[member.name] = _value(member.type, data, where) if where else None
+            missing = [] if member.type[0] == "[" and member.type != "[ubyte]" else None
+            values[member.name] = _value(member.type, data, where) if where else missing
     return values
 
 
