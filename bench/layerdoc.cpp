@@ -1,8 +1,7 @@
-// How long does one edit of a LayerDoc take, and how much memory does a spec need?
+// How long does one edit of a LayerDoc take?
 #include "usdlive/common/layer/LayerDoc.h"
 
 #include <benchmark/benchmark.h>
-#include <malloc.h>
 
 #include <string>
 #include <vector>
@@ -121,26 +120,6 @@ void executeManyDeletes(benchmark::State& state) {
     }
 }
 BENCHMARK(executeManyDeletes)->Arg(100)->Arg(10000)->Unit(benchmark::kMillisecond);
-
-void memory(benchmark::State& state) {
-    for (auto _ : state) {
-        const auto before = mallinfo2().uordblks;
-        const LayerDoc doc = makeDoc(100000);
-        const auto used = mallinfo2().uordblks - before;
-        state.counters["bytesPerPrimWithAttribute"] = static_cast<double>(used) / 100000;
-        LayerDoc flat;
-        const auto beforeFlat = mallinfo2().uordblks;
-        (void)flat.apply("/World", kPrim);
-        for (int i = 0; i < 100000; ++i) {
-            const std::string path = "/World.attribute" + std::to_string(i);
-            (void)flat.apply(path, kAttribute);
-            (void)flat.apply(path, setDouble("default", i));
-        }
-        state.counters["bytesPerAttributeWithValue"] =
-            static_cast<double>(mallinfo2().uordblks - beforeFlat) / 100000;
-    }
-}
-BENCHMARK(memory)->Iterations(1)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 

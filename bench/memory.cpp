@@ -1,0 +1,70 @@
+// How much memory does a spec with one value need in the server?
+//
+//   --specs=1000000
+//
+// Attributes with a value each, ten to a prim; the prims count as specs, too, and have none.
+#include <malloc.h>
+
+#include <exception>
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+
+#include "support/Figures.h"
+#include "support/Server.h"
+#include "usdlive/common/layer/LayerDoc.h"
+
+using namespace usdlive;
+using namespace usdlive::bench;
+
+namespace {
+
+std::size_t usedBytes() {
+    const auto info = mallinfo2();
+    return info.uordblks + info.hblkhd;
+}
+
+void apply(LayerDoc& doc, const std::string& path, const EditAction& action) {
+    if (const auto applied = doc.apply(path, action); !applied)
+        throw std::runtime_error(applied.error().message);
+}
+
+void measure(const char* name, int specs, const Value& value) {
+    const auto before = usedBytes();
+    LayerDoc doc;
+    apply(doc, "/World", CreateSpec{SpecKind::Prim});
+    for (int i = 0; doc.specCount() < static_cast<std::size_t>(specs); ++i) {
+        const std::string path = attributePath(i);
+        if (i % kAttributesPerPrim == 0)
+            apply(doc, path.substr(0, path.find('.')), CreateSpec{SpecKind::Prim});
+        apply(doc, path, CreateSpec{SpecKind::Attribute});
+        // Values of their own, as they come from a file or the network.
+        const Value own =
+            value.type() == ValueType::Double ? doubleValue(i) : Value(value.type(), value.bytes());
+        apply(doc, path, SetField{"default", {}, own, ValueType::None});
+    }
+    const double bytes = double(usedBytes() - before) / double(doc.specCount());
+    std::cout << nlohmann::ordered_json{{"bench", "memory"},
+                                        {"specs", doc.specCount()},
+                                        {"bytesPerSpec", bytes},
+                                        {"value", name}}
+                     .dump()
+              << std::endl;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    try {
+        Arguments arguments(argc, argv);
+        const int specs = arguments.number("--specs", 1'000'000);
+        arguments.finish();
+        measure("double", specs, doubleValue(0));
+        measure("double3", specs, Value(ValueType::Double3, Bytes(24)));
+        return 0;
+    } catch (const std::exception& fault) {
+        std::cerr << "bench memory: " << fault.what() << '\n';
+        return 1;
+    }
+}

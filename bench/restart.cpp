@@ -1,0 +1,58 @@
+// How long is a project away when its server was killed?
+//
+//   --fields=100000
+//
+// From the start of the new process until a fresh client has the layer; `listenMs` is when it
+// listened.
+#include <exception>
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "support/Figures.h"
+#include "support/LiveClient.h"
+#include "support/Server.h"
+
+using namespace usdlive::bench;
+
+namespace {
+
+void measure(int fields) {
+    const TemporaryFolder folder;
+    writeLayer(folder.path(), fields);
+    std::optional<ServerProcess> server;
+    server.emplace(folder.path(), std::vector<std::string>{"--min-free-mib=1"}, std::vector<int>{});
+    joinElsewhere(server->url());
+    server->process().kill();
+
+    const auto begin = Clock::now();
+    server.emplace(folder.path(), std::vector<std::string>{"--min-free-mib=1"}, std::vector<int>{});
+    const double listenMs = millisecondsSince(begin);
+    LiveClient fresh(server->url());
+    fresh.open();
+    const double ms = millisecondsSince(begin);
+    checkLayer(fresh.layer, fields);
+    std::cout << nlohmann::ordered_json{{"bench", "restart"},
+                                        {"fields", fields},
+                                        {"ms", ms},
+                                        {"listenMs", listenMs}}
+                     .dump()
+              << std::endl;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    try {
+        if (isJoin(argc, argv)) return runJoin(argv);
+        Arguments arguments(argc, argv);
+        const auto fields = arguments.numbers("--fields", {100'000});
+        arguments.finish();
+        loadUsd();
+        for (const int count : fields) measure(count);
+        return 0;
+    } catch (const std::exception& fault) {
+        std::cerr << "bench restart: " << fault.what() << '\n';
+        return 1;
+    }
+}

@@ -1,0 +1,57 @@
+#include "LiveClient.h"
+
+#include <chrono>
+#include <stdexcept>
+#include <string_view>
+#include <thread>
+
+#include "ChildProcess.h"
+#include "Server.h"
+
+namespace usdlive::bench {
+
+namespace {
+
+constexpr std::string_view kVerb = "--join";
+
+template <class T>
+T orThrow(Result<T> result) {
+    if (!result) throw std::runtime_error(result.error().message);
+    return std::move(*result);
+}
+
+}  // namespace
+
+LiveClient::LiveClient(const std::string& url) {
+    Client::Options options;
+    options.user = options.application = "bench";
+    client = orThrow(Client::connect(url, options));
+}
+
+void LiveClient::open() { layer = orThrow(client->openLayer(kLayer)); }
+
+void checkLayer(const pxr::SdfLayerHandle& layer, int fields) {
+    const pxr::SdfPath last(attributePath(fields - 1));
+    if (!layer || !layer->HasField(last, pxr::SdfFieldKeys->Default))
+        throw std::runtime_error("the layer is not whole");
+}
+
+void joinElsewhere(const std::string& url) {
+    ChildProcess other({"/proc/self/exe", std::string(kVerb), url}, {});
+    while (other.isRunning()) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+}
+
+bool isJoin(int argc, char** argv) { return argc == 3 && argv[1] == kVerb; }
+
+int runJoin(char** argv) {
+    LiveClient other(argv[2]);
+    other.open();
+    return 0;
+}
+
+void loadUsd() {
+    const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    layer->ImportFromString("#usda 1.0\ndef Scope \"World\" { double3 a = (0, 0, 0) }\n");
+}
+
+}  // namespace usdlive::bench
