@@ -4,6 +4,7 @@
 //
 // From openLayer() of a fresh client over a real socket until the SdfLayer is filled. The ceiling
 // is to set the same specs and fields, whose paths and values are there already, in a bare SdfData.
+// `clientCpuMs` and `serverCpuMs` are all threads' work, which a busy machine changes little.
 #include <pxr/usd/sdf/data.h>
 
 #include <exception>
@@ -51,14 +52,19 @@ void measure(int fields) {
 
     LiveClient joining(server.url());
     const auto begin = Clock::now();
+    const double clientCpu = ownCpuSeconds(), serverCpu = server.process().cpuSeconds();
     joining.open();
     const double ms = millisecondsSince(begin);
+    const double clientCpuMs = (ownCpuSeconds() - clientCpu) * 1000;
+    const double serverCpuMs = (server.process().cpuSeconds() - serverCpu) * 1000;
     checkLayer(joining.layer, fields);
     const double ceilingMs = fillBareData(joining.layer);
     std::cout << nlohmann::ordered_json{{"bench", "latejoin"},
                                         {"fields", fields},
                                         {"ms", ms},
-                                        {"ceilingMs", ceilingMs}}
+                                        {"ceilingMs", ceilingMs},
+                                        {"clientCpuMs", clientCpuMs},
+                                        {"serverCpuMs", serverCpuMs}}
                      .dump()
               << std::endl;
 }

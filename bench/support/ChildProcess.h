@@ -27,13 +27,19 @@ public:
     /// kill -9, and waits until it is gone.
     void kill();
     [[nodiscard]] bool isRunning();
+    /// It has ended by itself, with 0.
+    [[nodiscard]] bool succeeded() const { return succeeded_; }
     [[nodiscard]] pid_t pid() const { return pid_; }
     /// User and system time of all its threads, in seconds, to the nanosecond.
     [[nodiscard]] double cpuSeconds() const;
 
 private:
     pid_t pid_ = -1;
+    bool succeeded_ = false;
 };
+
+/// Of all threads of this process.
+[[nodiscard]] double ownCpuSeconds();
 
 /// A file that stands beside this program.
 [[nodiscard]] std::string besideThisProgram(const std::string& name);
