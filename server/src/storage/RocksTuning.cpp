@@ -48,6 +48,9 @@ rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> file
     options.wal_recovery_mode = rocksdb::WALRecoveryMode::kTolerateCorruptedTailRecords;
     options.track_and_verify_wals_in_manifest = true;
     options.atomic_flush = true;  // the families tell of the same commits at any time
+    // What is flushed while opening is told of family by family: were the end of the MANIFEST lost
+    // later, some would have lost a table and others not, and nothing would tell.
+    options.avoid_flush_during_recovery = true;
     options.db_write_buffer_size = kWriteBufferBytes;
     options.max_total_wal_size = 4 * kWriteBufferBytes;
     options.max_background_jobs = 1;
