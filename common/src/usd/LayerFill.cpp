@@ -119,7 +119,8 @@ struct LayerFill::State {
         const auto& root = specs.front().path;
         const auto& fields = specs.front().fields;
         for (const TfToken& present : delegate.data().List(root))
-            if (std::ranges::none_of(fields, [&](const auto& f) { return f.first == present; }))
+            if (present != pxr::SdfChildrenKeys->PrimChildren &&
+                std::ranges::none_of(fields, [&](const auto& f) { return f.first == present; }))
                 delegate.SetField(root, present, VtValue());
         for (const auto& [field, value] : fields) delegate.SetField(root, field, value);
     }
@@ -169,10 +170,13 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
         const pxr::SdfChangeBlock block;
         const SdfLayerStore::Delegate::Applying applying(delegate);
         delegate.waiting.clear();
-        if (delegate.data().Has(SdfPath::AbsoluteRootPath(), pxr::SdfChildrenKeys->PrimChildren))
-            state_->replace(delegate);
-        else
+        // A layer that was read from a file without prims has an empty list of them.
+        const auto prims = delegate.data().GetAs<pxr::TfTokenVector>(
+            SdfPath::AbsoluteRootPath(), pxr::SdfChildrenKeys->PrimChildren);
+        if (prims.empty())
             state_->writeQuietly(delegate);
+        else
+            state_->replace(delegate);
         for (const auto& [path, field, value] : state_->waiting)
             delegate.waiting.add({path, field}, *value, state_->blobs);
     }

@@ -108,16 +108,18 @@ TEST(LayerFill, FillsAnEmptyLayerWithFewChangeEntries) {
     MemoryBlobs blobs;
     const auto source = fromText(kScene);
     const LayerDoc doc = *readLayer(source, blobs);
-    const auto layer = SdfLayer::CreateAnonymous(".usda");
-    SdfLayerStore store(layer, blobs, nullptr);
-    ChangeCount changes;
-    fillWhole(doc, blobs, store);
-    EXPECT_EQ(textOf(layer), textOf(source));
-    EXPECT_TRUE(*readLayer(layer, blobs) == doc);
-    EXPECT_EQ(changes.notices, 1U);
-    EXPECT_EQ(changes.entries, 3U);  // the pseudo-root and two root prims
-    EXPECT_TRUE(layer->HasSpec(SdfPath("/W/S.r[/W]")));
-    EXPECT_TRUE(layer->HasSpec(SdfPath("/W/S.radius[/W.other]")));
+    // As new, and as read from a file without prims: then there is an empty list of them.
+    for (const auto& layer : {SdfLayer::CreateAnonymous(".usda"), fromText("#usda 1.0\n")}) {
+        SdfLayerStore store(layer, blobs, nullptr);
+        ChangeCount changes;
+        fillWhole(doc, blobs, store);
+        EXPECT_EQ(textOf(layer), textOf(source));
+        EXPECT_TRUE(*readLayer(layer, blobs) == doc);
+        EXPECT_EQ(changes.notices, 1U);
+        EXPECT_EQ(changes.entries, 3U);  // the pseudo-root and two root prims
+        EXPECT_TRUE(layer->HasSpec(SdfPath("/W/S.r[/W]")));
+        EXPECT_TRUE(layer->HasSpec(SdfPath("/W/S.radius[/W.other]")));
+    }
 }
 
 TEST(LayerFill, WhatIsAlreadyThereIsNotToldAgain) {
