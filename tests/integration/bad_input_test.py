@@ -1,5 +1,6 @@
 """What hostile or broken peers and set-ups get: a code and a sentence, and nobody else is harmed."""
 
+import hashlib
 import json
 import os
 import socket
@@ -130,6 +131,18 @@ def test_starting_on_a_port_in_use(project):
         taken.listen()
         port = str(taken.getsockname()[1])
         one_line(run("serve", str(project), "--port", port), port)
+
+
+def test_starting_on_a_store_of_a_newer_version(project, serve):
+    server = serve(project)
+    server.stop()
+    (project / ".usdlive" / "store" / "format").write_bytes(sealed((1_000_000).to_bytes(4, "little")))
+    one_line(run("serve", str(project), "--port", "0"), str(project), "1000000")
+
+
+def sealed(content: bytes) -> bytes:
+    """As the store writes its small files: the content, then its SHA-256."""
+    return content + hashlib.sha256(content).digest()
 
 
 def test_two_servers_of_one_project(served):

@@ -31,6 +31,21 @@ def settle(server, *editors):
     return texts.pop()
 
 
+def test_events_come_while_they_are_awaited(two):
+    """`async for event in live.events()` ticks by itself."""
+    server, ada, bo = two
+    ada.run("UsdGeom.Sphere(stage.GetPrimAtPath('/World/Ball')).GetRadiusAttr().Set(7.0)")
+    ada.flush()
+    bo.run("import asyncio\n"
+           "async def heard():\n"
+           "    async for event in live.events():\n"
+           "        if type(event).__name__ == 'Committed' and event.user == 'ada': return event\n"
+           "event = asyncio.run(asyncio.wait_for(heard(), 20))\n"
+           "assert [(e.kind, e.path, e.field) for e in event.edits] == "
+           "[('set', '/World/Ball.radius', 'default')], event\n"
+           "assert stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Get() == 7")
+
+
 def test_m3_an_edit_follows_a_rename_it_did_not_know_of(two):
     server, ada, bo = two
     ada.run("e = Usd.NamespaceEditor(stage); e.MovePrimAtPath('/World/Ball', '/World/Planet')\n"
