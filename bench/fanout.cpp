@@ -7,9 +7,6 @@
 // stores nothing.
 #include "support/Fanout.h"
 
-#include <exception>
-#include <iostream>
-
 #include "support/Broadcaster.h"
 #include "support/Figures.h"
 
@@ -17,7 +14,7 @@ using namespace usdlive::bench;
 
 int main(int argc, char** argv) {
     if (isBroadcaster(argc, argv)) return runBroadcaster(argc, argv);
-    try {
+    return runBench("fanout", [&] {
         Arguments arguments(argc, argv);
         const auto clients = arguments.numbers("--clients", {2, 10, 50, 200});
         const auto edits = arguments.numbers("--edits", {1});
@@ -34,9 +31,5 @@ int main(int argc, char** argv) {
                     configuration.clients = client;
                     measureFanout("fanout", configuration);
                 }
-        return 0;
-    } catch (const std::exception& fault) {
-        std::cerr << "bench fanout: " << fault.what() << '\n';
-        return 1;
-    }
+    });
 }

@@ -7,8 +7,6 @@
 // `clientCpuMs` and `serverCpuMs` are all threads' work, which a busy machine changes little.
 #include <pxr/usd/sdf/data.h>
 
-#include <exception>
-#include <iostream>
 #include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
@@ -59,29 +57,24 @@ void measure(int fields) {
     const double serverCpuMs = (server.process().cpuSeconds() - serverCpu) * 1000;
     checkLayer(joining.layer, fields);
     const double ceilingMs = fillBareData(joining.layer);
-    std::cout << nlohmann::ordered_json{{"bench", "latejoin"},
-                                        {"fields", fields},
-                                        {"ms", ms},
-                                        {"ceilingMs", ceilingMs},
-                                        {"clientCpuMs", clientCpuMs},
-                                        {"serverCpuMs", serverCpuMs}}
-                     .dump()
-              << std::endl;
+    print(nlohmann::ordered_json{{"bench", "latejoin"},
+                                 {"fields", fields},
+                                 {"ms", ms},
+                                 {"ceilingMs", ceilingMs},
+                                 {"clientCpuMs", clientCpuMs},
+                                 {"serverCpuMs", serverCpuMs}}
+              .dump());
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
+    return runBench("latejoin", [&] {
         if (isJoin(argc, argv)) return runJoin(argv);
         Arguments arguments(argc, argv);
         const auto fields = arguments.numbers("--fields", {100'000, 1'000'000});
         arguments.finish();
         loadUsd();
         for (const int count : fields) measure(count);
-        return 0;
-    } catch (const std::exception& fault) {
-        std::cerr << "bench latejoin: " << fault.what() << '\n';
-        return 1;
-    }
+    });
 }

@@ -5,8 +5,6 @@
 // Attributes with a value each, ten to a prim; the prims count as specs, too, and have none.
 #include <malloc.h>
 
-#include <exception>
-#include <iostream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
@@ -45,26 +43,19 @@ void measure(const char* name, int specs, const Value& value) {
         apply(doc, path, SetField{"default", {}, own, ValueType::None});
     }
     const double bytes = double(usedBytes() - before) / double(doc.specCount());
-    std::cout << nlohmann::ordered_json{{"bench", "memory"},
-                                        {"specs", doc.specCount()},
-                                        {"bytesPerSpec", bytes},
-                                        {"value", name}}
-                     .dump()
-              << std::endl;
+    print(nlohmann::ordered_json{
+        {"bench", "memory"}, {"specs", doc.specCount()}, {"bytesPerSpec", bytes}, {"value", name}}
+              .dump());
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
+    return runBench("memory", [&] {
         Arguments arguments(argc, argv);
         const int specs = arguments.number("--specs", 1'000'000);
         arguments.finish();
         measure("double", specs, doubleValue(0));
         measure("double3", specs, Value(ValueType::Double3, Bytes(24)));
-        return 0;
-    } catch (const std::exception& fault) {
-        std::cerr << "bench memory: " << fault.what() << '\n';
-        return 1;
-    }
+    });
 }

@@ -4,8 +4,6 @@
 //
 // From the start of the new process until a fresh client has the layer; `listenMs` is when it
 // listened; the CPU times are all threads' work, which a busy machine changes little.
-#include <exception>
-#include <iostream>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -36,30 +34,25 @@ void measure(int fields) {
     const double clientCpuMs = (ownCpuSeconds() - clientCpu) * 1000;
     const double serverCpuMs = server->process().cpuSeconds() * 1000;
     checkLayer(fresh.layer, fields);
-    std::cout << nlohmann::ordered_json{{"bench", "restart"},
-                                        {"fields", fields},
-                                        {"ms", ms},
-                                        {"listenMs", listenMs},
-                                        {"listenCpuMs", listenCpuMs},
-                                        {"serverCpuMs", serverCpuMs},
-                                        {"clientCpuMs", clientCpuMs}}
-                     .dump()
-              << std::endl;
+    print(nlohmann::ordered_json{{"bench", "restart"},
+                                 {"fields", fields},
+                                 {"ms", ms},
+                                 {"listenMs", listenMs},
+                                 {"listenCpuMs", listenCpuMs},
+                                 {"serverCpuMs", serverCpuMs},
+                                 {"clientCpuMs", clientCpuMs}}
+              .dump());
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
+    return runBench("restart", [&] {
         if (isJoin(argc, argv)) return runJoin(argv);
         Arguments arguments(argc, argv);
         const auto fields = arguments.numbers("--fields", {100'000});
         arguments.finish();
         loadUsd();
         for (const int count : fields) measure(count);
-        return 0;
-    } catch (const std::exception& fault) {
-        std::cerr << "bench restart: " << fault.what() << '\n';
-        return 1;
-    }
+    });
 }

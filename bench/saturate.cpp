@@ -5,8 +5,6 @@
 //
 // 4 writers write as fast as they are acknowledged, `window` transactions at a time. The ceiling is
 // a bare Beast relay that joins what one turn of its event loop brings, and stores nothing.
-#include <exception>
-#include <iostream>
 #include <sstream>
 #include <string>
 
@@ -18,7 +16,7 @@ using namespace usdlive::bench;
 
 int main(int argc, char** argv) {
     if (isBroadcaster(argc, argv)) return runBroadcaster(argc, argv);
-    try {
+    return runBench("saturate", [&] {
         Arguments arguments(argc, argv);
         std::istringstream durabilities(arguments.text("--durability", "sync,os"));
         const auto fields = arguments.numbers("--fields", {1000});
@@ -33,9 +31,5 @@ int main(int argc, char** argv) {
                 configuration.fields = count;
                 measureFanout("saturate", configuration);
             }
-        return 0;
-    } catch (const std::exception& fault) {
-        std::cerr << "bench saturate: " << fault.what() << '\n';
-        return 1;
-    }
+    });
 }

@@ -9,8 +9,6 @@
 #include <pxr/usd/sdf/changeBlock.h>
 
 #include <chrono>
-#include <exception>
-#include <iostream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
@@ -75,19 +73,18 @@ void measure(LiveClient& writer, LiveClient& follower, const Paths& paths, int r
         bare.push_back(float(setBare(bareLayer, paths, round)));
     }
     const double tick = percentile(ticks, 0.5), ceiling = percentile(bare, 0.5);
-    std::cout << nlohmann::ordered_json{{"bench", "tick"},
-                                        {"edits", paths.size()},
-                                        {"transactions", together ? 1 : paths.size()},
-                                        {"usPerEdit", tick * 1000 / double(paths.size())},
-                                        {"ratio", tick / ceiling}}
-                     .dump()
-              << std::endl;
+    print(nlohmann::ordered_json{{"bench", "tick"},
+                                 {"edits", paths.size()},
+                                 {"transactions", together ? 1 : paths.size()},
+                                 {"usPerEdit", tick * 1000 / double(paths.size())},
+                                 {"ratio", tick / ceiling}}
+              .dump());
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-    try {
+    return runBench("tick", [&] {
         Arguments arguments(argc, argv);
         const int edits = arguments.number("--edits", 10'000);
         const int rounds = arguments.number("--rounds", 5);
@@ -102,9 +99,5 @@ int main(int argc, char** argv) {
         for (int i = 0; i < edits; ++i) paths.emplace_back(attributePath(i));
         for (const bool together : {true, false})
             measure(writer, follower, paths, rounds, together);
-        return 0;
-    } catch (const std::exception& fault) {
-        std::cerr << "bench tick: " << fault.what() << '\n';
-        return 1;
-    }
+    });
 }

@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <iostream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -90,7 +89,7 @@ void measureFanout(const char* name, const FanoutConfiguration& configuration) {
                                 {"durability", configuration.durability},
                                 {"flushIntervalMs", configuration.flushIntervalMs},
                                 {"fields", configuration.fields}};
-    std::cout << line.dump() << std::endl;
+    print(line.dump());
 }
 
 }  // namespace usdlive::bench

@@ -1,6 +1,8 @@
 #include "Figures.h"
 
 #include <algorithm>
+#include <exception>
+#include <iostream>
 #include <sstream>
 #include <stdexcept>
 
@@ -50,6 +52,18 @@ int Arguments::number(std::string_view name, int otherwise) {
 
 void Arguments::finish() const {
     if (!left_.empty()) throw std::invalid_argument("there is no option " + left_.front());
+}
+
+void print(std::string_view figures) { std::cout << figures << std::endl; }
+
+int runBench(const char* name, const std::function<void()>& body) {
+    try {
+        body();
+        return 0;
+    } catch (const std::exception& fault) {
+        std::cerr << "bench " << name << ": " << fault.what() << '\n';
+        return 1;
+    }
 }
 
 }  // namespace usdlive::bench

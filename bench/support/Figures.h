@@ -1,6 +1,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -31,5 +32,11 @@ public:
 private:
     std::vector<std::string> left_;
 };
+
+/// One line of figures (JSON), on stdout.
+void print(std::string_view figures);
+
+/// A main(): runs `body` and returns the exit status. What it throws is told as by bench `name`.
+[[nodiscard]] int runBench(const char* name, const std::function<void()>& body);
 
 }  // namespace usdlive::bench

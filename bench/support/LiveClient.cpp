@@ -49,10 +49,9 @@ void joinElsewhere(const std::string& url) {
 
 bool isJoin(int argc, char** argv) { return argc == 3 && argv[1] == kVerb; }
 
-int runJoin(char** argv) {
+void runJoin(char** argv) {
     LiveClient other(argv[2]);
     other.open();
-    return 0;
 }
 
 void loadUsd() {

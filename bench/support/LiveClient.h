@@ -25,7 +25,7 @@ void checkLayer(const pxr::SdfLayerHandle& layer, int fields);
 /// nothing of it is left in this one. `isJoin`: main() is that other process.
 void joinElsewhere(const std::string& url);
 [[nodiscard]] bool isJoin(int argc, char** argv);
-int runJoin(char** argv);
+void runJoin(char** argv);
 
 /// What an editor has long done when it joins: OpenUSD's plugins and schemas are loaded.
 void loadUsd();
