@@ -85,7 +85,8 @@ void addLimits(CLI::App& app, ServerOptions& options) {
     add("--slow-reader-mib", options.slowReaderMib, 1, 1 << 20,
         "What may wait for a client before it is cut");
     add("--flush-interval-ms", options.flushIntervalMs, 0, 1'000,
-        "Join what is sent within this time: less work, more delay");
+        "Time from one group of commits to the next: more is less work for many who edit, and more "
+        "delay for them");
 }
 
 void addLogOptions(CLI::App& app, ServerOptions& options) {

@@ -8,7 +8,10 @@ namespace usdlive::server {
 
 namespace {
 
+using Clock = std::chrono::steady_clock;
+
 constexpr std::chrono::milliseconds kReopenPause{1'000};
+constexpr std::size_t kFullGroup = 1024 * 1024;  // bytes of frames that wait no longer for others
 
 }  // namespace
 
@@ -29,8 +32,11 @@ void StorageThread::stop() {
 void StorageThread::append(CommitRecord commit) {
     const std::lock_guard lock(mutex_);
     if (throwingAway_) return;
+    const std::size_t before = waiting_.bytes;
+    if (commit.frame) waiting_.bytes += commit.frame->size();
     waiting_.commits.push_back(std::move(commit));
-    if (waiting_.commits.size() == 1) changed_.notify_all();
+    const bool full = before < kFullGroup && waiting_.bytes >= kFullGroup;
+    if (waiting_.commits.size() == 1 || full) changed_.notify_all();
 }
 
 void StorageThread::goOn() {
@@ -46,28 +52,32 @@ void StorageThread::flush(std::function<void()> done) {
 
 void StorageThread::run() {
     for (;;) {
-        Work work;
-        {
-            std::unique_lock lock(mutex_);
-            changed_.wait(lock, [this] {
-                return stopping_ || !waiting_.commits.empty() || !waiting_.flushes.empty();
-            });
-            work = std::exchange(waiting_, {});
-        }
-        const bool idle = work.commits.empty() && work.flushes.empty();
+        const Work work = nextWork();
         if (!work.commits.empty()) appendGroup(work.commits);
         for (const auto& done : work.flushes) done();
-        if (idle) return;
+        if (work.commits.empty() && work.flushes.empty()) return;
     }
+}
+
+/// Nothing: it is time to stop.
+StorageThread::Work StorageThread::nextWork() {
+    std::unique_lock lock(mutex_);
+    const auto urgent = [this] {
+        return stopping_ || !waiting_.flushes.empty() || waiting_.bytes >= kFullGroup;
+    };
+    changed_.wait(lock, [&] { return urgent() || !waiting_.commits.empty(); });
+    changed_.wait_until(lock, nextGroup_, urgent);
+    nextGroup_ = Clock::now() + interval_;
+    return std::exchange(waiting_, {});
 }
 
 void StorageThread::appendGroup(const std::vector<CommitRecord>& commits) {
     faultPoint("append-before");
-    const auto begin = std::chrono::steady_clock::now();
+    const auto begin = Clock::now();
     const auto appended = store_.use([&](CommitStore& store) { return store.append(commits); });
     if (!appended) return recover(appended.error());
     faultPoint("append-after");
-    events_.measured(commits.size(), std::chrono::steady_clock::now() - begin);
+    events_.measured(commits.size(), Clock::now() - begin);
     events_.appended(commits.back().revision);
 }
 
@@ -78,6 +88,7 @@ void StorageThread::recover(const Error& error) {
         const std::lock_guard lock(mutex_);
         throwingAway_ = true;
         waiting_.commits.clear();
+        waiting_.bytes = 0;
     }
     // A full disk leaves the store as it was. After anything else only a new opening knows what is
     // there: a failed sync is never tried again.

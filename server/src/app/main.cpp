@@ -84,7 +84,6 @@ WebSocketServerOptions transportOptions(const ServerOptions& options) {
     transport.maxMessageBytes = options.maxFrameMib * kMib + kMessageSlack;
     transport.maxConnections = options.maxSessions + kMoreConnections;
     transport.slowReaderBytes = options.slowReaderMib * kMib;
-    transport.flushInterval = std::chrono::milliseconds(options.flushIntervalMs);
     transport.allowedOrigins = options.allowedOrigins;
     return transport;
 }
@@ -137,7 +136,7 @@ int serve(const ServerOptions& options) {
     // write.
     asio::io_context network(1);
     asio::thread_pool workers(kWorkers);
-    StorageThread storage(store, *log);
+    StorageThread storage(store, std::chrono::milliseconds(options.flushIntervalMs), *log);
     Metrics metrics;
 
     // The project, and who carries its messages.

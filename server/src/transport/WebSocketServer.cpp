@@ -45,8 +45,7 @@ public:
           acceptor_(std::move(acceptor)),
           endpoint_(acceptor_.local_endpoint()),
           acceptTimer_(io),
-          sweepTimer_(io),
-          flushTimer_(io) {
+          sweepTimer_(io) {
         accept();
         sweepLater();
     }
@@ -107,16 +106,9 @@ public:
     }
 
     void flushLater(std::shared_ptr<WebSocketSession> session) override {
-        const bool first = toFlush_.empty();
         toFlush_.push_back(std::move(session));
-        if (!first) return;
-        if (options.flushInterval.count() == 0) {
-            asio::post(io, whileAlive(life_, [this] { flush(); }));
-        } else {
-            flushTimer_.expires_after(options.flushInterval);
-            flushTimer_.async_wait(
-                whileAlive(life_, [this](boost::system::error_code) { flush(); }));
-        }
+        if (toFlush_.size() > 1) return;
+        asio::post(io, whileAlive(life_, [this] { flush(); }));
     }
 
     void tellClosed(SessionId session) override {
@@ -212,7 +204,7 @@ private:
 
     Acceptor acceptor_;
     const tcp::endpoint endpoint_;
-    Timer acceptTimer_, sweepTimer_, flushTimer_;
+    Timer acceptTimer_, sweepTimer_;
     SessionId lastSession_ = 0;
     std::unordered_map<SessionId, std::shared_ptr<WebSocketSession>> sessions_;
     std::unordered_map<HttpConnection*, std::shared_ptr<HttpConnection>> connections_;

@@ -325,17 +325,6 @@ TEST_F(WebSocketServerTest, SendsOneLargeFrameWhole) {
     EXPECT_EQ(client->read(), asText(*large));
 }
 
-TEST_F(WebSocketServerTest, FlushIntervalJoinsWhatIsSentWithin) {
-    WebSocketServerOptions options;
-    options.flushInterval = 100ms;
-    start(options);
-    const auto client = join();
-    const SessionId session = recorder_.session(0);
-    onServer([&](auto& server) { server.send(session, shared("a")); });
-    onServer([&](auto& server) { server.send(session, shared("b")); });
-    EXPECT_EQ(client->read(), "ab");
-}
-
 TEST_F(WebSocketServerTest, TextIsToldAndClosed) {
     start();
     const auto client = join();

@@ -13,7 +13,9 @@
 namespace usdlive::server {
 
 /// The thread that appends commits. All that has come while it was at work is its next group, so
-/// that one sync pays for many (group commit).
+/// that one sync, and one message to each client, pays for many (group commit). A group begins no
+/// sooner than `interval` after the one before, so that somebody who works alone never waits, and
+/// many together cost little more than one.
 ///
 /// When an append fails, that group and all that follows is thrown away until goOn(): the project
 /// has then been told where the store stands and builds on that.
@@ -26,7 +28,8 @@ public:
         std::function<void(std::size_t commits, std::chrono::nanoseconds time)> measured;
     };
 
-    StorageThread(SharedStore& store, Log& log) : store_(store), log_(log) {}
+    StorageThread(SharedStore& store, std::chrono::milliseconds interval, Log& log)
+        : store_(store), interval_(interval), log_(log) {}
     ~StorageThread() { stop(); }
     void start(Events events);
     /// What waits is appended first.
@@ -41,15 +44,18 @@ public:
 private:
     struct Work {
         std::vector<CommitRecord> commits;
+        std::size_t bytes = 0;
         std::vector<std::function<void()>> flushes;
     };
 
     void run();
+    [[nodiscard]] Work nextWork();
     void appendGroup(const std::vector<CommitRecord>& commits);
     void recover(const Error& error);
     [[nodiscard]] bool pause(std::chrono::milliseconds time);
 
     SharedStore& store_;
+    const std::chrono::milliseconds interval_;
     Log& log_;
     Events events_;
     std::mutex mutex_;  // guards the next four
@@ -57,6 +63,7 @@ private:
     Work waiting_;
     bool throwingAway_ = false;
     bool stopping_ = false;
+    std::chrono::steady_clock::time_point nextGroup_;  // this thread's
     std::thread thread_;
 };
 

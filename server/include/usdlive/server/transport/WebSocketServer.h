@@ -62,9 +62,6 @@ struct WebSocketServerOptions {
     std::chrono::milliseconds headerTime{10'000};
     /// A peer that has said nothing for half of it is pinged, after all of it is taken for dead.
     std::chrono::milliseconds peerTime{14'000};
-    /// What is sent within this time of each other leaves as one message. 0: what one turn of the
-    /// event loop brings.
-    std::chrono::milliseconds flushInterval{0};
     /// Values of the header Origin, by which browsers say whose page connects, that may; "*" is
     /// all. Programs that are no browsers send none and are not asked.
     std::vector<std::string> allowedOrigins;
