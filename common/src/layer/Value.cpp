@@ -29,22 +29,18 @@ Value textValue(ValueType type, std::string_view text) {
 
 static_assert(sizeof(Value) <= 40);
 
-Value::Value(ValueType type, Bytes bytes) : type_(type) {
-    if (bytes.size() > kInlineBytes)
-        content_ = std::make_shared<const Bytes>(std::move(bytes));
-    else
-        content_ = Inline(bytes);
+Value::Value(ValueType type, Bytes bytes)
+    : Value(type, bytes.size() > kInlineBytes ? ByteView() : ByteView(bytes)) {
+    if (bytes.size() > kInlineBytes) content_ = std::make_shared<const Bytes>(std::move(bytes));
 }
 
 Value::Value(ValueType type, ByteView bytes) : type_(type) {
-    if (bytes.size() > kInlineBytes)
+    if (bytes.size() > kInlineBytes) {
         content_ = std::make_shared<const Bytes>(bytes.begin(), bytes.end());
-    else
-        content_ = Inline(bytes);
-}
-
-Value::Inline::Inline(ByteView bytes) : size(std::uint8_t(bytes.size())), data{} {
-    if (size > 0) std::memcpy(data, bytes.data(), size);
+    } else if (!bytes.empty()) {
+        std::memcpy(std::get<Inline>(content_).data(), bytes.data(), bytes.size());
+        inlineSize_ = std::uint8_t(bytes.size());
+    }
 }
 
 Value Value::blob(ValueType type, const Hash& hash, std::uint64_t size) {
@@ -57,7 +53,7 @@ Value Value::blob(ValueType type, const Hash& hash, std::uint64_t size) {
 bool Value::isBlob() const { return std::holds_alternative<SharedBlobName>(content_); }
 
 ByteView Value::bytes() const {
-    if (const auto* small = std::get_if<Inline>(&content_)) return {small->data, small->size};
+    if (const auto* small = std::get_if<Inline>(&content_)) return {small->data(), inlineSize_};
     if (const auto* shared = std::get_if<SharedBytes>(&content_)) return **shared;
     return {};
 }

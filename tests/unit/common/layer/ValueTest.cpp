@@ -75,7 +75,7 @@ Bytes floatEdit(std::initializer_list<std::uint64_t> words) {
 
 TEST(Value, IsSmallAndSharesWhatItDoesNotHoldInPlace) {
     static_assert(sizeof(Value) <= 40);
-    const Value small(ValueType::Double2, Bytes(16, 7)), large(ValueType::Double3, Bytes(24, 7));
+    const Value small(ValueType::Double3, Bytes(24, 7)), large(ValueType::Double4, Bytes(32, 7));
     const Value smallCopy = small, largeCopy = large;
     EXPECT_NE(small.bytes().data(), smallCopy.bytes().data());
     EXPECT_EQ(large.bytes().data(), largeCopy.bytes().data());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <compare>
 #include <cstdint>
 #include <memory>
@@ -113,22 +114,19 @@ public:
     friend std::strong_ordering operator<=>(const Value&, const Value&);
 
 private:
-    static constexpr std::size_t kInlineBytes = 16;
+    static constexpr std::size_t kInlineBytes = 24;
     struct BlobName {
         Hash hash;
         std::uint64_t size = 0;
         bool operator==(const BlobName&) const = default;
     };
     using SharedBlobName = std::shared_ptr<const BlobName>;
-    struct Inline {
-        Inline() noexcept : size(0), data{} {}
-        explicit Inline(ByteView bytes);
-        std::uint8_t size;
-        std::uint8_t data[kInlineBytes];
-    };
-    // Up to kInlineBytes in place (a double, a float4, a short token), more are shared (a double3).
+    using Inline = std::array<std::uint8_t, kInlineBytes>;
+    // Up to kInlineBytes in place (a double3, a quaternion of floats, a short token), more are
+    // shared.
     std::variant<Inline, SharedBytes, SharedBlobName> content_;
     ValueType type_ = ValueType::None;
+    std::uint8_t inlineSize_ = 0;
 };
 
 /// V9: may a value of the type be a blob? Arrays, array edits, splines and the types that are one
