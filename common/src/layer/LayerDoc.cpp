@@ -120,31 +120,68 @@ bool equal(const Node& left, const Node& right) {
 }
 
 // Walks a subtree with the text of its paths growing and shrinking in one string.
-class Visitor {
+class Walker {
 public:
-    Visitor(const std::function<void(const LayerDoc::SpecView&)>& visit, std::string_view path)
-        : visit_(visit), path_(path) {}
+    using View = LayerDoc::SpecView;
 
-    void run(const Node& node, NodeId parent, std::uint64_t order, std::string_view name) {
-        visit_({node.id, parent, order, node.kind, name, path_, &node.fields});
-        for (const ChildList list : kChildLists) {
-            if (!hasList(node.kind, list)) continue;
-            node.children(list).forEach(
-                [&](const ChildEntry& entry) { step(node.id, list, entry); });
+    Walker(const Node& top, std::string_view path, NodeId parent, std::uint64_t order,
+           std::string_view name)
+        : top_(top), path_(path), view_{top.id, parent, order, top.kind, name, {}, &top.fields} {}
+
+    const View* next() {
+        if (levels_.empty()) {
+            if (std::exchange(begun_, true)) return nullptr;
+            return enter(top_);
         }
+        while (!levels_.empty()) {
+            Level& level = levels_.back();
+            path_.resize(level.pathBytes);
+            path_.back() = level.lastByte;  // a variant's name stands in its set's braces
+            if (const ChildEntry* entry = level.nextChild()) {
+                specpath::extend(path_, kChildLists[level.list], entry->name);
+                const Node& child = *entry->node;
+                view_ = {child.id, level.node->id, entry->order, child.kind, entry->name,
+                         {},       &child.fields};
+                return enter(child);
+            }
+            levels_.pop_back();
+        }
+        return nullptr;
     }
 
 private:
-    void step(NodeId parent, ChildList list, const ChildEntry& entry) {
-        std::string outer = specpath::child(path_, list, entry.name);
-        std::swap(outer, path_);
-        run(*entry.node, parent, entry.order, entry.name);
-        std::swap(outer, path_);
+    struct Level {
+        const Node* node;
+        std::size_t pathBytes;
+        char lastByte;
+        std::size_t list = 0;
+        ChildSequence::Cursor cursor = {};
+
+        const ChildEntry* nextChild() {
+            for (; list < kChildLists.size(); ++list, cursor = {})
+                if (hasList(node->kind, kChildLists[list]))
+                    if (const auto* entry = node->children(kChildLists[list]).next(cursor))
+                        return entry;
+            return nullptr;
+        }
+    };
+
+    const View* enter(const Node& node) {
+        levels_.push_back({&node, path_.size(), path_.back()});
+        view_.path = path_;
+        return &view_;
     }
 
-    const std::function<void(const LayerDoc::SpecView&)>& visit_;
+    const Node& top_;
     std::string path_;
+    View view_;
+    std::vector<Level> levels_;
+    bool begun_ = false;
 };
+
+void visitAll(Walker walker, const std::function<void(const LayerDoc::SpecView&)>& visitor) {
+    while (const auto* view = walker.next()) visitor(*view);
+}
 
 void appendHex(std::string& out, ByteView bytes) {
     constexpr std::string_view kDigits = "0123456789abcdef";
@@ -314,12 +351,13 @@ public:
             return tl::unexpected(checked.error());
         const Node* node = walk(*doc_.root_, elements_);
         if (!node) return noSpec(path_);
-        Applied applied{false, node->id, 0, 0, false, {}};
+        Applied applied{false, node->id};
         if (holdsAlready(node->field(set.field), set)) return applied;
 
         Fields& fields = editableNode(elements_).fields;
         const auto at = fieldPosition(fields, set.field);
         const bool present = at != fields.end() && at->first == set.field;
+        applied.hadSamples = present && at->second.as<TimeSamples>();
         setPart(present ? at->second : insertField(fields, set.field), set);
         applied.changed = true;
         return applied;
@@ -329,12 +367,13 @@ public:
         if (auto checked = checkErase(erase); !checked) return tl::unexpected(checked.error());
         const Node* node = walk(*doc_.root_, elements_);
         if (!node) return noSpec(path_);
-        Applied applied{false, node->id, 0, 0, false, {}};
+        Applied applied{false, node->id};
         const FieldValue* field = node->field(erase.field);
         if (!field || !holdsPart(*field, erase.part)) return applied;
 
         Fields& fields = editableNode(elements_).fields;
         const auto at = fieldPosition(fields, erase.field);
+        applied.hadSamples = at->second.as<TimeSamples>() != nullptr;
         if (!erasePart(at->second, erase.part)) fields.erase(at);
         applied.changed = true;
         return applied;
@@ -365,8 +404,7 @@ private:
     }
 
     Result<Applied> merge(const Node& parent, const ChildEntry& entry, SpecKind kind) const {
-        if (entry.node->kind == kind)
-            return Applied{false, entry.node->id, parent.id, entry.order, false, {}};
+        if (entry.node->kind == kind) return Applied{false, entry.node->id, parent.id, entry.order};
         return fail(ErrorCode::SpecKindConflict, std::string("there is a spec of kind ") +
                                                      std::string(specKindName(entry.node->kind)) +
                                                      " and not " + std::string(specKindName(kind)) +
@@ -395,7 +433,7 @@ private:
         const ChildList list = targetElements.back().list;
         if (!hasList(parent->kind, list) || (list == ChildList::Variants && !sameParent))
             return misplaced(node->kind);
-        Applied applied{false, node->id, parent->id, order, false, {}};
+        Applied applied{false, node->id, parent->id, order};
         if (target == path_) return applied;
         if (childOf(*parent, targetElements.back()))
             return fail(ErrorCode::SpecExists, "there is a spec at " + quoted(target));
@@ -529,7 +567,7 @@ std::vector<NodeId> LayerDoc::idsAlong(std::string_view path) const {
 }
 
 void LayerDoc::visit(const std::function<void(const SpecView&)>& visitor) const {
-    Visitor(visitor, "/").run(*root_, 0, 0, {});
+    visitAll(Walker(*root_, "/", 0, 0, {}), visitor);
 }
 
 void LayerDoc::visit(std::string_view path,
@@ -539,8 +577,20 @@ void LayerDoc::visit(std::string_view path,
     if (!elements) return;
     const Node* parent = walk(*root_, Elements(*elements).first(elements->size() - 1));
     const ChildEntry* entry = parent ? childOf(*parent, elements->back()) : nullptr;
-    if (entry) Visitor(visitor, path).run(*entry->node, parent->id, entry->order, entry->name);
+    if (entry) visitAll(Walker(*entry->node, path, parent->id, entry->order, entry->name), visitor);
 }
+
+struct LayerDoc::Walk::State {
+    explicit State(LayerDoc whole) : doc(std::move(whole)), walker(*doc.root_, "/", 0, 0, {}) {}
+
+    LayerDoc doc;
+    Walker walker;
+};
+
+LayerDoc::Walk::Walk(LayerDoc doc) : state_(std::make_unique<State>(std::move(doc))) {}
+LayerDoc::Walk::Walk(Walk&&) noexcept = default;
+LayerDoc::Walk::~Walk() = default;
+const LayerDoc::SpecView* LayerDoc::Walk::next() { return state_->walker.next(); }
 
 bool operator==(const LayerDoc& left, const LayerDoc& right) {
     return equal(*left.root_, *right.root_);
@@ -572,8 +622,19 @@ struct LayerDoc::Builder::State {
     // The root is shared with nobody before finish(), nor is what is below.
     Ref<Node> root{new Node(kRootNode, SpecKind::PseudoRoot)};
     std::unordered_map<NodeId, Built> nodes{{kRootNode, {&root.editable(), 1, 0}}};
+    // Found last: fields follow their spec, and children their parent.
+    std::pair<NodeId, Built*> spec{}, parent{};
     NodeId highest = kRootNode;
     Extent extent{1, 0};
+
+    /// nullptr when it is not there.
+    Built* find(NodeId node, std::pair<NodeId, Built*>& last) {
+        if (last.second && last.first == node) return last.second;
+        const auto found = nodes.find(node);
+        if (found == nodes.end()) return nullptr;
+        last = {node, &found->second};
+        return last.second;
+    }
 };
 
 LayerDoc::Builder::Builder() : state_(std::make_unique<State>()) {}
@@ -595,25 +656,26 @@ Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_
         return fail(code, "spec " + std::to_string(node) + ", " + quoted(name) + ": " + what);
     };
     if (node == kRootNode && kind == SpecKind::PseudoRoot) return {};  // is there already
-    const auto above = state_->nodes.find(parent);
-    if (above == state_->nodes.end()) return problem(ErrorCode::SpecNotFound, "no such parent");
+    const State::Built* above = state_->find(parent, state_->parent);
+    if (!above) return problem(ErrorCode::SpecNotFound, "no such parent");
     const auto list = listFor(kind);
-    if (node == 0 || !list || !hasList(above->second.node->kind, *list) ||
-        !specpath::isName(*list, name))
+    if (node == 0 || !list || !hasList(above->node->kind, *list) || !specpath::isName(*list, name))
         return problem(ErrorCode::InvalidEdit, "cannot stand there");
-    ChildSequence& siblings = above->second.node->editableChildren(*list);
-    if (state_->nodes.contains(node) || siblings.find(name))
-        return problem(ErrorCode::SpecExists, "is there already");
+    ChildSequence& siblings = above->node->editableChildren(*list);
+    if (siblings.find(name)) return problem(ErrorCode::SpecExists, "is there already");
     if (siblings.hasOrder(order))
         return problem(ErrorCode::InvalidEdit, "a sibling has the same order number");
-    const Extent extent{above->second.pathBytes + stepBytes(above->second.node->kind, *list, name),
-                        above->second.pathElements + 1};
+    const Extent extent{above->pathBytes + stepBytes(above->node->kind, *list, name),
+                        above->pathElements + 1};
     if (extent.bytes > kMaxPathBytes || extent.elements > kMaxPathElements)
         return problem(ErrorCode::InvalidEdit, "its path is too long");
+    const auto [place, fresh] =
+        state_->nodes.try_emplace(node, State::Built{nullptr, extent.bytes, extent.elements});
+    if (!fresh) return problem(ErrorCode::SpecExists, "is there already");
 
-    auto* built = new Node(node, kind);
-    siblings.insert({std::string(name), order, Ref<Node>(built)});
-    state_->nodes.emplace(node, State::Built{built, extent.bytes, extent.elements});
+    place->second.node = new Node(node, kind);
+    siblings.insert({std::string(name), order, Ref<Node>(place->second.node)});
+    state_->spec = {node, &place->second};
     state_->highest = std::max(state_->highest, node);
     state_->extent.bytes = std::max(state_->extent.bytes, extent.bytes);
     state_->extent.elements = std::max(state_->extent.elements, extent.elements);
@@ -621,10 +683,9 @@ Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_
 }
 
 Result<void> LayerDoc::Builder::addField(NodeId node, std::string_view name, FieldValue value) {
-    const auto found = state_->nodes.find(node);
-    if (found == state_->nodes.end())
-        return fail(ErrorCode::SpecNotFound, "there is no spec " + std::to_string(node));
-    Fields& fields = found->second.node->fields;
+    const State::Built* built = state_->find(node, state_->spec);
+    if (!built) return fail(ErrorCode::SpecNotFound, "there is no spec " + std::to_string(node));
+    Fields& fields = built->node->fields;
     const auto at = fieldPosition(fields, name);
     if (at != fields.end() && at->first == name)
         return fail(ErrorCode::SpecExists, "the field " + quoted(name) + " is there already");

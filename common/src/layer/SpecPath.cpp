@@ -111,19 +111,27 @@ std::string child(std::string_view path, ChildList list, std::string_view name) 
     std::string out;
     out.reserve(path.size() + name.size() + 3);
     out = path;
+    extend(out, list, name);
+    return out;
+}
+
+void extend(std::string& path, ChildList list, std::string_view name) {
     switch (list) {
         case ChildList::Prims:
-            if (path != "/" && !path.ends_with('}')) out += '/';
-            return out += name;
+            if (path != "/" && !path.ends_with('}')) path += '/';
+            path += name;
+            break;
         case ChildList::Properties:
-            return (out += '.') += name;
+            (path += '.') += name;
+            break;
         case ChildList::VariantSets:
-            return ((out += '{') += name) += "=}";
+            ((path += '{') += name) += "=}";
+            break;
         case ChildList::Variants:
-            out.pop_back();
-            return (out += name) += '}';
+            path.pop_back();
+            (path += name) += '}';
+            break;
     }
-    return out;
 }
 
 std::string_view parentView(std::string_view path, std::string& scratch) {

@@ -2,11 +2,25 @@
 
 #include <zstd.h>
 
+#include <algorithm>
+#include <memory>
 #include <stdexcept>
 
 #include "usdlive/common/core/ByteStream.h"
 
 namespace usdlive {
+
+namespace {
+
+// A context is large: making one costs more than most of what is compressed with it.
+struct FreeContext {
+    void operator()(ZSTD_CCtx* context) const { ZSTD_freeCCtx(context); }
+    void operator()(ZSTD_DCtx* context) const { ZSTD_freeDCtx(context); }
+};
+thread_local const std::unique_ptr<ZSTD_CCtx, FreeContext> compressor(ZSTD_createCCtx());
+thread_local const std::unique_ptr<ZSTD_DCtx, FreeContext> decompressor(ZSTD_createDCtx());
+
+}  // namespace
 
 Result<std::vector<ByteView>> splitMessage(ByteView message, std::size_t maxFrameBytes) {
     std::vector<ByteView> frames;
@@ -27,25 +41,32 @@ Result<std::vector<ByteView>> splitMessage(ByteView message, std::size_t maxFram
 }
 
 Bytes deflate(ByteView raw) {
-    Bytes data(ZSTD_compressBound(raw.size()));
-    const std::size_t size = ZSTD_compress(data.data(), data.size(), raw.data(), raw.size(), 1);
+    thread_local Bytes data;  // as large as it has ever had to be
+    data.resize(std::max(data.size(), ZSTD_compressBound(raw.size())));
+    const std::size_t size =
+        ZSTD_compressCCtx(compressor.get(), data.data(), data.size(), raw.data(), raw.size(), 1);
     if (ZSTD_isError(size)) throw std::runtime_error("zstd cannot compress");
-    data.resize(size);
-    return data;
+    return {data.begin(), data.begin() + std::ptrdiff_t(size)};
 }
 
-Result<Bytes> inflate(ByteView data, std::size_t rawBytes, std::size_t limit) {
+Result<void> inflate(ByteView data, std::size_t rawBytes, std::size_t limit, Bytes& raw) {
     if (rawBytes > limit)
         return fail(ErrorCode::MalformedFrame,
                     "a compressed part inflates to more than " + std::to_string(limit) + " bytes");
     // Our own encoder always writes the size, so that a bomb is known before anything is allocated.
     if (ZSTD_getFrameContentSize(data.data(), data.size()) != rawBytes)
         return fail(ErrorCode::MalformedFrame, "a compressed part is not of the size it claims");
-    Bytes raw(rawBytes);
-    const std::size_t size = ZSTD_decompress(raw.data(), raw.size(), data.data(), data.size());
+    raw.resize(rawBytes);
+    const std::size_t size =
+        ZSTD_decompressDCtx(decompressor.get(), raw.data(), raw.size(), data.data(), data.size());
     if (ZSTD_isError(size) || size != rawBytes)
         return fail(ErrorCode::MalformedFrame, "a compressed part is damaged");
-    return raw;
+    return {};
+}
+
+Result<Bytes> inflate(ByteView data, std::size_t rawBytes, std::size_t limit) {
+    Bytes raw;
+    return inflate(data, rawBytes, limit, raw).map([&raw] { return std::move(raw); });
 }
 
 Hash chainHash(const Hash& previous, ByteView encodedCommit) {

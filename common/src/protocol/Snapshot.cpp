@@ -19,12 +19,10 @@ constexpr std::uint64_t kMaxFieldBytes = 1ull << 30;  // of one field; a decoder
 }  // namespace
 
 struct SnapshotEncoder::State {
-    State(LayerDoc doc, std::uint64_t request) : doc(std::move(doc)), request(request) {
-        // Views into nodes of `doc`, which stay as they are while it holds them.
-        this->doc.visit([this](const LayerDoc::SpecView& spec) { specs.push_back(spec); });
-    }
+    State(LayerDoc doc, std::uint64_t request)
+        : walk(std::move(doc)), request(request), spec(walk.next()) {}
 
-    [[nodiscard]] bool done() const { return spec == specs.size() && rest.empty(); }
+    [[nodiscard]] bool done() const { return !spec && rest.empty(); }
 
     void appendRecord(Bytes& out) {
         if (!rest.empty())
@@ -33,36 +31,35 @@ struct SnapshotEncoder::State {
             appendSpec(out);
         else
             appendField(out);
-        if (begun && rest.empty() && field == specs[spec].fields->size()) {
-            ++spec;
+        if (begun && rest.empty() && field == spec->fields->size()) {
+            spec = walk.next();
             begun = false;
         }
     }
 
-    LayerDoc doc;
+    LayerDoc::Walk walk;
     std::uint64_t request;
-    std::vector<LayerDoc::SpecView> specs;
-    std::size_t spec = 0;
-    bool begun = false;     // the record of specs[spec] is written
-    std::size_t field = 0;  // the next of specs[spec] to write
+    const LayerDoc::SpecView* spec;
+    bool begun = false;     // the record of `spec` is written
+    std::size_t field = 0;  // the next of `spec` to write
+    Bytes raw;              // of the chunk being written
     Bytes content;          // of the field being written
     ByteView rest;          // of `content`, not written yet
     std::uint32_t chunks = 0;
 
 private:
     void appendSpec(Bytes& out) {
-        const LayerDoc::SpecView& view = specs[spec];
         out.push_back(std::uint8_t(Record::Spec));
-        appendNumber<std::uint64_t>(out, view.node);
-        appendNumber<std::uint64_t>(out, view.parent);
-        appendNumber<std::uint64_t>(out, view.order);
-        out.push_back(std::uint8_t(view.kind));
-        appendText(out, view.name);
+        appendNumber<std::uint64_t>(out, spec->node);
+        appendNumber<std::uint64_t>(out, spec->parent);
+        appendNumber<std::uint64_t>(out, spec->order);
+        out.push_back(std::uint8_t(spec->kind));
+        appendText(out, spec->name);
         begun = true;
         field = 0;
     }
     void appendField(Bytes& out) {
-        const auto& [name, value] = (*specs[spec].fields)[field++];
+        const auto& [name, value] = (*spec->fields)[field++];
         content.clear();
         encodeFieldValue(value, content);
         if (content.size() > kPartBytes) {
@@ -78,7 +75,7 @@ private:
     void appendPart(Bytes& out) {
         const ByteView part = rest.first(std::min(rest.size(), kPartBytes));
         out.push_back(std::uint8_t(Record::FieldPart));
-        appendText(out, (*specs[spec].fields)[field - 1].first);
+        appendText(out, (*spec->fields)[field - 1].first);
         appendNumber<std::uint64_t>(out, content.size());
         appendNumber<std::uint32_t>(out, std::uint32_t(part.size()));
         appendBytes(out, part);
@@ -92,7 +89,8 @@ SnapshotEncoder::~SnapshotEncoder() = default;
 
 std::optional<SnapshotFrame> SnapshotEncoder::next() {
     if (state_->done()) return std::nullopt;
-    Bytes raw;
+    Bytes& raw = state_->raw;
+    raw.clear();
     while (!state_->done() && raw.size() < kFullBytes) state_->appendRecord(raw);
     return SnapshotFrame{state_->request, state_->chunks++, state_->done(),
                          std::uint32_t(raw.size()), deflate(raw)};
@@ -113,6 +111,7 @@ struct SnapshotDecoder::State {
     std::uint32_t chunks = 0;
     bool last = false;
     std::optional<Error> failed;
+    Bytes raw;  // of the chunk being read
 
 private:
     static tl::unexpected<Error> malformed(const char* message) {
@@ -207,9 +206,10 @@ Result<bool> SnapshotDecoder::add(const SnapshotFrame& frame) {
     };
     if (state_->last || frame.index != state_->chunks++)
         return failWith({ErrorCode::MalformedFrame, "a snapshot's chunks are out of order"});
-    auto raw = inflate(frame.data, frame.rawBytes, kChunkBytes);
-    if (!raw) return failWith(raw.error());
-    const auto added = state_->addChunk(*raw);
+    const auto added =
+        inflate(frame.data, frame.rawBytes, kChunkBytes, state_->raw).and_then([this] {
+            return state_->addChunk(state_->raw);
+        });
     if (!added) return failWith(added.error());
     state_->last = frame.last;
     if (frame.last && (state_->inField() || state_->specs == 0))

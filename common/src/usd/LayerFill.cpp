@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <deque>
 
 #include "StoreDelegate.h"
 #include "usdlive/common/usd/TfComplaints.h"
@@ -16,54 +17,86 @@ using pxr::SdfPath;
 using pxr::TfToken;
 using pxr::VtValue;
 
+namespace {
+
+ChildList listOf(SpecKind kind) {
+    for (const ChildList list : kChildLists)
+        if (belongsIn(kind, list)) return list;
+    return ChildList::Prims;
+}
+
+// The tokens of the few names that all fields of a layer have.
+class FieldTokens {
+public:
+    const TfToken& operator()(const std::string& name) {
+        for (const auto& [known, token] : tokens_)
+            if (known == name) return token;
+        if (tokens_.size() == kMost) tokens_.pop_back();
+        return tokens_.emplace_back(name, TfToken(name)).second;
+    }
+
+private:
+    static constexpr std::size_t kMost = 32;
+    std::vector<std::pair<std::string, TfToken>> tokens_;
+};
+
+}  // namespace
+
 struct LayerFill::State {
     using FieldValues = std::vector<std::pair<TfToken, VtValue>>;
 
     // A spec in the order of the doc: parents before children, siblings in order.
     struct Spec {
-        std::size_t parent;
-        SpecKind kind;
-        std::string_view name;
-        const Fields* source;  // in `doc`
         SdfPath path;
-        FieldValues fields;
-        std::array<pxr::TfTokenVector, kChildLists.size()> children;
+        SpecKind kind;
+        std::size_t fieldsEnd = 0;  // its fields are those from where the spec before ends
+    };
+    struct Children {
+        std::size_t parent;  // in `specs`
+        ChildList list;
+        pxr::TfTokenVector names;
+    };
+    // A spec whose children are being filled.
+    struct Level {
+        NodeId node;
+        std::size_t spec;
+        std::optional<ChildList> list;  // of the last child
+        std::size_t children = 0;       // that list's
     };
 
-    State(LayerDoc layerDoc, BlobSource& source) : doc(std::move(layerDoc)), blobs(source) {
-        specs.reserve(doc.specCount());
-        std::vector<std::pair<NodeId, std::size_t>> above;
-        doc.visit([&](const LayerDoc::SpecView& view) {
-            while (!above.empty() && above.back().first != view.parent) above.pop_back();
-            const std::size_t parent = above.empty() ? 0 : above.back().second;
-            above.emplace_back(view.node, specs.size());
-            specs.push_back({parent, view.kind, view.name, view.fields, {}, {}, {}});
-        });
+    State(LayerDoc doc, BlobSource& source)
+        : total(doc.specCount()), walk(std::move(doc)), blobs(source) {
+        specs.reserve(total);
     }
 
-    void fillNext() {
-        Spec& spec = specs[filled];
-        if (filled == 0) {
-            spec.path = SdfPath::AbsoluteRootPath();
-        } else {
-            Spec& parent = specs[spec.parent];
-            const TfToken name{std::string(spec.name)};
-            const ChildList list = listOf(spec.kind);
-            spec.path = childOf(parent.path, list, name);
-            parent.children[std::size_t(list)].push_back(name);
+    /// False: that was all.
+    bool fillNext() {
+        const LayerDoc::SpecView* view = walk.next();
+        if (!view) return false;
+        while (!above.empty() && above.back().node != view->parent) above.pop_back();
+        const SdfPath path =
+            above.empty() ? SdfPath::AbsoluteRootPath() : addChild(view->kind, view->name);
+        above.push_back({view->node, specs.size(), {}});
+        Spec& spec = specs.emplace_back(path, view->kind);
+        for (const auto& [name, value] : *view->fields) fillField(spec, tokens(name), value);
+        spec.fieldsEnd = fields.size();
+        return true;
+    }
+
+    SdfPath addChild(SpecKind kind, std::string_view name) {
+        Level& level = above.back();
+        const ChildList list = listOf(kind);
+        if (level.list != list) {
+            level.list = list;
+            level.children = children.size();
+            children.push_back({level.spec, list, {}});
         }
-        spec.fields.reserve(spec.source->size());
-        for (const auto& [name, value] : *spec.source) fillField(spec, TfToken(name), value);
-        ++filled;
+        const TfToken token{std::string(name)};
+        children[level.children].names.push_back(token);
+        return childOf(specs[level.spec].path, list, token);
     }
 
-    static ChildList listOf(SpecKind kind) {
-        for (const ChildList list : kChildLists)
-            if (belongsIn(kind, list)) return list;
-        return ChildList::Prims;
-    }
-
-    void fillField(Spec& spec, const TfToken& field, const FieldValue& value) {
+    void fillField(const Spec& spec, const TfToken& field, const FieldValue& value) {
         if (isStructural(field)) return;
         auto decoded = decodeField(spec.path, field, value, blobs);
         if (!decoded) {
@@ -74,37 +107,43 @@ struct LayerFill::State {
             return;
         }
         if (decoded->offsets)
-            spec.fields.emplace_back(pxr::SdfFieldKeys->SubLayerOffsets,
-                                     VtValue(*decoded->offsets));
+            fields.emplace_back(pxr::SdfFieldKeys->SubLayerOffsets, VtValue(*decoded->offsets));
         if (const auto targets = targetFields(spec.kind, field))
             fillTargets(spec, *targets, decoded->value);
-        spec.fields.emplace_back(field, std::move(decoded->value));
+        fields.emplace_back(field, std::move(decoded->value));
     }
 
-    void fillTargets(Spec& spec, const TargetFields& fields, const VtValue& value) {
+    void fillTargets(const Spec& spec, const TargetFields& names, const VtValue& value) {
         auto paths = targetsIn(value);
         if (paths.empty()) return;
         for (const SdfPath& path : paths)
-            targets.emplace_back(spec.path.AppendTarget(path), fields.childType);
-        spec.fields.emplace_back(fields.children, VtValue::Take(paths));
+            targets.emplace_back(spec.path.AppendTarget(path), names.childType);
+        fields.emplace_back(names.children, VtValue::Take(paths));
     }
 
-    void takeChildren(Spec& spec) {
-        for (const ChildList list : kChildLists) {
-            auto& names = spec.children[std::size_t(list)];
-            if (!names.empty()) spec.fields.emplace_back(childrenField(list), VtValue::Take(names));
-        }
-    }
-
-    // All but the pseudo-root. `create` makes a spec.
+    // All but the pseudo-root's. `create` makes a spec.
     void write(pxr::SdfAbstractData& data, const auto& create) {
-        for (Spec& spec : specs) {
-            takeChildren(spec);
-            if (spec.kind == SpecKind::PseudoRoot) continue;
+        std::size_t at = specs.front().fieldsEnd;
+        for (std::size_t index = 1; index < specs.size(); ++index) {
+            const Spec& spec = specs[index];
             create(spec);
-            for (const auto& [field, value] : spec.fields) data.Set(spec.path, field, value);
+            for (; at < spec.fieldsEnd; ++at)
+                data.Set(spec.path, fields[at].first, fields[at].second);
         }
+        for (Children& list : children)
+            if (list.parent != 0)
+                data.Set(specs[list.parent].path, childrenField(list.list),
+                         VtValue::Take(list.names));
         for (const auto& [path, type] : targets) data.CreateSpec(path, type);
+    }
+
+    /// Of the pseudo-root, with its children.
+    [[nodiscard]] FieldValues rootFields() {
+        FieldValues all(fields.begin(), fields.begin() + std::ptrdiff_t(specs.front().fieldsEnd));
+        for (Children& list : children)
+            if (list.parent == 0)
+                all.emplace_back(childrenField(list.list), VtValue::Take(list.names));
+        return all;
     }
 
     // Into a layer without prims: a change notice for each root prim says all, so the rest goes
@@ -116,13 +155,14 @@ struct LayerFill::State {
             else
                 delegate.data().CreateSpec(spec.path, pxr::SdfSpecType(spec.kind));
         });
-        const auto& root = specs.front().path;
-        const auto& fields = specs.front().fields;
+        const SdfPath& root = SdfPath::AbsoluteRootPath();
+        const FieldValues wanted = rootFields();
         for (const TfToken& present : delegate.data().List(root))
             if (present != pxr::SdfChildrenKeys->PrimChildren &&
-                std::ranges::none_of(fields, [&](const auto& f) { return f.first == present; }))
+                std::ranges::none_of(wanted,
+                                     [&](const auto& field) { return field.first == present; }))
                 delegate.SetField(root, present, VtValue());
-        for (const auto& [field, value] : fields) delegate.SetField(root, field, value);
+        for (const auto& [field, value] : wanted) delegate.SetField(root, field, value);
     }
 
     // Sdf compares, and tells of what differs.
@@ -131,18 +171,22 @@ struct LayerFill::State {
         const auto data = layer->GetFileFormat()->InitData(layer->GetFileFormatArguments());
         write(*data,
               [&](const Spec& spec) { data->CreateSpec(spec.path, pxr::SdfSpecType(spec.kind)); });
-        for (const auto& [field, value] : specs.front().fields)
-            data->Set(specs.front().path, field, value);
+        const SdfPath& root = SdfPath::AbsoluteRootPath();
+        for (const auto& [field, value] : rootFields()) data->Set(root, field, value);
         setLayerData(layer, data);
     }
 
-    LayerDoc doc;
+    const std::size_t total;
+    LayerDoc::Walk walk;
     BlobSource& blobs;
     std::vector<Spec> specs;
-    std::size_t filled = 0;
+    std::vector<Level> above;
+    std::vector<Children> children;
+    std::deque<std::pair<TfToken, VtValue>> fields;  // of all specs, one after the other
     std::vector<std::pair<SdfPath, pxr::SdfSpecType>> targets;
     std::vector<std::tuple<SdfPath, TfToken, const FieldValue*>> waiting;
     std::vector<Error> leftOut;
+    FieldTokens tokens;
 };
 
 LayerFill::LayerFill(LayerDoc doc, BlobSource& blobs)
@@ -153,16 +197,12 @@ bool LayerFill::fill(double budgetMs) {
     using Clock = std::chrono::steady_clock;
     constexpr int kSpecsPerLook = 64;  // at the clock
     const auto end = Clock::now() + std::chrono::duration<double, std::milli>(budgetMs);
-    int done = 0;
-    while (state_->filled < state_->specs.size()) {
-        if (done > 0 && done % kSpecsPerLook == 0 && Clock::now() >= end) return false;
-        state_->fillNext();
-        ++done;
-    }
+    for (int done = 1; state_->fillNext(); ++done)
+        if (done % kSpecsPerLook == 0 && Clock::now() >= end) return false;
     return true;
 }
 
-double LayerFill::progress() const { return double(state_->filled) / double(state_->specs.size()); }
+double LayerFill::progress() const { return double(state_->specs.size()) / double(state_->total); }
 
 Result<void> LayerFill::into(SdfLayerStore& store) {
     auto& delegate = *store.delegate_;

@@ -52,6 +52,17 @@ public:
         for (std::size_t i = 0; i < blocks(); ++i)
             for (const ChildEntry& entry : block(i)) visit(entry);
     }
+    /// A place in the sequence, from the first entry on, while it is not changed.
+    struct Cursor {
+        std::size_t block = 0, index = 0;
+    };
+    /// The entry there, and on; nullptr after the last.
+    [[nodiscard]] const ChildEntry* next(Cursor& cursor) const {
+        for (; cursor.block < blocks(); ++cursor.block, cursor.index = 0)
+            if (const auto& entries = block(cursor.block); cursor.index < entries.size())
+                return &entries[cursor.index++];
+        return nullptr;
+    }
     [[nodiscard]] std::vector<const ChildEntry*> entries() const;
     /// Those that stand in no block shared with `other`; all the others are in both.
     [[nodiscard]] std::vector<const ChildEntry*> entriesNotSharedWith(

@@ -41,9 +41,10 @@ public:
         bool changed = false;  ///< false: M2 merge, erasing what is absent, all as it was already
         NodeId node = 0;       ///< the spec the edit was for (the created one)
         NodeId parent = 0;     ///< of a Create, Move or Place: the (new) parent
-        std::uint64_t order = 0;     ///< of a Create, Move or Place: sorts it among its siblings
-        bool renumbered = false;     ///< the parent's whole list got new order numbers
-        std::vector<NodeId> erased;  ///< of a Delete: the spec and all below it
+        std::uint64_t order = 0;  ///< of a Create, Move or Place: sorts it among its siblings
+        bool renumbered = false;  ///< the parent's whole list got new order numbers
+        bool hadSamples = false;  ///< the field that was set or erased held time samples before
+        std::vector<NodeId> erased = {};  ///< of a Delete: the spec and all below it
     };
 
     /// Applies one edit whose address is an absolute path of this doc (Address::creation unset).
@@ -77,6 +78,21 @@ public:
     void visit(const std::function<void(const SpecView&)>& visitor) const;
     /// The same, below and with the spec at `path`; nothing when it is absent.
     void visit(std::string_view path, const std::function<void(const SpecView&)>& visitor) const;
+
+    /// The same, one spec at a time and resumable.
+    class Walk {
+    public:
+        explicit Walk(LayerDoc doc);
+        Walk(Walk&&) noexcept;
+        ~Walk();
+        /// nullptr after the last. Its path is valid until the next call, the rest as long as the
+        /// walk.
+        const SpecView* next();
+
+    private:
+        struct State;
+        std::unique_ptr<State> state_;
+    };
 
     /// Same specs, same order, same fields. Shared structure is not looked into.
     friend bool operator==(const LayerDoc& left, const LayerDoc& right);

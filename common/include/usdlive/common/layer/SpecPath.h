@@ -37,6 +37,8 @@ namespace specpath {
 /// `path` extended by one child: ("/A", {Properties, "x"}) gives "/A.x".
 /// Precondition: `path` may have such children (a Variants child: `path` is a variant set).
 [[nodiscard]] std::string child(std::string_view path, ChildList list, std::string_view name);
+/// The same, in place.
+void extend(std::string& path, ChildList list, std::string_view name);
 
 /// The parent's path: "/A{v=one}B" gives "/A{v=one}", "/A{v=one}" gives "/A{v=}", "/A{v=}" gives
 /// "/A",

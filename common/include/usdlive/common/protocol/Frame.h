@@ -93,6 +93,9 @@ using Frame = std::variant<ControlFrame, SubmitFrame, CommitFrame, RefusalFrame,
 /// allocating.
 [[nodiscard]] Bytes deflate(ByteView raw);
 [[nodiscard]] Result<Bytes> inflate(ByteView data, std::size_t rawBytes, std::size_t limit);
+/// The same, into `raw`, whose memory is used again.
+[[nodiscard]] Result<void> inflate(ByteView data, std::size_t rawBytes, std::size_t limit,
+                                   Bytes& raw);
 
 /// CH1: the chain hash after a commit: SHA-256 of the hash before and of the commit's encoded frame
 /// (without length prefix).
