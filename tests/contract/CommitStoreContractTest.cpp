@@ -316,6 +316,10 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
     const auto committed = [&](const ClientId& client, std::uint64_t sequence) {
         return *this->store->committed({client, sequence});
     };
+    const auto last = [&](const ClientId& client) { return *this->store->lastSequence(client); };
+    EXPECT_EQ(last(ada), 1'030u);
+    EXPECT_EQ(last(bo), 1u);
+    EXPECT_EQ(last({"nobody"}), 0u);
     EXPECT_EQ(committed(ada, 6), std::nullopt);
     for (std::uint64_t sequence = 7; sequence <= 1'030; ++sequence)
         ASSERT_EQ(committed(ada, sequence), sequence + 1);
@@ -323,6 +327,7 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
     EXPECT_EQ(committed(ada, 0), std::nullopt);
     EXPECT_EQ(committed(bo, 1), Revision(1));
     this->reopen();
+    EXPECT_EQ(last(ada), 1'030u);
     EXPECT_EQ(committed(ada, 1'030), Revision(1'031));
     commit(ada, 2'000);  // those between were refused
     ASSERT_TRUE(this->store->append(group));

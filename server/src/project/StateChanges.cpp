@@ -115,7 +115,8 @@ private:
         const LayerId& layer = executed.edit.layer;
         const NodeId node = executed.applied.node;
         if (std::holds_alternative<std::monostate>(set.part))
-            changes_.push_back(PutField{layer, node, set.field, set.value});
+            changes_.push_back(
+                PutField{layer, node, set.field, set.value, executed.applied.hadSamples});
         else if (const auto* sample = std::get_if<SampleTime>(&set.part))
             changes_.push_back(
                 PutSample{layer, node, set.field, sample->time, *set.value.as<Value>()});
@@ -127,7 +128,8 @@ private:
         const NodeId node = executed.applied.node;
         const auto* sample = std::get_if<SampleTime>(&erase.part);
         if (std::holds_alternative<std::monostate>(erase.part))
-            changes_.push_back(server::EraseField{layer, node, erase.field});
+            changes_.push_back(
+                server::EraseField{layer, node, erase.field, executed.applied.hadSamples});
         else if (sample && isThere(executed, erase.field))
             changes_.push_back(EraseSample{layer, node, erase.field, sample->time});
         else
@@ -189,12 +191,16 @@ std::vector<StateChange> stateChanges(const LayerDocs& layers,
 
 std::vector<StateChange> stateChanges(const LayerId& layer, const LayerDoc& doc) {
     std::vector<StateChange> changes;
+    changes.reserve(2 * doc.specCount());
+    // As a store sorts them, which takes them in much faster so.
     doc.visit([&](const LayerDoc::SpecView& spec) {
         if (spec.kind != SpecKind::PseudoRoot)
             changes.push_back(PutNode{layer, spec.node, spec.parent, spec.order, spec.kind,
                                       std::string(spec.name)});
+    });
+    doc.visit([&](const LayerDoc::SpecView& spec) {
         for (const auto& [field, value] : *spec.fields)
-            changes.push_back(PutField{layer, spec.node, field, value});
+            changes.push_back(PutField{layer, spec.node, field, value, false});
     });
     return changes;
 }

@@ -182,6 +182,12 @@ public:
         const auto known = client->second.find(transaction.sequence);
         return known == client->second.end() ? std::nullopt : std::optional(known->second);
     }
+    [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& id) const override {
+        const std::lock_guard lock(disk_->mutex);
+        const auto client = disk_->clients.find(id);
+        if (client == disk_->clients.end() || client->second.empty()) return 0;
+        return client->second.rbegin()->first;
+    }
     Result<void> setCheckpoint(const std::string& name, Revision revision) override {
         const std::lock_guard lock(disk_->mutex);
         disk_->checkpoints[name] = revision;

@@ -38,6 +38,7 @@ constexpr std::uint64_t kLeastMargin = 4 * kMib, kMostMargin = 64 * kMib;
 constexpr std::uint64_t kCopies = 3;
 // Opening writes what is in the log to tables.
 constexpr std::uint64_t kOpeningBytes = 2 * kMib;
+constexpr std::uint64_t kLongLogBytes = 4 * kMib;
 
 // Keys of the meta family. Lower-case names stand alone, a capital begins the key of each of many.
 constexpr const char* kHeadKey = "head";    // revision, hash
@@ -132,6 +133,7 @@ public:
         Revision revision) const override;
     [[nodiscard]] Result<std::optional<Revision>> committed(
         const TransactionId& transaction) const override;
+    [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const override;
     Result<void> setCheckpoint(const std::string& name, Revision revision) override;
     [[nodiscard]] Result<std::vector<std::pair<std::string, Revision>>> checkpoints()
         const override;
@@ -143,16 +145,13 @@ private:
         Revision changed = 0, saved = 0;
     };
     using Layers = std::map<LayerId, Layer>;
-    struct ClientEnd {
-        std::uint64_t before = 0, sequence = 0;  // highest number before and after the batch
-    };
     /// What one append() writes, and what it makes of the values in memory.
     struct Group {
         explicit Group(std::size_t bytes) : batch(bytes) {}
         rocksdb::WriteBatch batch;
         Head head;
-        Layers layers;  // those that the group touches
-        std::map<ClientId, ClientEnd> clients;
+        Layers layers;                              // those that the group touches
+        std::map<ClientId, std::uint64_t> clients;  // the highest numbers of their transactions
     };
 
     // Opening.
@@ -172,6 +171,7 @@ private:
     Layer& layerOf(Group& group, const LayerId& name);
     Result<void> addTransaction(Group& group, const TransactionId& id, Revision revision);
     void finish(Group& group);
+    void flushSoon();
     Result<void> write(rocksdb::WriteBatch& batch);
     Result<void> checkFailed() const;
 
@@ -208,6 +208,7 @@ private:
     StoreFolder folder_;
     const RocksCommitStoreOptions options_;
     const std::shared_ptr<rocksdb::SstFileManager> files_;
+    std::uint64_t logBytes_ = 0;  // that opening had to do again
     std::unique_ptr<rocksdb::DB> db_;
     std::vector<rocksdb::ColumnFamilyHandle*> handles_;
 
@@ -240,7 +241,8 @@ Result<void> RocksCommitStore::open() {
 
 // RocksDB (as Debian builds it) ends the process when the disk is full.
 Result<void> RocksCommitStore::checkRoom() {
-    const std::uint64_t needed = 2 * logBytes(folder_.database()) + kOpeningBytes;
+    logBytes_ = logBytes(folder_.database());
+    const std::uint64_t needed = 2 * logBytes_ + kOpeningBytes;
     reserve_.adapt(diskSpace(folder_.path()).free, needed, ~std::uint64_t(0));
     if (diskSpace(folder_.path()).free >= needed) return {};
     return fail(ErrorCode::StorageFull, "the disk is too full to open the store " +
@@ -360,6 +362,7 @@ Result<void> RocksCommitStore::takeEpoch() {
     else
         folder_.setMark({});
     (void)measureSpace();
+    if (logBytes_ > kLongLogBytes) flushSoon();
     return {};
 }
 
@@ -376,7 +379,6 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
         return ready;
     std::size_t bytes = 0;
     for (const CommitRecord& commit : commits) bytes += 2 * commit.frame->size();
-    if (const auto room = checkSpace(bytes); !room) return room;
 
     Group group(bytes);
     group.head = head_;
@@ -398,7 +400,16 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
         const Revision saved = std::max(layers_[name].saved, layer.saved);
         layers_[name] = {layer.number, layer.changed, saved};
     }
+    if (group.batch.GetDataSize() > kLongLogBytes) flushSoon();
     return {};
+}
+
+/// Has RocksDB write what is in its log to tables, beside everything else: the next opening would
+/// have to do what the log says once more.
+void RocksCommitStore::flushSoon() {
+    rocksdb::FlushOptions options;
+    options.wait = false;
+    db_->Flush(options, handles_).PermitUncheckedError();
 }
 
 // A wrong number or hash would make the whole store unreadable from here on.
@@ -464,31 +475,29 @@ RocksCommitStore::Layer& RocksCommitStore::layerOf(Group& group, const LayerId& 
 Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId& id,
                                               Revision revision) {
     const auto [entry, added] = group.clients.try_emplace(id.client);
-    ClientEnd& end = entry->second;
+    std::uint64_t& end = entry->second;
     if (added) {
-        const auto last =
-            number<std::uint64_t>(Family::Clients, storekeys::transaction(id.client, 0));
+        const auto last = lastSequence(id.client);
         if (!last) return tl::unexpected(last.error());
-        end.before = end.sequence = last->value_or(0);
+        end = *last;
     }
     group.batch.Put(family(Family::Clients), storekeys::transaction(id.client, id.sequence),
                     slice(encoded<Revision>(revision)));
     // What falls out of the last 1,024 numbers; after a leap of more than that, all there was.
-    const std::uint64_t highest = std::max(end.sequence, id.sequence);
+    const std::uint64_t highest = std::max(end, id.sequence);
     const auto firstKept = [](std::uint64_t last) {
         return last >= kRemembered ? last - kRemembered + 1 : 1;
     };
-    for (auto old = firstKept(end.sequence); old < std::min(firstKept(highest), end.sequence + 1);
-         ++old)
+    for (auto old = firstKept(end); old < std::min(firstKept(highest), end + 1); ++old)
         group.batch.Delete(family(Family::Clients), storekeys::transaction(id.client, old));
-    end.sequence = highest;
+    end = highest;
     return {};
 }
 
 void RocksCommitStore::finish(Group& group) {
     for (const auto& [client, end] : group.clients)
         group.batch.Put(family(Family::Clients), storekeys::transaction(client, 0),
-                        slice(encoded<std::uint64_t>(end.sequence)));
+                        slice(encoded<std::uint64_t>(end)));
     const std::shared_lock lock(mutex_);  // of setSavedRevision()
     for (const auto& [name, layer] : group.layers) {
         const auto known = layers_.find(name);
@@ -713,6 +722,11 @@ Result<std::optional<Revision>> RocksCommitStore::committed(
     if (transaction.sequence == 0) return std::optional<Revision>();
     return number<Revision>(Family::Clients,
                             storekeys::transaction(transaction.client, transaction.sequence));
+}
+
+Result<std::uint64_t> RocksCommitStore::lastSequence(const ClientId& client) const {
+    return number<std::uint64_t>(Family::Clients, storekeys::transaction(client, 0))
+        .map([](const auto& last) { return last.value_or(0); });
 }
 
 Result<void> RocksCommitStore::setCheckpoint(const std::string& name, Revision revision) {

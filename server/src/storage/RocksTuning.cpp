@@ -2,6 +2,7 @@
 
 #include <rocksdb/cache.h>
 #include <rocksdb/filter_policy.h>
+#include <rocksdb/slice_transform.h>
 #include <rocksdb/table.h>
 
 namespace usdlive::server {
@@ -68,6 +69,10 @@ std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies() {
     std::vector<rocksdb::ColumnFamilyDescriptor> families;
     for (const char* name : {"default", "commits", "state", "clients"})
         families.emplace_back(name, familyOptions(cache));
+    // Commits come in the order of their keys: each is put beside the one before.
+    constexpr std::size_t kCommits = 1, kSamePart = 4;
+    families[kCommits].options.memtable_insert_with_hint_prefix_extractor.reset(
+        rocksdb::NewFixedPrefixTransform(kSamePart));
     return families;
 }
 

@@ -39,11 +39,10 @@ private:
     void put(std::uint32_t layer, const EraseSample& change);
 
     void putSamples(const std::string& field, const TimeSamples& samples);
-    void eraseSamples(std::uint32_t layer, const std::string& field);
+    void eraseSamples(const std::string& field);
     void eraseFields(std::uint32_t layer, NodeId first, NodeId last);
     void eraseRange(const std::string& begin, const std::string& end, bool alsoInBatch);
     void noteFields(std::uint32_t layer, NodeId node);
-    [[nodiscard]] bool holdsSamples(const std::string& field);
 
     rocksdb::DB& db_;
     rocksdb::ColumnFamilyHandle* state_;

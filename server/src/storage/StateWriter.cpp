@@ -49,7 +49,7 @@ void StateWriter::put(std::uint32_t layer, const EraseNodes& change) {
 
 void StateWriter::put(std::uint32_t layer, const PutField& change) {
     const std::string field = storekeys::field(layer, change.node, change.field);
-    eraseSamples(layer, field);
+    if (change.hadSamples) eraseSamples(field);
     noteFields(layer, change.node);
     if (const auto* samples = change.value.as<TimeSamples>()) return putSamples(field, *samples);
     Bytes value{std::uint8_t(FieldTag::Whole)};
@@ -59,7 +59,7 @@ void StateWriter::put(std::uint32_t layer, const PutField& change) {
 
 void StateWriter::put(std::uint32_t layer, const EraseField& change) {
     const std::string field = storekeys::field(layer, change.node, change.field);
-    eraseSamples(layer, field);
+    if (change.hadSamples) eraseSamples(field);
     batch_.Delete(state_, field);
 }
 
@@ -86,13 +86,9 @@ void StateWriter::putSamples(const std::string& field, const TimeSamples& sample
     }
 }
 
-// Only a field that holds samples is made of several records.
-void StateWriter::eraseSamples(std::uint32_t layer, const std::string& field) {
-    const bool inBatch = sampledFields_.contains(field);
-    const auto written = written_.find(layer);
-    const bool fresh = written != written_.end() && written->second.fresh;
-    if (!inBatch && (fresh || !holdsSamples(field))) return;
-    eraseRange(storekeys::samplesBegin(field), storekeys::samplesEnd(field), inBatch);
+void StateWriter::eraseSamples(const std::string& field) {
+    eraseRange(storekeys::samplesBegin(field), storekeys::samplesEnd(field),
+               sampledFields_.contains(field));
 }
 
 void StateWriter::eraseFields(std::uint32_t layer, NodeId first, NodeId last) {
@@ -126,13 +122,6 @@ void StateWriter::eraseRange(const std::string& begin, const std::string& end, b
 void StateWriter::noteFields(std::uint32_t layer, NodeId node) {
     Written& written = written_[layer];
     if (!written.fresh) written.nodes.insert(node);
-}
-
-bool StateWriter::holdsSamples(const std::string& field) {
-    rocksdb::PinnableSlice value;
-    const auto status = db_.Get(rocksdb::ReadOptions(), state_, field, &value);
-    if (!status.ok() && !status.IsNotFound()) status_ = status;
-    return status.ok() && value.size() == 1 && FieldTag(value[0]) == FieldTag::Samples;
 }
 
 }  // namespace usdlive::server

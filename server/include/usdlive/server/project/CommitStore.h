@@ -33,11 +33,13 @@ struct PutField {
     NodeId node = 0;
     std::string field;
     FieldValue value;
+    bool hadSamples = true;  ///< it may have held time samples, each of which is a record
 };
 struct EraseField {
     LayerId layer;
     NodeId node = 0;
     std::string field;
+    bool hadSamples = true;
 };
 /// One sample of a field that holds time samples; the others stay as they are. A field that is
 /// absent or holds another form becomes time samples.
@@ -126,6 +128,8 @@ public:
     /// M9: the revision that committed this transaction, if it is among the client's last 1,024.
     [[nodiscard]] virtual Result<std::optional<Revision>> committed(
         const TransactionId& transaction) const = 0;
+    /// The highest number of a client's committed transactions, 0 none.
+    [[nodiscard]] virtual Result<std::uint64_t> lastSequence(const ClientId& client) const = 0;
 
     virtual Result<void> setCheckpoint(const std::string& name, Revision revision) = 0;
     [[nodiscard]] virtual Result<std::vector<std::pair<std::string, Revision>>> checkpoints()
