@@ -107,12 +107,12 @@ void SimServer::loadLayer(const LayerId& layer) {
     later(delay, [this, layer] {
         const auto stored = store().loadLayer(layer);
         if (!stored) return project_->layerLoaded(layer, tl::unexpected(stored.error()));
-        if (*stored) return project_->layerLoaded(layer, LoadedLayer{**stored, false});
+        if (*stored) return project_->layerLoaded(layer, LoadedLayer{**stored});
         const auto file = files_.find(layer);
         if (file == files_.end())
             return project_->layerLoaded(
                 layer, fail(ErrorCode::LayerUnreadable, layer.value + " does not parse"));
-        project_->layerLoaded(layer, LoadedLayer{file->second, true});
+        project_->layerLoaded(layer, LoadedLayer{file->second, *makeImport(layer, file->second)});
     });
 }
 

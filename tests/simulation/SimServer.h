@@ -50,6 +50,9 @@ public:
     [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override {
         return *store().committed(transaction);
     }
+    [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override {
+        return *store().lastSequence(client);
+    }
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
 
     /// A layer at a revision, from the log alone.

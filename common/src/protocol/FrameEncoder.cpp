@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <stdexcept>
 #include <unordered_map>
 
 #include "usdlive/common/protocol/Frame.h"
@@ -231,5 +233,24 @@ private:
 }  // namespace
 
 Bytes encodeFrame(const Frame& frame) { return FrameEncoder().encode(frame); }
+
+Bytes encodeUnstamped(CommitFrame frame) {
+    // Zeroes would not be written.
+    frame.commit.revision = frame.commit.epoch = 1;
+    frame.commit.timeMs = 1;
+    return encodeFrame(frame);
+}
+
+void stampCommit(Bytes& frame, const Commit& place) {
+    auto* root = flatbuffers::GetMutableRoot<wire::Frame>(frame.data() + sizeof(std::uint32_t));
+    auto* commit = const_cast<wire::Commit*>(root->body_as_Commit());
+    auto* table = reinterpret_cast<flatbuffers::Table*>(commit);
+    bool done = table->SetField<std::uint64_t>(wire::Commit::VT_REVISION, place.revision, 0);
+    done &= table->SetField<std::uint64_t>(wire::Commit::VT_EPOCH, place.epoch, 0);
+    done &= table->SetField<std::int64_t>(wire::Commit::VT_TIME_MS, place.timeMs, 0);
+    if (!done) throw std::logic_error("a commit's frame was not made to be stamped");
+    auto* previous = const_cast<flatbuffers::Vector<std::uint8_t>*>(commit->previous());
+    std::ranges::copy(place.previous.bytes, previous->data());
+}
 
 }  // namespace usdlive

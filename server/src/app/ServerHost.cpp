@@ -273,7 +273,7 @@ void ServerHost::loadLayer(const LayerId& layer) {
 Result<LoadedLayer> ServerHost::loadOrImport(const LayerId& layer) {
     auto stored = store_.use([&](CommitStore& store) { return store.loadLayer(layer); });
     if (!stored) return tl::unexpected(stored.error());
-    if (*stored) return LoadedLayer{std::move(**stored), false};
+    if (*stored) return LoadedLayer{std::move(**stored)};
     faultPoint("import");
     const auto begin = steady_clock::now();
     auto imported = files_.import(layer);
@@ -282,10 +282,12 @@ Result<LoadedLayer> ServerHost::loadOrImport(const LayerId& layer) {
                    {{"layer", layer.value}, {"error", imported.error().message}});
         return tl::unexpected(imported.error());
     }
+    auto commit = makeImport(layer, *imported);
+    if (!commit) return tl::unexpected(commit.error());
     const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
     log_.write(LogLevel::Info, "layer imported",
                {{"layer", layer.value}, {"specs", imported->specCount()}, {"ms", time.count()}});
-    return LoadedLayer{std::move(*imported), true};
+    return LoadedLayer{std::move(*imported), std::move(*commit)};
 }
 
 void ServerHost::readCommits(SessionId session, Revision from, Revision to) {
@@ -402,6 +404,12 @@ std::optional<Revision> ServerHost::committed(const TransactionId& transaction) 
     // "No" could commit it twice; the session ends, and its client asks again.
     if (!found) throw std::runtime_error(found.error().message);
     return *found;
+}
+
+std::uint64_t ServerHost::lastSequence(const ClientId& client) {
+    const auto last = store_.use([&](CommitStore& store) { return store.lastSequence(client); });
+    if (!last) throw std::runtime_error(last.error().message);
+    return *last;
 }
 
 // --- The project itself

@@ -53,6 +53,7 @@ bool Project::Impl::commit(Session& session, Author& author, const Transaction& 
     history_.executed(made.revision);
     author.inFlight[transaction.id.sequence] = made.revision;
     author.newest = made.revision;
+    author.lastSequence = std::max(author.lastSequence.value_or(0), transaction.id.sequence);
     append(std::move(made), std::move(record));
     return true;
 }

@@ -36,6 +36,19 @@ Result<std::vector<Edit>> editsOf(const LayerId& layer, const LayerDoc& doc) {
 
 }  // namespace
 
+Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc) {
+    auto edits = editsOf(layer, doc);
+    if (!edits) return tl::unexpected(edits.error());
+    LayerImport import;
+    import.edits = edits->size();
+    import.changes = stateChanges(layer, doc);
+    CommitFrame frame;
+    frame.commit.imported = layer;
+    frame.commit.edits = std::move(*edits);
+    import.frame = encodeUnstamped(std::move(frame));
+    return import;
+}
+
 void Project::Impl::setLayers(const std::vector<LayerId>& layers) {
     const std::set<LayerId> listed(layers.begin(), layers.end());
     bool changed = std::erase_if(layers_, [&](const auto& entry) {
@@ -121,8 +134,8 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     if (!loaded) return loadFailed(layer, loaded.error());
     docs_.insert_or_assign(layer, loaded->doc);
     found->second.state = Loaded{};
-    if (loaded->imported) {
-        if (const auto imported = import(layer, loaded->doc); !imported) {
+    if (loaded->import) {
+        if (const auto imported = import(layer, std::move(*loaded->import)); !imported) {
             docs_.erase(layer);
             return loadFailed(layer, imported.error());
         }
@@ -152,30 +165,28 @@ void Project::Impl::workAll() {
 
 /// The layer came from its file: its whole content becomes a commit, so that the history holds all
 /// there is. Others are told by a stub (CH2).
-Result<void> Project::Impl::import(const LayerId& layer, const LayerDoc& doc) {
+Result<void> Project::Impl::import(const LayerId& layer, LayerImport import) {
     if (storeFailed_) return fail(ErrorCode::StorageFailed, "the store has failed");
     if (!host_.hasSpace()) return fail(ErrorCode::StorageFull, "the disk of the server is full");
-    auto edits = editsOf(layer, doc);
-    if (!edits) return tl::unexpected(edits.error());
 
     InFlightCommit made;
     CommitRecord record;
     record.revision = made.revision = executed_ + 1;
     record.imported = made.imported = layer;
-    record.changes = stateChanges(layer, doc);
+    record.changes = std::move(import.changes);
     made.layers = {layer};
-    made.edits = edits->size();
+    made.edits = import.edits;
     made.mark = history_.log().mark();
 
-    CommitFrame frame;
-    frame.commit = {made.revision,     epoch_, {},           {}, host_.wallClockMs(), 0, layer,
-                    std::move(*edits), {},     executedHash_};
-    record.frame = std::make_shared<const Bytes>(encodeFrame(frame));
+    CommitFrame stub;
+    stub.commit = {made.revision, epoch_, {}, {},           host_.wallClockMs(), 0,
+                   layer,         {},     {}, executedHash_};
+    stampCommit(import.frame, stub.commit);
     record.hash = made.hash =
-        chainHash(executedHash_, ByteView(*record.frame).subspan(sizeof(std::uint32_t)));
-    frame.commit.edits.clear();
-    frame.hashAfter = made.hash;
-    made.broadcast = std::make_shared<const Bytes>(encodeFrame(frame));
+        chainHash(executedHash_, ByteView(import.frame).subspan(sizeof(std::uint32_t)));
+    record.frame = std::make_shared<const Bytes>(std::move(import.frame));
+    stub.hashAfter = made.hash;
+    made.broadcast = std::make_shared<const Bytes>(encodeFrame(stub));
     const Revision revision = made.revision;
     append(std::move(made), std::move(record));
     layers_[layer].saved = revision;

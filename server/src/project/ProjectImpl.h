@@ -94,6 +94,8 @@ struct Author {
     OwnCreations creations;
     std::map<std::uint64_t, Revision> inFlight;  ///< by sequence: executed and not durable yet
     Revision newest = 0;                         ///< of its commits, as far as known
+    /// Not lower than that of any of its commits; nothing: not asked for yet.
+    std::optional<std::uint64_t> lastSequence;
 };
 
 // --- Layers
@@ -221,6 +223,7 @@ private:
     void submit(Session& session, Transaction transaction, std::size_t bytes);
     void work(Session& session);
     bool workOff(Session& session, QueuedTransaction& queued);
+    std::optional<Revision> committed(Author& author, const TransactionId& id);
     [[nodiscard]] std::optional<Refused> objection(const Author& author,
                                                    const QueuedTransaction& queued) const;
     [[nodiscard]] std::optional<Refused> blobObjection(const Transaction& transaction) const;
@@ -250,7 +253,7 @@ private:
     void sendOpened(const ReadyOpen& ready);
     void load(const LayerId& layer);
     void loadFailed(const LayerId& layer, const Error& error);
-    Result<void> import(const LayerId& layer, const LayerDoc& doc);
+    Result<void> import(const LayerId& layer, LayerImport import);
     void workAll();
 
     // Blobs.cpp

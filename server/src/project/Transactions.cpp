@@ -68,9 +68,7 @@ void Project::Impl::work(Session& session) {
 bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
     const Transaction& transaction = queued.transaction;
     Author& author = authors_[session.client];
-    const auto inFlight = author.inFlight.find(transaction.id.sequence);
-    const auto known = inFlight != author.inFlight.end() ? std::optional(inFlight->second)
-                                                         : host_.committed(transaction.id);
+    const auto known = committed(author, transaction.id);
     if (known) {
         ++counters_.duplicates;
         const AlreadyCommitted message{transaction.id.sequence, *known};
@@ -89,6 +87,14 @@ bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
     if (!std::get<bool>(ready) || !creationsKnown(session, author, queued)) return false;
     execute(session, author, queued);
     return true;
+}
+
+/// M9. The store is asked only about numbers that it may have seen.
+std::optional<Revision> Project::Impl::committed(Author& author, const TransactionId& id) {
+    const auto inFlight = author.inFlight.find(id.sequence);
+    if (inFlight != author.inFlight.end()) return inFlight->second;
+    if (!author.lastSequence) author.lastSequence = host_.lastSequence(id.client);
+    return id.sequence > *author.lastSequence ? std::nullopt : host_.committed(id);
 }
 
 std::optional<Refused> Project::Impl::objection(const Author& author,

@@ -125,7 +125,7 @@ void MemoryServer::loadLayer(const LayerId& layer) {
         if (file == files.end())
             project_->layerLoaded(layer, fail(ErrorCode::LayerNotFound, "no layer " + layer.value));
         else
-            project_->layerLoaded(layer, server::LoadedLayer{file->second, false});
+            project_->layerLoaded(layer, server::LoadedLayer{file->second});
     });
 }
 

@@ -128,6 +128,24 @@ TEST(Frame, CH2ImportStubDropsTheEditsOfAnImportOnly) {
     EXPECT_FALSE(importStub(asBytes("nonsense nonsense"), {}));
 }
 
+TEST(Frame, ACommitIsStampedAsIfEncodedWhenItsTurnHadCome) {
+    CommitFrame frame{sampleCommit()};
+    frame.commit.timeMs = 1'700'000'000'000;
+    const Bytes direct = encodeFrame(frame);
+    CommitFrame ahead = frame;
+    ahead.commit.revision = 77;
+    ahead.commit.epoch = 0;
+    ahead.commit.timeMs = 0;
+    ahead.commit.previous = {};
+    Bytes stamped = encodeUnstamped(ahead);
+    EXPECT_NE(stamped, direct);
+    stampCommit(stamped, frame.commit);
+    EXPECT_EQ(stamped, direct);
+
+    Bytes unprepared = encodeFrame(ahead);
+    EXPECT_THROW(stampCommit(unprepared, frame.commit), std::logic_error);
+}
+
 TEST(Frame, CH1TheChainHashCoversTheFrameAndTheHashBefore) {
     const Bytes bytes = encodeFrame(CommitFrame{sampleCommit()});
     const Hash hash = chainHash({}, withoutLength(bytes));

@@ -139,7 +139,9 @@ public:
     void load(bool imported = false) {
         const LayerId layer = host.loading.front();
         host.loading.pop_front();
-        project->layerLoaded(layer, LoadedLayer{sample(), imported});
+        LoadedLayer loaded{sample()};
+        if (imported) loaded.import = *makeImport(layer, loaded.doc);
+        project->layerLoaded(layer, std::move(loaded));
     }
     static LayerDoc sample() {
         LayerDoc doc;

@@ -183,7 +183,7 @@ TEST(ProjectSaves, WhatCannotBeSavedIsNamed) {
     world.join(1);
     world.receive(1, ControlMessage(SaveLayers{9, {{"a.usda"}, {"b.usda"}, {"x.usda"}}}));
     world.project->layerLoaded({"a.usda"}, fail(ErrorCode::LayerUnreadable, "parse error"));
-    world.project->layerLoaded({"b.usda"}, LoadedLayer{World::sample(), false});
+    world.project->layerLoaded({"b.usda"}, LoadedLayer{World::sample()});
     ASSERT_EQ(world.host.saves.size(), 1u);
     EXPECT_EQ(world.host.saves[0].jobs.size(), 1u);
     world.project->layersSaved(1, 9, {0, 0, {{"b.usda"}}, {}});

@@ -73,7 +73,7 @@ TEST_F(ProjectTransactions, M3AlsoAfterARestart) {
     world.restart();
     world.join(2);
     world.submit(2, 1, {set("/A.x", 7)});
-    world.project->layerLoaded({"a.usda"}, LoadedLayer{doc, false});
+    world.project->layerLoaded({"a.usda"}, LoadedLayer{doc});
     world.store();
     EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.edits.at(0).address.path, "/B/C.x");
 }
@@ -87,7 +87,7 @@ TEST_F(ProjectTransactions, M3ACreationIsLookedUpInTheStoreAfterARestart) {
     world.restart();
     world.join(1);
     world.submit(1, 2, {inCreated(1, 1, "/E", CreateSpec{SpecKind::Prim})});
-    world.project->layerLoaded({"a.usda"}, LoadedLayer{doc, false});
+    world.project->layerLoaded({"a.usda"}, LoadedLayer{doc});
     EXPECT_TRUE(world.host.appending.empty());
     world.answerRead();
     world.store();
@@ -297,7 +297,7 @@ TEST_F(ProjectTransactions, ADroppedCreationCountsInTheNumbersOfTheOthers) {
     world.submit(1, 2,
                  {inCreated(1, 3, "/G", CreateSpec{SpecKind::Prim}),
                   inCreated(1, 0, "/G", CreateSpec{SpecKind::Prim})});
-    world.project->layerLoaded({"a.usda"}, LoadedLayer{doc, false});
+    world.project->layerLoaded({"a.usda"}, LoadedLayer{doc});
     world.answerRead();
     world.store();
     const auto commit = world.nextFrame<CommitFrame>(1).commit;

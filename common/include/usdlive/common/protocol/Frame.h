@@ -80,6 +80,12 @@ using Frame = std::variant<ControlFrame, SubmitFrame, CommitFrame, RefusalFrame,
 /// message is one or more of them.
 [[nodiscard]] Bytes encodeFrame(const Frame& frame);
 
+/// A commit's frame before its turn in the history has come, and its turn: stampCommit() writes the
+/// revision, epoch, time and previous hash of `place` over what there is. A large commit is thus
+/// encoded beside the thread that orders.
+[[nodiscard]] Bytes encodeUnstamped(CommitFrame frame);
+void stampCommit(Bytes& frame, const Commit& place);
+
 /// Verifies everything it hands out (FlatBuffers, then enums, names of layers and fields, values;
 /// paths are left to who uses them). Errors: MalformedFrame, UnknownFrame, InvalidLayerName,
 /// InvalidValue; nothing is allocated that the bytes do not pay for.

@@ -76,6 +76,7 @@ private:
     void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override;
     std::vector<LayerId> unsavedLayers() override;
     std::optional<Revision> committed(const TransactionId& transaction) override;
+    std::uint64_t lastSequence(const ClientId& client) override;
     std::int64_t wallClockMs() override { return clock_(); }
 
     // What workers do.

@@ -62,14 +62,26 @@ public:
                             std::vector<SaveJob> jobs) = 0;
     /// Layers whose stored state is newer than their file (CommitStore::unsavedLayers).
     [[nodiscard]] virtual std::vector<LayerId> unsavedLayers() { return {}; }
-    /// M9; from the store, cheap.
+    /// M9; from the store.
     [[nodiscard]] virtual std::optional<Revision> committed(const TransactionId& transaction) = 0;
+    /// No transaction of the client with a higher number is in the store. Asked once for each
+    /// author who comes.
+    [[nodiscard]] virtual std::uint64_t lastSequence(const ClientId&) { return ~std::uint64_t(0); }
     [[nodiscard]] virtual std::int64_t wallClockMs() = 0;
 };
 
+/// The commit that brings a whole layer in from its file, but for its place in the history.
+struct LayerImport {
+    Bytes frame;  ///< encodeFrame() of a CommitFrame; stampCommit() says where it stands
+    std::vector<StateChange> changes;
+    std::size_t edits = 0;
+};
+/// Any thread; takes time. LayerUnreadable: larger than one commit can be.
+[[nodiscard]] Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc);
+
 struct LoadedLayer {
     LayerDoc doc;
-    bool imported = false;  ///< it came from its file: a commit has to be made of it
+    std::optional<LayerImport> import = std::nullopt;  ///< it came from its file
 };
 
 /// Counts for /metrics, all since the start.
