@@ -16,6 +16,16 @@ public:
     bool failed = false;       ///< append() fails with StorageFailed until the store is opened anew
     const std::unique_ptr<server::BlobStore> blobs = server::createMemoryBlobStore();
 
+    SimDisk() = default;
+    /// Another disk with the same commits; without the big values.
+    SimDisk(const SimDisk& other)
+        : full(other.full),
+          reportsSpace(other.reportsSpace),
+          failed(other.failed),
+          commits_(other.commits_) {
+        writeAnew(other.store_->head().epoch);
+    }
+
     /// A new process takes the project over.
     void open() {
         failed = false;
@@ -33,15 +43,18 @@ public:
 
     /// Forgets the newest commits, as a disk that lied would. To be opened then.
     void rollBack(Revision to) {
-        const Epoch epoch = store_->head().epoch;
         commits_.resize(std::min<std::size_t>(commits_.size(), to));
+        writeAnew(store_->head().epoch);
+    }
+
+private:
+    void writeAnew(Epoch epoch) {
         disk_ = server::createMemoryDisk();
         store_ = server::createMemoryCommitStore(disk_);
         (void)store_->append(commits_);
         while (store_->head().epoch < epoch) store_ = server::createMemoryCommitStore(disk_);
     }
 
-private:
     std::shared_ptr<server::MemoryDisk> disk_ = server::createMemoryDisk();
     std::unique_ptr<server::CommitStore> store_ = server::createMemoryCommitStore(disk_);
     std::vector<server::CommitRecord> commits_;

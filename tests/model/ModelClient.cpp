@@ -1,0 +1,229 @@
+#include "ModelClient.h"
+
+#include "SessionImpl.h"
+#include "simulation/SimClock.h"
+
+namespace usdlive::model {
+
+using namespace client;
+using simulation::require;
+
+static void digest(Digest& out, const AuthoredEdit& part) {
+    const auto& [layer, path, action] = part;
+    out(layer, path, action);
+}
+static void digest(Digest& out, const Touched& part) {
+    const auto& [layer, path] = part;
+    out(layer, path);
+}
+static void digest(Digest& out, const Prognosis& part) {
+    const auto& [touched, fieldsAt, complete, refused] = part;
+    out(touched, fieldsAt, complete, refused);
+}
+static void digest(Digest& out, const Pending& part) {
+    const auto& [transaction, authored, prognosis, blobs, sent, sentBytes, reseal, attempts,
+                 carried] = part;
+    out(transaction, authored, prognosis, blobs, sent, sent ? sentBytes : std::size_t(0), reseal,
+        attempts, carried);
+}
+static void digest(Digest& out, const Prediction::Move& part) {
+    const auto& [layer, from, to] = part;
+    out(layer, from, to);
+}
+static void digest(Digest& out, const Prediction::LayerNotes& part) {
+    const auto& [created, fields, structural] = part;
+    out(created, fields, structural);
+}
+static void digest(Digest& out, const Prediction& part) {
+    out(part.docs_, part.creations_, part.moves_, part.notes_, part.confirmedNames_,
+        part.revision_);
+}
+static void digest(Digest& out, const Session::Impl::Incoming& part) {
+    const auto& [request, opened, decoder, whole] = part;
+    // What a snapshot holds follows from its revision.
+    out(request, opened ? encodeControl(*opened) : "",
+        decoder ? decoder->specs() : std::uint64_t(0), whole);
+}
+static void digest(Digest& out, const Session::Impl::Joining& part) {
+    const auto& [snapshot, later, again] = part;
+    out(snapshot, later, again);
+}
+static void digest(Digest& out, const Session::Impl::OpenedLayer& part) {
+    const auto& [wanted, joining] = part;
+    out(wanted, joining);
+}
+static void digest(Digest& out, const Session::Impl::Frozen& part) { out(part.views); }
+static void digest(Digest& out, const Session::Impl::Received& part) {
+    out(Bytes(part.frame.begin(), part.frame.end()));
+}
+
+// Left out: what the model does not use (gestures and previews, big values, peeks, logs, saves),
+// the events, which are taken at once, and of the welcome what is the same in all of them.
+static void digest(Digest& out, const Session::Impl& part) {
+    out(part.welcome_.has_value(), part.welcome_ ? part.welcome_->revision : Revision(0),
+        part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
+        part.linked_, part.inbox_, part.lastRequest_, part.resealWhenCaughtUp_, part.hasHistory_,
+        part.epoch_, part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_,
+        part.layers_, part.frozen_, part.prediction_, part.dirty_, part.resets_);
+}
+
+ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages& messages)
+    : scenario_(scenario),
+      number_(number),
+      messages_(messages),
+      session_({.client = {number == 0 ? "ada" : "bob"},
+                .user = {number == 0 ? "ada" : "bob"},
+                .application = "model",
+                .clockMs = [] { return 0.0; },
+                .checksPrediction = true},
+               *this, *this) {
+    session_.openLayer(kLayer);
+}
+
+std::vector<Output> ModelClient::apply(Input input) {
+    switch (input.kind) {
+        case Input::Connect:
+            session_.connected();
+            break;
+        case Input::Disconnect:
+            session_.disconnected({ErrorCode::NotConnected, "the line is cut"});
+            break;
+        case Input::Receive:
+            require(session_.received(messages_[input.argument]).has_value(),
+                    "a message does not split");
+            break;
+        case Input::Write:
+            write();
+            break;
+        case Input::Toggle:
+            toggle();
+            break;
+        default:
+            break;
+    }
+    if (input.kind == Input::Tick || !scenario_.ownTicks) tick();
+    checkEditor();
+    return std::exchange(outputs_, {});
+}
+
+void ModelClient::digest(Digest& out) const {
+    out(editor_, wanted_, written_, authored_, lost_, told_);
+    out(*session_.impl_);
+}
+
+ModelClient::Summary ModelClient::summary() const {
+    const LayerDoc* confirmed = session_.confirmed(kLayer);
+    return {.online = session_.isConnected(),
+            .joined = session_.isJoined(kLayer),
+            .wanted = wanted_,
+            .hasHistory = session_.impl_->hasHistory_,
+            .settled = session_.pendingTransactions() == 0 &&
+                       (!wanted_ || (confirmed && *confirmed == editor_)),
+            .revision = session_.revision(),
+            .hash = session_.impl_->hash_,
+            .confirmed = confirmed ? sha256(asBytes(confirmed->dump())) : Hash{},
+            .written = written_,
+            .authored = authored_,
+            .pending = pending(),
+            .lost = lost_};
+}
+
+Labels ModelClient::pending() const {
+    Labels labels = 0;
+    for (const Pending& pending : session_.impl_->pending_)
+        for (const AuthoredEdit& edit : pending.authored)
+            if (const auto label = labelOf(edit.action)) labels |= 1u << *label;
+    return labels;
+}
+
+// ---- what the editor does
+
+void ModelClient::write() {
+    const auto& script = scenario_.scripts[number_];
+    if (written_ == script.size() || !session_.isJoined(kLayer) ||
+        session_.impl_->resets_.contains(kLayer))
+        return;
+    auto edits = script[written_](editor_, Label(number_ * 16 + written_));
+    if (edits.empty()) return;
+    ++written_;
+    for (const AuthoredEdit& edit : edits) {
+        require(editor_.apply(edit.path, edit.action).has_value(), "the script does not apply");
+        if (const auto label = labelOf(edit.action)) authored_ |= 1u << *label;
+    }
+    session_.author(std::move(edits));
+}
+
+void ModelClient::toggle() {
+    wanted_ = !wanted_;
+    if (wanted_)
+        session_.openLayer(kLayer);
+    else
+        session_.closeLayer(kLayer);
+}
+
+void ModelClient::tick() {
+    session_.advance(1e9, 0);
+    for (const Event& event : session_.takeEvents())
+        std::visit([this](const auto& one) { on(one); }, event);
+}
+
+// ---- what it is told
+
+void ModelClient::send(SharedBytes frames) {
+    outputs_.push_back({.message = messages_.number(frames)});
+}
+
+void ModelClient::reset(const LayerId&, const LayerDoc& doc) {
+    require(wanted_, "a layer is shown that is closed");
+    editor_ = doc;
+}
+
+void ModelClient::apply(const LayerId&, const std::string& path, const EditAction& action) {
+    const auto applied = editor_.apply(path, action);
+    require(applied.has_value(), "an edit does not apply to what the editor shows");
+}
+
+void ModelClient::on(const event::Lost& event) {
+    require(!event.work.edits.empty(), "work was lost and it is not said which");
+    if (scenario_.flaw == Flaw::Hides) return;
+    for (const AuthoredEdit& edit : event.work.edits) {
+        const auto label = labelOf(edit.action);
+        if (!label) continue;
+        require(!(lost_ & 1u << *label), "work is lost twice");
+        lost_ |= 1u << *label;
+    }
+}
+
+void ModelClient::on(const event::Committed& event) {
+    require(told_ == 0 || event.commit.revision == told_ + 1, "the commits told have a gap");
+    told_ = event.commit.revision;
+}
+
+void ModelClient::on(const event::Connected& event) {
+    if (!event.resumed) told_ = event.welcome.revision;
+}
+
+void ModelClient::on(const event::ServerError& event) {
+    require(!event.message.closing,
+            "the session ends: " + event.message.code + " " + event.message.message);
+    require(event.message.message.find("diverged and is fetched") == std::string::npos,
+            event.message.message);
+}
+
+// The editor asks again.
+void ModelClient::on(const event::JoinFailed&) { session_.openLayer(kLayer); }
+
+// ---- what has to hold in each state of its own
+
+// M7, M6: what is shown is what the session says, and without work of one's own that is what is
+// confirmed.
+void ModelClient::checkEditor() const {
+    const LayerDoc* view = session_.view(kLayer);
+    if (!view || (scenario_.ownTicks && session_.impl_->resets_.contains(kLayer))) return;
+    require(*view == editor_, "the editor shows another layer than the session's view");
+    const LayerDoc* confirmed = session_.confirmed(kLayer);
+    if (confirmed && session_.pendingTransactions() == 0 && !session_.impl_->dirty_)
+        require(*confirmed == *view, "nothing is pending, and the view is not what is confirmed");
+}
+
+}  // namespace usdlive::model

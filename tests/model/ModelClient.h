@@ -1,0 +1,64 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "Explored.h"
+#include "Scenario.h"
+
+namespace usdlive::model {
+
+/// The real Session with an editor around it that has one layer, which is a LayerDoc.
+class ModelClient : public client::SessionHost, public client::LayerView {
+public:
+    /// What the rules about several machines need to know of a state.
+    struct Summary {
+        bool online = false, joined = false, wanted = false, hasHistory = false;
+        bool settled = false;  ///< nothing pending, and the editor shows what is confirmed
+        Revision revision = 0;
+        Hash hash;       ///< of the commit `revision`
+        Hash confirmed;  ///< of the layer's content, when joined
+        std::size_t written = 0;
+        Labels authored = 0, pending = 0, lost = 0;
+    };
+
+    ModelClient(const Scenario& scenario, std::size_t number, Messages& messages);
+
+    std::vector<Output> apply(Input input);
+    void digest(Digest& out) const;
+    [[nodiscard]] Summary summary() const;
+
+private:
+    // SessionHost, LayerView
+    void send(SharedBytes frames) override;
+    SharedBytes localBlob(const Hash&) override { return nullptr; }
+    void blobArrived(const Hash&, SharedBytes) override {}
+    void reset(const LayerId& layer, const LayerDoc& doc) override;
+    void apply(const LayerId& layer, const std::string& path, const EditAction& action) override;
+
+    void write();
+    void toggle();
+    void tick();
+    void on(const client::event::Lost& event);
+    void on(const client::event::Committed& event);
+    void on(const client::event::Connected& event);
+    void on(const client::event::ServerError& event);
+    void on(const client::event::JoinFailed& event);
+    void on(const auto&) {}
+    void checkEditor() const;
+    [[nodiscard]] Labels pending() const;
+
+    const Scenario& scenario_;
+    const std::size_t number_;
+    Messages& messages_;
+    std::vector<Output> outputs_;
+
+    LayerDoc editor_;
+    bool wanted_ = true;  // the layer is open
+    std::size_t written_ = 0;
+    Labels authored_ = 0, lost_ = 0;
+    Revision told_ = 0;  // the last commit the editor heard of
+    client::Session session_;
+};
+
+}  // namespace usdlive::model

@@ -1,0 +1,314 @@
+#include "ModelServer.h"
+
+#include "ProjectImpl.h"
+#include "simulation/SimClock.h"
+#include "usdlive/common/protocol/Snapshot.h"
+
+namespace usdlive::model {
+
+using namespace server;
+using simulation::require;
+
+static void digest(Digest& out, const CheckingResume& part) {
+    const auto& [hello, waiting, waitingBytes] = part;
+    out(encodeControl(hello), waiting, waitingBytes);
+}
+static void digest(Digest& out, const SendingLog& part) {
+    const auto& [request, next, to] = part;
+    out(request, next, to);
+}
+static void digest(Digest& out, const RequestLog& part) { out(encodeControl(part)); }
+static void digest(Digest& out, const OpenLayer& part) { out(encodeControl(part)); }
+static void digest(Digest& out, const Read& part) {
+    const auto& [purpose, from, to, sequence] = part;
+    out(purpose, from, to, sequence);
+}
+static void digest(Digest& out, const QueuedTransaction& part) {
+    const auto& [transaction, bytes, lookedUp] = part;
+    out(transaction, bytes, lookedUp);
+}
+static void digest(Digest& out, const Answer& part) {
+    const auto& [after, frame, repeats, closing] = part;
+    out(after, frame, repeats, closing);
+}
+static void digest(Digest& out, const LayersSaved::Failure& part) { out(part.layer, part.code); }
+static void digest(Digest& out, const Session& part) {
+    const auto& [id, phase, client, user, greetedAt, position, stream, logs, reads, transactions,
+                 transactionBytes, answers, historyReads, failedSaves] = part;
+    out(id, phase, client, user, greetedAt, position, stream, logs, reads, transactions,
+        transactionBytes, answers, historyReads, failedSaves);
+}
+static void digest(Digest& out, const Author& part) {
+    const auto& [creations, inFlight, newest] = part;
+    out(creations, inFlight, newest);
+}
+static void digest(Digest& out, const WaitingOpen& part) {
+    const auto& [session, request] = part;
+    out(session, request);
+}
+static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
+static void digest(Digest& out, const LayerEntry& part) {
+    const auto& [state, opens, changed, saved] = part;
+    out(state, opens, changed, saved);
+}
+static void digest(Digest& out, const ReadyOpen& part) {
+    const auto& [open, layer, doc, revision] = part;
+    out(open, layer, doc, revision);
+}
+static void digest(Digest& out, const InFlightCommit& part) {
+    const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, layers, imported,
+                 mark] = part;
+    out(revision, hash, id, session, gesture, layers, imported, mark);  // the others follow
+}
+static void digest(Digest& out, const NamespaceHistory& part) {
+    out(part.log_, part.revisions_, part.end_);
+}
+static void digest(Digest& out, const RecentCommits& part) {
+    // From its oldest on they are those of the log.
+    out(part.entries_.size(), part.entries_.empty() ? Revision(0) : part.entries_.front().revision);
+}
+
+// Left out: counters, and what the model does not use (previews, saves).
+static void digest(Digest& out, const Project::Impl& part) {
+    out(part.epoch_, part.sessions_, part.authors_, part.docs_, part.layers_, part.history_,
+        part.executed_, part.executedHash_, part.inFlight_, part.storeFailed_, part.durable_,
+        part.durableHash_, part.recent_, part.readyOpens_);
+}
+
+void digest(Digest& out, const ModelServer::ReadCommits& part) {
+    out(part.session, part.from, part.to);
+}
+void digest(Digest& out, const ModelServer::SendSnapshot& part) {
+    out(part.session, part.request, part.doc);
+}
+
+// ---- what is durable
+
+const History& Archive::of(const CommitStore& store) {
+    const Hash newest = store.head().hash;
+    if (const auto known = histories_.find(newest); known != histories_.end()) return known->second;
+    History history;
+    LayerDocs docs{{kLayer, {}}};
+    NamespaceLog log;
+    Labels labels = 0;
+    std::set<TransactionId> seen;
+    const auto note = [&](const Hash& hash) {
+        history.hashes.push_back(hash);
+        history.contents.push_back(sha256(asBytes(docs.at(kLayer).dump())));
+        history.committed.push_back(labels);
+    };
+    note({});
+    (void)store.read(1, store.head().revision, [&](const StoredCommit& stored) {
+        const auto frame = decodeFrame(splitMessage(*stored.frame)->front());
+        const Commit& commit = std::get<CommitFrame>(*frame).commit;
+        require(applyCommit(docs, log, commit).has_value(), "a stored commit does not apply");
+        require(commit.imported || seen.insert(commit.id).second,
+                "a transaction is committed twice (M9)");
+        for (const Edit& edit : commit.edits) {
+            const auto label = commit.imported ? std::nullopt : labelOf(edit.action);
+            require(!label || !(labels & 1u << *label), "an edit is committed twice");
+            if (label) labels |= 1u << *label;
+        }
+        note(stored.hash);
+        return true;
+    });
+    return histories_.emplace(newest, std::move(history)).first->second;
+}
+
+// ---- the process
+
+/// Stands for whichever copy is at work.
+class ModelServer::Host : public ProjectHost {
+public:
+    ModelServer* now = nullptr;
+
+    void send(SessionId session, SharedBytes frames) override {
+        now->outputs_.push_back(
+            {std::uint8_t(session), false, now->messages_.number(std::move(frames))});
+    }
+    void close(SessionId session) override {
+        now->outputs_.push_back({std::uint8_t(session), true, 0});
+    }
+    void append(CommitRecord commit) override { now->appends_.push_back(std::move(commit)); }
+    void loadLayer(const LayerId&) override { now->jobs_.push_back(LoadLayer{}); }
+    void readCommits(SessionId session, Revision from, Revision to) override {
+        now->jobs_.push_back(ReadCommits{session, from, to});
+    }
+    void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override {
+        now->jobs_.push_back(SendSnapshot{session, request, std::move(doc)});
+    }
+    std::optional<Revision> committed(const TransactionId& transaction) override {
+        if (now->scenario_.flaw == Flaw::Forgets) return std::nullopt;
+        return *now->store().committed(transaction);
+    }
+    bool hasBlob(const Hash&) override { return false; }
+    bool hasSpace() override { return true; }
+    std::int64_t wallClockMs() override { return 0; }
+
+    void readHistory(SessionId, std::uint64_t, const LayerId&, Revision) override { notModelled(); }
+    void sendBlob(SessionId, const Hash&, std::uint64_t) override { notModelled(); }
+    void writeBlob(SessionId, BlobFrame) override { notModelled(); }
+    void saveLayers(SessionId, std::uint64_t, std::vector<SaveJob>) override { notModelled(); }
+
+private:
+    static void notModelled() { throw std::logic_error("no client of the model asks for this"); }
+};
+
+ModelServer::ModelServer(const Scenario& scenario, Messages& messages, Archive& archive)
+    : scenario_(scenario),
+      messages_(messages),
+      archive_(archive),
+      disk_(std::make_shared<simulation::SimDisk>()),
+      host_(std::make_shared<Host>()) {
+    start();
+}
+
+ModelServer::ModelServer(const ModelServer& other)
+    : scenario_(other.scenario_),
+      messages_(other.messages_),
+      archive_(other.archive_),
+      disk_(other.disk_),
+      appends_(other.appends_),
+      told_(other.told_),
+      jobs_(other.jobs_),
+      host_(other.host_),
+      project_(std::make_unique<Project::Impl>(*other.project_)) {}
+
+ModelServer::~ModelServer() = default;
+
+simulation::SimDisk& ModelServer::disk() {
+    if (disk_.use_count() > 1) disk_ = std::make_shared<simulation::SimDisk>(*disk_);
+    return *disk_;
+}
+
+void ModelServer::start() {
+    host_->now = this;
+    disk().open();
+    appends_.clear();
+    told_ = 0;
+    jobs_.clear();
+    Project::Options options;
+    options.name = "model";
+    if (scenario_.readsBack) options.recentCommitBytes = 0;
+    if (scenario_.forgetful) options.namespaceLogRevisions = 1;
+    const CommitStore::Head head = store().head();
+    project_ = std::make_unique<Project::Impl>(
+        options, *host_, head, std::vector{kLayer},
+        *store().namespaceChanges(Project::firstNamespaceRevision(options, head)));
+}
+
+std::vector<Output> ModelServer::apply(Input input) {
+    host_->now = this;
+    switch (input.kind) {
+        case Input::Connect:
+            project_->connected(input.session);
+            break;
+        case Input::Disconnect:
+            project_->disconnected(input.session);
+            break;
+        case Input::Receive:
+            project_->received(input.session, *messages_[input.argument]);
+            break;
+        case Input::Flush:
+            flush(input.argument);
+            break;
+        case Input::Answer:
+            answer(input.argument);
+            break;
+        case Input::Die:
+            write(input.argument);
+            start();
+            break;
+        case Input::DiskFull:
+            diskFails(&simulation::SimDisk::full);
+            disk().full = false;
+            break;
+        case Input::DiskFails:
+            diskFails(&simulation::SimDisk::failed);
+            jobs_.push_back(OpenStoreAnew{});
+            break;
+        case Input::RollBack:
+            disk().rollBack(store().head().revision - 1);
+            start();
+            break;
+        default:
+            throw std::logic_error("not for a server");
+    }
+    return std::exchange(outputs_, {});
+}
+
+void ModelServer::digest(Digest& out) const {
+    const CommitStore::Head head = store().head();
+    out(head.revision, head.hash, head.epoch, appends_.size(), told_, jobs_, *project_);
+}
+
+ModelServer::Summary ModelServer::summary() const {
+    const History& history = archive_.of(store());
+    const LayerDoc* loaded = project_->layer(kLayer);
+    return {&history, appends_.size() - told_, jobs_.size(),
+            !loaded || sha256(asBytes(loaded->dump())) == history.contents.back()};
+}
+
+// ---- the store
+
+void ModelServer::flush(std::size_t commits) {
+    const bool early = scenario_.flaw == Flaw::AcksEarly && store().head().revision > 0;
+    if (early) {
+        write(told_);
+        told_ = commits;
+        return project_->appended(appends_[told_ - 1].revision);
+    }
+    write(commits);
+    project_->appended(store().head().revision);
+}
+
+void ModelServer::write(std::size_t commits) {
+    if (commits == 0) return;
+    const auto end = appends_.begin() + std::ptrdiff_t(commits);
+    const std::vector<CommitRecord> group(appends_.begin(), end);
+    require(disk().append(group).has_value(), "the store does not take a commit");
+    appends_.erase(appends_.begin(), end);
+}
+
+void ModelServer::diskFails(bool simulation::SimDisk::* how) {
+    disk().*how = true;
+    const auto done = disk().append({{appends_.front()}});
+    appends_.clear();
+    project_->appendFailed(done.error(), store().head());
+}
+
+// ---- the host's jobs
+
+void ModelServer::answer(std::size_t index) {
+    const Job job = std::move(jobs_[index]);
+    jobs_.erase(jobs_.begin() + std::ptrdiff_t(index));
+    std::visit([this](const auto& one) { done(one); }, job);
+}
+
+void ModelServer::done(const LoadLayer&) {
+    const auto stored = store().loadLayer(kLayer);
+    project_->layerLoaded(
+        kLayer, *stored ? LoadedLayer{**stored, false} : LoadedLayer{startingLayer(), true});
+}
+
+void ModelServer::done(const ReadCommits& job) {
+    std::vector<StoredCommit> commits;
+    (void)store().read(job.from, job.to, [&](const StoredCommit& commit) {
+        commits.push_back(commit);
+        return true;
+    });
+    project_->commitsRead(job.session, std::move(commits));
+}
+
+void ModelServer::done(const SendSnapshot& job) {
+    SnapshotEncoder encoder(job.doc, job.request);
+    while (const auto frame = encoder.next())
+        host_->send(job.session, std::make_shared<const Bytes>(encodeFrame(*frame)));
+}
+
+void ModelServer::done(const OpenStoreAnew&) {
+    disk().open();
+    project_->appendFailed({ErrorCode::StorageFailed, "the disk had failed"}, store().head());
+}
+
+}  // namespace usdlive::model

@@ -1,0 +1,96 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "Explored.h"
+#include "Scenario.h"
+#include "simulation/SimDisk.h"
+#include "usdlive/server/project/Project.h"
+
+namespace usdlive::model {
+
+/// What a log amounts to, revision by revision (0 first).
+struct History {
+    std::vector<Hash> hashes;       ///< of the chain
+    std::vector<Hash> contents;     ///< of the layer
+    std::vector<Labels> committed;  ///< up to there
+};
+
+/// The histories of a search by their newest chain hash.
+class Archive {
+public:
+    const History& of(const server::CommitStore& store);
+
+private:
+    std::map<Hash, History> histories_;
+};
+
+/// The real Project, its disk, and a process around it that does what it is told one thing at a
+/// time. What the host was asked to append is volatile until Input::Flush. Copies are servers of
+/// their own.
+class ModelServer {
+public:
+    struct Summary {
+        const History* history = nullptr;  ///< what is durable
+        std::size_t unsaved = 0;           ///< commits that are not
+        std::size_t jobs = 0;              ///< the host's, not done yet
+        bool loadedIsStored = false;       ///< the project's layer, if loaded, is what is durable
+    };
+
+    ModelServer(const Scenario& scenario, Messages& messages, Archive& archive);
+    ModelServer(const ModelServer& other);
+    ~ModelServer();
+
+    std::vector<Output> apply(Input input);
+    void digest(Digest& out) const;
+    [[nodiscard]] Summary summary() const;
+
+private:
+    // What a project has asked its host for.
+    struct LoadLayer {};
+    struct ReadCommits {
+        server::SessionId session = 0;
+        Revision from = 0, to = 0;
+    };
+    struct SendSnapshot {
+        server::SessionId session = 0;
+        std::uint64_t request = 0;
+        LayerDoc doc;
+    };
+    struct OpenStoreAnew {};
+    using Job = std::variant<LoadLayer, ReadCommits, SendSnapshot, OpenStoreAnew>;
+    friend void digest(Digest& out, const ReadCommits& part);
+    friend void digest(Digest& out, const SendSnapshot& part);
+
+    class Host;
+
+    [[nodiscard]] const server::CommitStore& store() const { return disk_->store(); }
+    simulation::SimDisk& disk();
+    void start();
+    void flush(std::size_t commits);
+    void write(std::size_t commits);
+    void diskFails(bool simulation::SimDisk::* how);
+    void answer(std::size_t job);
+    void done(const LoadLayer&);
+    void done(const ReadCommits& job);
+    void done(const SendSnapshot& job);
+    void done(const OpenStoreAnew&);
+
+    const Scenario& scenario_;
+    Messages& messages_;
+    Archive& archive_;
+    std::vector<Output> outputs_;
+
+    std::shared_ptr<simulation::SimDisk> disk_;  // shared by copies until one of them changes it
+    std::deque<server::CommitRecord> appends_;
+    std::size_t told_ = 0;  // of them, before they are durable: Flaw::AcksEarly
+    std::vector<Job> jobs_;
+    std::shared_ptr<Host> host_;  // of all copies: a project keeps its host
+    std::unique_ptr<server::Project::Impl> project_;
+};
+
+}  // namespace usdlive::model
