@@ -39,8 +39,8 @@ static void digest(Digest& out, const Session& part) {
         transactionBytes, answers, historyReads, failedSaves);
 }
 static void digest(Digest& out, const Author& part) {
-    const auto& [creations, inFlight, newest] = part;
-    out(creations, inFlight, newest);
+    const auto& [creations, inFlight, newest, lastSequence] = part;
+    out(creations, inFlight, newest, lastSequence);
 }
 static void digest(Digest& out, const WaitingOpen& part) {
     const auto& [session, request] = part;
@@ -140,6 +140,9 @@ public:
     std::optional<Revision> committed(const TransactionId& transaction) override {
         if (now->scenario_.flaw == Flaw::Forgets) return std::nullopt;
         return *now->store().committed(transaction);
+    }
+    std::uint64_t lastSequence(const ClientId& client) override {
+        return *now->store().lastSequence(client);
     }
     bool hasBlob(const Hash&) override { return false; }
     bool hasSpace() override { return true; }
@@ -288,7 +291,8 @@ void ModelServer::answer(std::size_t index) {
 void ModelServer::done(const LoadLayer&) {
     const auto stored = store().loadLayer(kLayer);
     project_->layerLoaded(
-        kLayer, *stored ? LoadedLayer{**stored, false} : LoadedLayer{startingLayer(), true});
+        kLayer, *stored ? LoadedLayer{**stored}
+                        : LoadedLayer{startingLayer(), *makeImport(kLayer, startingLayer())});
 }
 
 void ModelServer::done(const ReadCommits& job) {
