@@ -116,7 +116,7 @@ std::vector<Bytes> fuzz::seeds() {
             bytes += char(content[at] ^ (at % 4 + 1));
         return bytes;
     };
-    const std::string message("\x04\0\0\0USDL", 8);
+    const std::string message("\x10\0\0\0sixteen of bytes", 20);
     std::vector<Bytes> all;
     for (const std::string& input :
          {std::string("GET /healthz HTTP/1.1\r\n\r\n"), std::string("POST /live HTTP/1.1\r\n\r\n"),
