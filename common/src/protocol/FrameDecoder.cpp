@@ -401,9 +401,20 @@ const wire::Frame* verified(ByteView frame) {
     return wire::VerifyFrameBuffer(verifier) ? wire::GetFrame(frame.data()) : nullptr;
 }
 
+/// The frame where FlatBuffers can read it: numbers want addresses that are multiples of four, and
+/// a frame stands where the one before it ends. Ours have such lengths, so only others are copied.
+ByteView aligned(ByteView frame, Bytes& copy) {
+    if (reinterpret_cast<std::uintptr_t>(frame.data()) % sizeof(flatbuffers::uoffset_t) == 0)
+        return frame;
+    copy.assign(frame.begin(), frame.end());
+    return copy;
+}
+
 }  // namespace
 
-Result<Frame> decodeFrame(ByteView frame) {
+Result<Frame> decodeFrame(ByteView bytes) {
+    Bytes copy;
+    const ByteView frame = aligned(bytes, copy);
     const wire::Frame* root = verified(frame);
     if (!root) return fail(ErrorCode::MalformedFrame, "a frame failed verification");
     try {
@@ -414,7 +425,8 @@ Result<Frame> decodeFrame(ByteView frame) {
 }
 
 Result<std::optional<Bytes>> importStub(ByteView encodedCommit, const Hash& hash) {
-    const wire::Frame* root = verified(encodedCommit);
+    Bytes copy;
+    const wire::Frame* root = verified(aligned(encodedCommit, copy));
     const wire::Commit* commit = root ? root->body_as_Commit() : nullptr;
     if (!commit || commit->previous()->size() != sizeof(Hash))
         return fail(ErrorCode::MalformedFrame, "a stored commit failed verification");

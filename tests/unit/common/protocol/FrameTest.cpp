@@ -109,6 +109,15 @@ TEST(Frame, AMessageIsSplitIntoItsFrames) {
     EXPECT_TRUE(decodeFrame((*frames)[1]));
 }
 
+TEST(Frame, AFrameMayStandAnywhereInMemory) {
+    const Bytes frame = encodeFrame(CommitFrame{sampleCommit()});
+    for (std::size_t before = 0; before < 8; ++before) {
+        Bytes memory(before);
+        appendBytes(memory, withoutLength(frame));
+        EXPECT_TRUE(decodeFrame(ByteView(memory).subspan(before)));
+    }
+}
+
 TEST(Frame, MessagesThatAreNoneAreRefused) {
     const auto code = [](const Bytes& message, std::size_t limit = 100) {
         return splitMessage(message, limit).error().code;
