@@ -11,6 +11,7 @@ import urllib.request
 
 import pytest
 from conftest import cat
+from wire import Peer, control
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -92,6 +93,39 @@ def test_names_that_lead_out_are_refused(name, project, serve, tmp_path):
             live.open_layer(name)
         if isinstance(refused.value, usdlive.Error):
             assert refused.value.code in ("invalidLayerName", "layerNotFound")
+
+
+LEADING_OUT = ["../secret.usda", "%2e%2e/secret.usda", "/etc/passwd.usda", "link/secret.usda",
+               "a\\..\\secret.usda", "nul\x00.usda", "CON.usda", "http://127.0.0.1/a.usda",
+               "file:///etc/passwd.usda", "//host/share.usda", "\uff0e\uff0e/secret.usda",
+               "root.usda:SDF_FORMAT_ARGS:a=b.usda"]
+
+
+def test_f5_names_that_lead_out_are_refused_by_the_server_itself(project, serve, tmp_path):
+    (tmp_path / "secret.usda").write_text('#usda 1.0\ndef "Secret" {}\n')
+    (project / "root.usda").write_text(ROOT)
+    (project / "link").symlink_to(tmp_path)
+    server = serve(project)
+    for name in LEADING_OUT:
+        with Peer(server.url) as peer:
+            peer.send(control("openLayer", request=1, layer=name, revision=0))
+            assert peer.expect_error()["code"] in ("invalidLayerName", "layerNotFound"), name
+    assert cat(server, "root.usda") == ROOT
+
+
+def test_f5_the_server_fetches_nothing_that_a_layer_names(project, serve):
+    with socket.socket() as elsewhere:
+        elsewhere.bind(("127.0.0.1", 0))
+        elsewhere.listen()
+        elsewhere.settimeout(1)
+        url = f"http://127.0.0.1:{elsewhere.getsockname()[1]}/a.usda"
+        text = (f'#usda 1.0\n(\n    subLayers = [\n        @{url}@\n    ]\n)\n\n'
+                f'def "World" (\n    prepend references = @{url}@\n)\n{{\n    asset map = @{url}@\n}}\n\n')
+        (project / "root.usda").write_text(text)
+        server = serve(project)
+        assert cat(server, "root.usda").count(url) == 3
+        with pytest.raises(TimeoutError):
+            elsewhere.accept()
 
 
 def test_a_layer_that_does_not_parse_leaves_the_others_served(project, serve):

@@ -242,6 +242,13 @@ class Peer:
             if seen == "errorMessage" and members["closing"]:
                 raise Broken(f"{members['code']}: {members['message']}")
 
+    def expect_error(self, timeout=10):
+        """The next errorMessage, whether it closes or not."""
+        while True:
+            seen, members = self.frame(timeout)
+            if seen == "errorMessage":
+                return members
+
     def log(self, first=1, last=0):
         """Commits as they are stored, verified as a chain."""
         self.send(control("requestLog", request=1, **{"from": first, "to": last}))

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
 
 namespace usdlive {
@@ -12,11 +13,6 @@ namespace usdlive {
 namespace {
 
 using Samples = std::vector<std::pair<double, Value>>;
-
-template <class... F>
-struct Overloaded : F... {
-    using F::operator()...;
-};
 
 tl::unexpected<Error> misfit(const std::string& field, const char* problem) {
     return fail(ErrorCode::InvalidEdit, "the edit of the field " + quoted(field) + " " + problem);

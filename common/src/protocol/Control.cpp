@@ -165,7 +165,7 @@ public:
     template <class T>
     void operator()(const char* name, std::optional<T>& value) {
         const auto member = object_.find(name);
-        if (member != object_.end() && !member->is_null()) read(name, *member, value.emplace());
+        if (member != object_.end() && !member->is_null()) read(name, *member, value.emplace(T{}));
     }
 
 private:

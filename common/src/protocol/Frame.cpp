@@ -32,8 +32,10 @@ Result<std::vector<ByteView>> splitMessage(ByteView message, std::size_t maxFram
                         "a frame of " + std::to_string(length) + " bytes; at most " +
                             std::to_string(maxFrameBytes) + " are accepted");
         const ByteView frame = reader.take(length);
-        if (reader.failed() || frame.empty())
+        if (reader.failed())
             return fail(ErrorCode::MalformedFrame, "a message ends within a frame");
+        if (frame.size() < kMinFrameBytes)
+            return fail(ErrorCode::MalformedFrame, "a message holds what is too small for a frame");
         frames.push_back(frame);
     }
     if (frames.empty()) return fail(ErrorCode::MalformedFrame, "a message holds no frame");

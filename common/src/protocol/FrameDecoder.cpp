@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/protocol/Frame.h"
@@ -46,7 +47,7 @@ bool isSpecKind(std::uint8_t kind) {
 class FrameDecoder {
 public:
     explicit FrameDecoder(std::size_t frameBytes)
-        : textBudget_(10 * frameBytes + 16 * 1024 * 1024), maxEdits_(frameBytes / 32) {}
+        : budget_(8 * frameBytes + 16 * 1024 * 1024), maxEdits_(frameBytes / 32) {}
 
     Frame decode(const wire::Frame& frame) {
         switch (frame.body_type()) {
@@ -74,10 +75,12 @@ public:
 private:
     // What our encoder writes stays below the budget even if every edit repeats a long name.
     static constexpr std::size_t kCountedLayerBytes = 256;
+    // About what the decoded takes beside the bytes of its texts; entries of a composite are small.
+    static constexpr std::size_t kEditBytes = 256, kTextBytes = 32, kCompositeFactor = 6;
 
-    void spend(std::size_t bytes) {
-        require(bytes <= textBudget_, "a frame refers to the same texts or values too often");
-        textBudget_ -= bytes;
+    void spend(std::size_t bytes, std::size_t times = 1) {
+        require(bytes <= budget_ / times, "a frame refers to the same things too often");
+        budget_ -= bytes * times;
     }
     std::string_view view(const Text* text) {
         const std::string_view view(text->c_str(), text->size());
@@ -87,13 +90,9 @@ private:
     }
     std::string text(const Text* text) { return std::string(view(text)); }
     std::string optionalText(const Text* text) { return text ? this->text(text) : std::string(); }
-    ByteView bytes(const ByteVector* bytes) {
-        spend(bytes->size());
-        return {bytes->data(), bytes->size()};
-    }
     Bytes copy(const ByteVector* bytes) {
-        const ByteView view = this->bytes(bytes);
-        return {view.begin(), view.end()};
+        spend(bytes->size());
+        return {bytes->begin(), bytes->end()};
     }
     Hash hash(const ByteVector* bytes) {
         Hash hash;
@@ -102,7 +101,10 @@ private:
         return hash;
     }
     FieldValue content(const ByteVector* bytes) {
-        auto value = decodeFieldValue(this->bytes(bytes));
+        const ByteView view(bytes->data(), bytes->size());
+        const bool isLeaf = isLeafType(ValueType(ByteReader(view).u16()));
+        spend(view.size(), isLeaf ? 1 : kCompositeFactor);
+        auto value = decodeFieldValue(view);
         if (!value) throw Stop{value.error()};
         return std::move(*value);
     }
@@ -127,6 +129,7 @@ private:
     }
     void layers(const TableVector<Text>* names) {
         if (!names) return;
+        spend(names->size(), kTextBytes);
         layers_.reserve(names->size());
         for (const Text* name : *names) layers_.push_back(layerId(name));
     }
@@ -166,6 +169,7 @@ private:
     DictionaryKey dictionaryKey(const wire::DictionaryKey& key) {
         require(key.path()->size() >= 1 && key.path()->size() <= std::size_t(kMaxNesting),
                 "a dictionary key has no or too many parts");
+        spend(key.path()->size(), kTextBytes);
         DictionaryKey result;
         for (const Text* name : *key.path()) result.path.push_back(text(name));
         return result;
@@ -236,6 +240,7 @@ private:
         std::vector<Edit> result;
         if (!edits) return result;
         require(edits->size() <= maxEdits_, "a frame refers to the same edit too often");
+        spend(edits->size(), kEditBytes);
         result.reserve(edits->size());
         for (const wire::Edit* one : *edits) result.push_back(edit(*one));
         return result;
@@ -265,6 +270,7 @@ private:
         result.edits = edits(commit.edits());
         if (commit.dropped()) {
             require(commit.dropped()->size() <= maxEdits_, "too many dropped edits");
+            spend(commit.dropped()->size(), kEditBytes);
             for (const wire::Dropped* dropped : *commit.dropped())
                 result.dropped.push_back(
                     {dropped->index(), errorCode(dropped->reason()), edit(*dropped->edit())});
@@ -295,14 +301,98 @@ private:
                          copy(blob.data())};
     }
 
-    std::size_t textBudget_;
+    std::size_t budget_;
     std::size_t maxEdits_;
     std::vector<LayerId> layers_;
 };
 
+/// Whether a frame that is not verified yet has no more parts of dictionary keys than there is room
+/// for, each counted as often as referred to. The verifier looks at every one of them, and a
+/// thousand edits that share a key of a million parts would cost it a minute. What is damaged
+/// counts nothing: it is the verifier's affair.
+class KeyCounter {
+public:
+    explicit KeyCounter(ByteView frame)
+        : frame_(frame),
+          verifier_(frame.data(), frame.size(), unlimited()),
+          left_(frame.size() / sizeof(flatbuffers::uoffset_t)) {}
+
+    bool areFew() {
+        if (verifier_.VerifyOffset(0) == 0) return true;
+        const Table* frame = flatbuffers::GetRoot<Table>(frame_.data());
+        const Table* body = below(frame, wire::Frame::VT_BODY);
+        switch (wire::Body(kind(frame, wire::Frame::VT_BODY_TYPE))) {
+            case wire::Body::Submit:
+                return edits(below(body, wire::Submit::VT_EDITS));
+            case wire::Body::Preview:
+                return edits(below(body, wire::Preview::VT_EDITS));
+            case wire::Body::Commit:
+                return edits(below(body, wire::Commit::VT_EDITS)) &&
+                       edits(below(body, wire::Commit::VT_DROPPED), wire::Dropped::VT_EDIT);
+            default:
+                return true;
+        }
+    }
+
+private:
+    using Table = flatbuffers::Table;
+
+    // It counts tables, and levels as long as nobody says that they end.
+    static flatbuffers::Verifier::Options unlimited() {
+        flatbuffers::Verifier::Options options;
+        options.max_depth = options.max_tables = ~flatbuffers::uoffset_t(0);
+        return options;
+    }
+
+    /// What a field of the table refers to; nullptr when there is nothing, or it is damaged.
+    const Table* below(const Table* table, flatbuffers::voffset_t field) {
+        const bool there =
+            table && table->VerifyTableStart(verifier_) && table->VerifyOffset(verifier_, field);
+        return there ? table->GetPointer<const Table*>(field) : nullptr;
+    }
+    std::uint8_t kind(const Table* table, flatbuffers::voffset_t field) {
+        const bool there = table && table->VerifyTableStart(verifier_) &&
+                           table->VerifyField<std::uint8_t>(verifier_, field, 1);
+        return there ? table->GetField<std::uint8_t>(field, 0) : 0;
+    }
+
+    /// `tables`: a vector of edits, or of what has one in the field `edit`.
+    bool edits(const Table* tables, flatbuffers::voffset_t edit = 0) {
+        const auto* all = reinterpret_cast<const TableVector<Table>*>(tables);
+        if (!all || !verifier_.VerifyVector(all)) return true;
+        const std::size_t first = std::size_t(all->Data() - frame_.data());
+        for (flatbuffers::uoffset_t index = 0; index < all->size(); ++index) {
+            if (verifier_.VerifyOffset(first + index * sizeof index) == 0) return true;
+            const Table* one = all->Get(index);
+            if (!count(edit == 0 ? one : below(one, edit))) return false;
+        }
+        return true;
+    }
+    bool count(const Table* edit) {
+        static_assert(int(wire::SetField::VT_PART) == int(wire::EraseField::VT_PART));
+        const auto action = wire::Action(kind(edit, wire::Edit::VT_ACTION_TYPE));
+        if (action != wire::Action::SetField && action != wire::Action::EraseField) return true;
+        const Table* field = below(edit, wire::Edit::VT_ACTION);
+        if (wire::Part(kind(field, wire::SetField::VT_PART_TYPE)) != wire::Part::DictionaryKey)
+            return true;
+        const auto* parts = reinterpret_cast<const TableVector<Text>*>(
+            below(below(field, wire::SetField::VT_PART), wire::DictionaryKey::VT_PATH));
+        if (!parts || !verifier_.VerifyVector(parts)) return true;
+        if (parts->size() > left_) return false;
+        left_ -= parts->size();
+        return true;
+    }
+
+    ByteView frame_;
+    flatbuffers::Verifier verifier_;
+    std::size_t left_;
+};
+
 /// The frame's root, its structure verified; nothing when it is no frame.
 const wire::Frame* verified(ByteView frame) {
-    if (frame.size() < 16 || frame.size() >= FLATBUFFERS_MAX_BUFFER_SIZE) return nullptr;
+    if (frame.size() < kMinFrameBytes || frame.size() >= FLATBUFFERS_MAX_BUFFER_SIZE ||
+        !KeyCounter(frame).areFew())
+        return nullptr;
     flatbuffers::Verifier::Options options;
     options.max_depth = 16;
     // No table of ours takes less than 8 bytes with the offset that refers to it.
@@ -311,9 +401,20 @@ const wire::Frame* verified(ByteView frame) {
     return wire::VerifyFrameBuffer(verifier) ? wire::GetFrame(frame.data()) : nullptr;
 }
 
+/// The frame where FlatBuffers can read it: numbers want addresses that are multiples of four, and
+/// a frame stands where the one before it ends. Ours have such lengths, so only others are copied.
+ByteView aligned(ByteView frame, Bytes& copy) {
+    if (reinterpret_cast<std::uintptr_t>(frame.data()) % sizeof(flatbuffers::uoffset_t) == 0)
+        return frame;
+    copy.assign(frame.begin(), frame.end());
+    return copy;
+}
+
 }  // namespace
 
-Result<Frame> decodeFrame(ByteView frame) {
+Result<Frame> decodeFrame(ByteView bytes) {
+    Bytes copy;
+    const ByteView frame = aligned(bytes, copy);
     const wire::Frame* root = verified(frame);
     if (!root) return fail(ErrorCode::MalformedFrame, "a frame failed verification");
     try {
@@ -324,7 +425,8 @@ Result<Frame> decodeFrame(ByteView frame) {
 }
 
 Result<std::optional<Bytes>> importStub(ByteView encodedCommit, const Hash& hash) {
-    const wire::Frame* root = verified(encodedCommit);
+    Bytes copy;
+    const wire::Frame* root = verified(aligned(encodedCommit, copy));
     const wire::Commit* commit = root ? root->body_as_Commit() : nullptr;
     if (!commit || commit->previous()->size() != sizeof(Hash))
         return fail(ErrorCode::MalformedFrame, "a stored commit failed verification");

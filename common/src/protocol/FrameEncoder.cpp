@@ -2,6 +2,7 @@
 #include <stdexcept>
 #include <unordered_map>
 
+#include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/frames_generated.h"
 
@@ -13,11 +14,6 @@ template <class T>
 using Offset = flatbuffers::Offset<T>;
 using Text = Offset<flatbuffers::String>;
 using Vector = Offset<flatbuffers::Vector<std::uint8_t>>;
-
-template <class... Ts>
-struct Overloaded : Ts... {
-    using Ts::operator()...;
-};
 
 /// Writes one frame. Texts up to kSharedTextBytes are written once, however often they occur:
 /// longer ones are not, so that a decoder can bound what it copies by the size of the frame (FR7).

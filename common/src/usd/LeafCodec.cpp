@@ -173,7 +173,10 @@ struct Element<pxr::SdfPathExpression> {
         return true;
     }
     static std::optional<pxr::SdfPathExpression> read(ByteReader& in) {
-        return fromText<pxr::SdfPathExpression>(in.text());
+        const std::string_view text = in.text();
+        auto value = fromText<pxr::SdfPathExpression>(text);
+        if (value && value->GetText() != text) return std::nullopt;  // Sdf would write it otherwise
+        return value;
     }
 };
 

@@ -172,7 +172,7 @@ Result<VtValue> decodeMap(const pxr::TfToken& field, const Map& map) {
 Result<VtValue> decodeUnit(const Value& value) {
     const auto name = textOf(value).value_or("");
     const pxr::TfEnum unit = pxr::SdfGetUnitFromName(std::string(name));
-    if (pxr::SdfGetNameForUnit(unit) != name)
+    if (name.empty() || pxr::SdfGetNameForUnit(unit) != name)
         return fail(ErrorCode::InvalidValue, "there is no unit " + std::string(name));
     return VtValue(unit);
 }

@@ -3,6 +3,7 @@
 #include <cctype>
 
 #include "ProjectImpl.h"
+#include "usdlive/common/core/Overloaded.h"
 
 namespace usdlive::server {
 
@@ -13,11 +14,6 @@ const std::vector<std::string> kFeatures{"history", "log", "previews"};
 
 // A client further behind than this joins anew: snapshots are then quicker than commits.
 constexpr Revision kMaxResumeCommits = 50'000;
-
-template <class... Ts>
-struct Overloaded : Ts... {
-    using Ts::operator()...;
-};
 
 bool isClientId(const std::string& text) {
     return !text.empty() && text.size() <= 64 &&

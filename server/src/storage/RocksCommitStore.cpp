@@ -286,7 +286,7 @@ Result<void> RocksCommitStore::readLayers() {
     std::map<std::uint32_t, LayerId> names;
     const auto read = each(kLayerPrefix, {}, [&](std::string_view name, ByteView value) {
         const auto number = decoded<std::uint32_t>(value);
-        if (!number || !names.try_emplace(*number, std::string(name)).second) return false;
+        if (!number || !names.try_emplace(*number, LayerId{std::string(name)}).second) return false;
         layers_[{std::string(name)}].number = *number;
         return true;
     });

@@ -20,14 +20,8 @@ struct StoredNode {
 /// One pass over a layer's records: nodes, then fields with their samples.
 class StateReader {
 public:
-    StateReader(rocksdb::DB& db, rocksdb::ColumnFamilyHandle* state, std::uint32_t layer,
-                const std::string& what)
-        : layer_(layer), what_(what) {
-        rocksdb::ReadOptions options;
-        options.fill_cache = false;
-        options.readahead_size = 1024 * 1024;
-        iterator_.reset(db.NewIterator(options, state));
-    }
+    StateReader(rocksdb::Iterator& iterator, std::uint32_t layer, const std::string& what)
+        : layer_(layer), what_(what), iterator_(iterator) {}
 
     Result<LayerDoc> read() {
         return readNodes()
@@ -45,11 +39,11 @@ private:
     template <class Visit>
     Result<void> each(char part, Visit visit) {
         const std::string prefix = storekeys::layerPart(layer_, part);
-        for (iterator_->Seek(prefix);
-             iterator_->Valid() && text(iterator_->key()).starts_with(prefix); iterator_->Next())
-            if (const auto done = visit(text(iterator_->key()), bytes(iterator_->value())); !done)
+        for (iterator_.Seek(prefix); iterator_.Valid() && text(iterator_.key()).starts_with(prefix);
+             iterator_.Next())
+            if (const auto done = visit(text(iterator_.key()), bytes(iterator_.value())); !done)
                 return done;
-        const auto& status = iterator_->status();
+        const auto status = iterator_.status();
         if (status.ok()) return {};
         if (status.IsCorruption()) return damaged(status.ToString());
         return fail(ErrorCode::StorageFailed, what_ + " cannot be read: " + status.ToString());
@@ -144,7 +138,7 @@ private:
 
     std::uint32_t layer_;
     const std::string& what_;
-    std::unique_ptr<rocksdb::Iterator> iterator_;
+    rocksdb::Iterator& iterator_;
     std::vector<StoredNode> nodes_;
     LayerDoc::Builder builder_;
     std::string sampled_;  // key of the field whose samples are being read
@@ -155,7 +149,16 @@ private:
 
 Result<LayerDoc> readLayer(rocksdb::DB& db, rocksdb::ColumnFamilyHandle* state, std::uint32_t layer,
                            const std::string& what) {
-    return StateReader(db, state, layer, what).read();
+    rocksdb::ReadOptions options;
+    options.fill_cache = false;
+    options.readahead_size = 1024 * 1024;
+    const std::unique_ptr<rocksdb::Iterator> records(db.NewIterator(options, state));
+    return readLayer(*records, layer, what);
+}
+
+Result<LayerDoc> readLayer(rocksdb::Iterator& records, std::uint32_t layer,
+                           const std::string& what) {
+    return StateReader(records, layer, what).read();
 }
 
 }  // namespace usdlive::server

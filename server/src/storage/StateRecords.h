@@ -56,5 +56,8 @@ private:
 /// Rebuilds the layer from its records. Errors: StorageCorrupt, StorageFailed.
 [[nodiscard]] Result<LayerDoc> readLayer(rocksdb::DB& db, rocksdb::ColumnFamilyHandle* state,
                                          std::uint32_t layer, const std::string& what);
+/// The same of records wherever they are.
+[[nodiscard]] Result<LayerDoc> readLayer(rocksdb::Iterator& records, std::uint32_t layer,
+                                         const std::string& what);
 
 }  // namespace usdlive::server

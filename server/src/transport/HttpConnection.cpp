@@ -109,7 +109,8 @@ private:
                           "pages of this origin may not connect; see --allow-origin\n");
         }
         done_ = true;
-        hub_.upgrade(*this, std::move(socket_), std::make_unique<Upgrade>(parser_.release()));
+        hub_.upgrade(*this, std::move(socket_),
+                     std::make_unique<Upgrade>(Upgrade{parser_.release()}));
     }
 
     bool originAllowed(const Request& request) const {

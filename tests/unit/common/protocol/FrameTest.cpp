@@ -4,6 +4,7 @@
 
 #include <random>
 
+#include "SampleFrames.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/frames_generated.h"
 
@@ -24,65 +25,6 @@ void expectRoundTrip(const Frame& frame) {
 ErrorCode refusal(const Bytes& frame) {
     const auto decoded = decodeFrame(withoutLength(frame));
     return decoded ? ErrorCode::Internal : decoded.error().code;
-}
-
-Edit edit(const char* path, EditAction action, const char* layer = "shot/a.usda") {
-    return {{layer}, {path, {}}, std::move(action)};
-}
-
-std::vector<Edit> everyKindOfEdit() {
-    const Value reference = tokenValue("an item");
-    FieldValue samples(TimeSamples{{{1.0, doubleValue(2)}, {2.5, doubleValue(3)}}});
-    Dictionary inner{{{"a", Dictionary::Entry(doubleValue(1))}}};
-    Dictionary dictionary{{{"x:y", Dictionary::Entry(inner)}}};
-    ListOp list;
-    list.itemType = ValueType::Token;
-    list[ListName::Prepended] = {tokenValue("one"), tokenValue("two")};
-    const Value blob = Value::blob(arrayOf(ValueType::Float3), sha256(asBytes("x")), 12'000'000);
-    Edit created{{"b.usda"}, {".x", Creation{7, 2}}, SetField{"default", {}, blob, {}}};
-    return {
-        edit("/A", CreateSpec{SpecKind::Prim}),
-        edit("/A.x", CreateSpec{SpecKind::Attribute}),
-        edit("/A{v=}", CreateSpec{SpecKind::VariantSet}),
-        edit("/A{v=one}", CreateSpec{SpecKind::Variant}),
-        edit("/A.r", CreateSpec{SpecKind::Relationship}),
-        edit("/A", DeleteSpec{}),
-        edit("/A", MoveSpec{{"/B", {}}, "C"}),
-        edit("/A", MoveSpec{{"", Creation{7, 0}}, "C"}),
-        edit("/A", PlaceSpec{}),
-        edit("/A", PlaceSpec{"B"}),
-        edit("/A", SetField{"customData", {}, dictionary, {}}),
-        edit("/A", SetField{"apiSchemas", {}, list, {}}),
-        edit("/A.x", SetField{"timeSamples", {}, samples, {}}),
-        edit("/A.x", SetField{"timeSamples", SampleTime{-0.5}, doubleValue(1), {}}),
-        edit("/A", SetField{"customData", DictionaryKey{{"a", "b:c", ""}}, doubleValue(1), {}}),
-        edit("/A", SetField{"apiSchemas",
-                            ListItem{ListName::Appended, reference, tokenValue("other")},
-                            {},
-                            ValueType::Token}),
-        edit("/A", SetField{"variantSelection", MapKey{stringValue("set")}, stringValue("one"),
-                            ValueType::String}),
-        edit("/A.x", EraseField{"default", {}}),
-        edit("/A.x", EraseField{"timeSamples", SampleTime{1}}),
-        edit("/A", EraseField{"customData", DictionaryKey{{"k"}}}),
-        edit("/A", EraseField{"apiSchemas", ListItem{ListName::Deleted, reference, {}}}),
-        edit("/A", EraseField{"variantSelection", MapKey{stringValue("set")}}),
-        created,
-    };
-}
-
-Commit sampleCommit() {
-    Commit commit;
-    commit.revision = 9;
-    commit.epoch = 3;
-    commit.id = {{"0123456789abcdef0123456789abcdef"}, 4};
-    commit.user = {"Zoë"};
-    commit.timeMs = 1'700'000'000'123;
-    commit.gesture = 11;
-    commit.edits = everyKindOfEdit();
-    commit.dropped = {{5, ErrorCode::SpecDeleted, edit("/Gone.x", DeleteSpec{}, "c.usd")}};
-    commit.previous = sha256(asBytes("before"));
-    return commit;
 }
 
 TEST(Frame, EveryKindComesBackAsItWas) {
@@ -183,6 +125,15 @@ TEST(Frame, AMessageIsSplitIntoItsFrames) {
     EXPECT_EQ((*frames)[0].size(), first - 4);
     // Whatever stands before it in memory.
     EXPECT_TRUE(decodeFrame((*frames)[1]));
+}
+
+TEST(Frame, AFrameMayStandAnywhereInMemory) {
+    const Bytes frame = encodeFrame(CommitFrame{sampleCommit()});
+    for (std::size_t before = 0; before < 8; ++before) {
+        Bytes memory(before);
+        appendBytes(memory, withoutLength(frame));
+        EXPECT_TRUE(decodeFrame(ByteView(memory).subspan(before)));
+    }
 }
 
 TEST(Frame, MessagesThatAreNoneAreRefused) {
@@ -342,10 +293,7 @@ TEST(FrameDecoder, FR7TheSameThingOverAndOverIsRefusedBeforeItIsCopied) {
 TEST(FrameDecoder, ChangedAndShortenedFramesDoNoHarm) {
     std::mt19937_64 random(4);
     std::vector<Bytes> frames;
-    for (const Frame& frame : std::vector<Frame>{
-             SubmitFrame{{{{"client"}, 4}, 17, 5, everyKindOfEdit()}}, CommitFrame{sampleCommit()},
-             RefusalFrame{4, 2, {ErrorCode::Locked, "x"}}, BlobFrame{{}, 10, 0, 5, {1, 2, 3}},
-             SnapshotFrame{5, 2, true, 100, {1, 2, 3}}, ControlFrame{"{}"}}) {
+    for (const Frame& frame : sampleFrames()) {
         const Bytes bytes = encodeFrame(frame);
         frames.emplace_back(bytes.begin() + 4, bytes.end());
     }

@@ -340,6 +340,12 @@ TEST(ValueCodec, WhatCannotBeCarriedIsNamed) {
               ErrorCode::UnsupportedValue);
 }
 
+TEST(ValueCodec, UnitsThatAreNoneAreRefused) {
+    MemoryBlobs blobs;
+    for (const char* unit : {"", "cubits"})
+        EXPECT_FALSE(decodeValue(SdfFieldKeys->DisplayUnit, tokenValue(unit), blobs)) << unit;
+}
+
 TEST(ValueCodec, WhatThisOpenUsdCannotHoldIsRefusedSilently) {
     testing::internal::CaptureStderr();
     EXPECT_EQ(decodeError(text(ValueType::Path, "/A//B")), ErrorCode::InvalidValue);
@@ -348,6 +354,7 @@ TEST(ValueCodec, WhatThisOpenUsdCannotHoldIsRefusedSilently) {
     EXPECT_EQ(decodeError(text(ValueType::Path, ".")), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(text(ValueType::Asset, "a\nb")), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(text(ValueType::PathExpression, "// [")), ErrorCode::InvalidValue);
+    EXPECT_EQ(decodeError(text(ValueType::PathExpression, "/A&/B")), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(Value(ValueType::Double, Bytes{1, 2})), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(Value(ValueType::Bool, Bytes{2})), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(Value(ValueType(999), Bytes{})), ErrorCode::InvalidValue);

@@ -16,6 +16,8 @@ inline constexpr int kOldestProtocolVersion = 1;
 
 /// FR2: a frame is refused above this size unless configured otherwise, in bytes.
 inline constexpr std::size_t kMaxFrameBytes = 64 * 1024 * 1024;
+/// No frame is smaller, in bytes; so a message cannot be split into very many.
+inline constexpr std::size_t kMinFrameBytes = 16;
 /// Snapshot and blob chunks hold at most this much before compression, so that small edits pass
 /// between them.
 inline constexpr std::size_t kChunkBytes = 256 * 1024;

@@ -1,0 +1,31 @@
+// Control messages: any JSON, or what is none.
+#include "usdlive/common/protocol/Control.h"
+
+#include "Fuzz.h"
+
+using namespace usdlive;
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    const auto message = decodeControl(asText({data, size}));
+    if (!message) return 0;
+    const auto again = decodeControl(encodeControl(*message));
+    fuzz::require(again && *again == *message, "a message comes back as it was");
+    return 0;
+}
+
+std::vector<Bytes> fuzz::seeds() {
+    const Hash hash = sha256(asBytes("x"));
+    const LayerId layer{"shot/a.usda"};
+    std::vector<Bytes> all;
+    for (const ControlMessage& message : std::vector<ControlMessage>{
+             Hello{1, 1, {"log"}, {"client"}, {"user"}, "app", Hello::Resume{3, 7, hash}},
+             Welcome{1, {"history"}, "film", 3, 7, hash, true, {{layer}}, 1 << 26, 1 << 30},
+             ProjectLayers{{{layer}}}, OpenLayer{1, layer, 5}, LayerOpened{1, layer, 7, 100},
+             CloseLayer{layer}, RequestBlob{hash, 4096}, BlobStored{hash}, AlreadyCommitted{4, 7},
+             SaveLayers{2, {layer}},
+             LayersSaved{2, 7, {layer}, {{{"b.usdc"}, "saveFailed", "no room"}}},
+             RequestLog{3, 1, 0}, LogBegin{3}, LogEnd{3},
+             ErrorMessage{"blobNotFound", "Zoë's \"texture\"", false, 1, hash}})
+        all.push_back(copyOf(asBytes(encodeControl(message))));
+    return all;
+}

@@ -1,0 +1,138 @@
+// What comes in at the port: an HTTP request and, if that became a session, WebSocket frames. The
+// server is the real one, on loopback, run step by step.
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/write.hpp>
+#include <string>
+
+#include "Fuzz.h"
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/transport/WebSocketServer.h"
+
+using namespace usdlive;
+using namespace usdlive::server;
+using namespace std::chrono_literals;
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using fuzz::require;
+
+namespace {
+
+struct NoLog final : Log {
+    void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
+};
+
+/// Answers each message with itself; those that are no frames end the session.
+class World final : public SessionHandler {
+public:
+    World() {
+        HttpRoutes routes;
+        routes["/healthz"] = [] { return HttpReply{"application/json", "{}"}; };
+        WebSocketServerOptions options;
+        options.maxMessageBytes = 4096;
+        options.allowedOrigins = {"https://friend"};
+        auto background = [this](std::function<void()> job) { asio::post(io, std::move(job)); };
+        server = std::move(
+            *createWebSocketServer(io, options, *this, std::move(routes), background, log));
+    }
+
+    void opened(SessionId) override { ++open; }
+    void received(SessionId session, ByteView message) override {
+        require(open > 0, "a message comes from a session");
+        if (const auto frames = splitMessage(message); !frames)
+            return server->close(session, frames.error());
+        server->send(session, std::make_shared<const Bytes>(message.begin(), message.end()));
+    }
+    void closed(SessionId) override { --open; }
+    void drained(SessionId) override {}
+
+    asio::io_context io;
+    NoLog log;
+    int open = 0;
+    std::unique_ptr<WebSocketServer> server;
+};
+
+/// All that has arrived.
+std::string arrived(tcp::socket& socket) {
+    std::string all;
+    boost::system::error_code error;
+    while (!error) {
+        char some[4096];
+        all.append(some, socket.read_some(asio::buffer(some), error));
+    }
+    return all;
+}
+
+void checkAnswer(const std::string& answer, std::string_view request) {
+    if (answer.empty()) return;
+    const std::string line = answer.substr(0, answer.find("\r\n"));
+    static const std::vector<std::string> kLines{
+        "HTTP/1.1 101 Switching Protocols", "HTTP/1.1 200 OK",
+        "HTTP/1.1 400 Bad Request",         "HTTP/1.1 403 Forbidden",
+        "HTTP/1.1 404 Not Found",           "HTTP/1.1 405 Method Not Allowed",
+        "HTTP/1.1 426 Upgrade Required",    "HTTP/1.1 431 Request Header Fields Too Large"};
+    require(std::count(kLines.begin(), kLines.end(), line) == 1, "one of the answers there are");
+    if (line == kLines[0])
+        require(request.starts_with("GET /live"), "a session begins at /live only");
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    static World world;
+    const std::string_view input = asText({data, size}), end = "\r\n\r\n";
+    const std::string_view request = input.substr(0, input.find(end) + end.size());
+
+    tcp::socket client(world.io);
+    boost::system::error_code error;
+    client.connect({asio::ip::address_v4::loopback(), world.server->port()}, error);
+    if (error) return 0;  // libFuzzer's timer interrupts
+    client.non_blocking(true);
+    const auto send = [&](std::string_view bytes) {
+        asio::write(client, asio::buffer(bytes), error);
+        world.io.poll();
+    };
+    send(request);
+    const std::string answer = arrived(client);
+    checkAnswer(answer, request);
+    if (answer.starts_with("HTTP/1.1 101")) send(input.substr(request.size()));
+    client.set_option(asio::socket_base::linger(true, 0), error);  // no port waits for long
+    client.close(error);
+    while (world.server->counters().connections != 0)
+        require(world.io.run_one_for(20s) != 0, "a connection that is gone is given up");
+    world.io.poll();
+    require(world.open == 0, "who was told of a session is told of its end");
+    return 0;
+}
+
+std::vector<Bytes> fuzz::seeds() {
+    const std::string upgrade =
+        "GET /live HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+    const auto frame = [](char first, std::string_view content) {
+        std::string bytes{first, char(0x80 | content.size()), 1, 2, 3, 4};  // the mask
+        for (std::size_t at = 0; at < content.size(); ++at)
+            bytes += char(content[at] ^ (at % 4 + 1));
+        return bytes;
+    };
+    const std::string message("\x10\0\0\0sixteen of bytes", 20);
+    std::vector<Bytes> all;
+    for (const std::string& input :
+         {std::string("GET /healthz HTTP/1.1\r\n\r\n"), std::string("POST /live HTTP/1.1\r\n\r\n"),
+          std::string("GET /live?a=b HTTP/1.0\r\nContent-Length: 9\r\n\r\nx"),
+          std::string("GET /nowhere HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n"),
+          upgrade + "\r\n" + frame('\x82', message), upgrade + "Origin: https://friend\r\n\r\n",
+          upgrade + "Origin: http://evil\r\n\r\n", upgrade + "\r\n" + frame('\x81', "text"),
+          upgrade + "\r\n" + frame('\x02', message) + frame('\x89', "ping") +
+              frame('\x80', message),
+          upgrade + "\r\n" +
+              frame('\x88',
+                    "\x03\xE8"
+                    "bye"),
+          upgrade + "\r\n" + frame('\x82', "no"),
+          upgrade + "Sec-WebSocket-Extensions: permessage-deflate\r\n\r\n" +
+              frame('\xC2', message)})
+        all.push_back(copyOf(asBytes(input)));
+    return all;
+}
