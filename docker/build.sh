@@ -4,13 +4,13 @@
 # first stage.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-readonly out=$1 build=build/image
+readonly out=$1
 
 ./run setup
-cmake --preset release -B $build -DUSDLIVE_TESTS=OFF -DUSDLIVE_PYTHON=OFF \
+cmake --preset release -DUSDLIVE_TESTS=OFF -DUSDLIVE_PYTHON=OFF \
     -DCMAKE_INSTALL_RPATH="\$ORIGIN/../lib/usd_core.libs"
-cmake --build $build --target usdlive usdlive-server -j "${USDLIVE_JOBS:-$(nproc)}"
-cmake --install $build --component programs --prefix "$out" --strip
+cmake --build --preset release --target usdlive usdlive-server -j "${USDLIVE_JOBS:-$(nproc)}"
+cmake --install build/release --component programs --prefix "$out" --strip
 
 # OpenUSD finds its plugins beside the folder of its libraries.
 usd=$(echo build/env/product/lib/python3*/site-packages)
