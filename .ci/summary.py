@@ -25,10 +25,10 @@ def gtest_cases(path):
                 yield f"{suite['name']}.{case['name']}", "failures" not in case
 
 
-def ctest_cases(folder):
+def ctest_cases(path):
     """The cases of each executable; for one that crashed, or failed with all cases passed, one failure."""
-    for name, passed in junit_cases(folder / "ctest.xml"):
-        report = folder / f"{name}.json"
+    for name, passed in junit_cases(path):
+        report = path.with_name(f"{name}.json")
         cases = list(gtest_cases(report)) if report.exists() else [(name, passed)]
         if not passed and all(ok for _, ok in cases):
             cases.append((name, False))
@@ -40,11 +40,11 @@ def step_cases(folder, step):
     name, told, result = step.partition("=")
     if told:
         return [(name, result == "passed")]
-    if not (folder / f"{name}.xml").exists():
+    report = folder / f"{name}.xml"
+    if not report.exists():
         return [(f"{name}: no report", False)]
-    if name == "ctest":
-        return list(ctest_cases(folder))
-    return [(f"{name}: {case}", ok) for case, ok in junit_cases(folder / f"{name}.xml")]
+    cases = ctest_cases(report) if report.stem == "ctest" else junit_cases(report)
+    return [(f"{name}: {case}", ok) for case, ok in cases]
 
 
 def main(folder, *steps):

@@ -17,7 +17,7 @@ function(usdlive_install_package)
     foreach(program usdlive usdlive-server)
         if(TARGET ${program})
             set_target_properties(${program} PROPERTIES INSTALL_RPATH_USE_LINK_PATH ON)
-            install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+            install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
         endif()
     endforeach()
 

@@ -60,6 +60,7 @@ EDGES = {
         "server/app",
         "client/transport",
         "client/cli",
+        "tests/conformance",
         "tests/unit/server/transport",
         "tests/unit/client/transport",
         "tests/integration",

@@ -42,6 +42,13 @@ constexpr std::size_t kLeastReadBytes = 4 * 1024;
 constexpr std::size_t kMostReadBytes = 1024 * 1024;
 // To send what is queued and to say goodbye.
 constexpr milliseconds kCloseTime{5'000};
+// The WebSocket conformance suite speaks text as well; only its echo server (tests/conformance) is
+// built to let it in.
+#ifdef USDLIVE_TEXT_MESSAGES
+constexpr bool kTextMessages = true;
+#else
+constexpr bool kTextMessages = false;
+#endif
 
 SharedBytes errorFrame(const Error& error) {
     ErrorMessage message{std::string(errorName(error.code)), error.message, true, {}, {}};
@@ -281,7 +288,9 @@ private:
         if (error) return end(error.message(), LogLevel::Info);
         hub_.counters.bytesIn += bytes;
         if (state_ != State::Open) return;
-        if (stream_.got_text())
+        if constexpr (kTextMessages)
+            stream_.text(stream_.got_text());  // answers are alike
+        else if (stream_.got_text())
             return close(Error{ErrorCode::TextFrame, std::string(errorText(ErrorCode::TextFrame))});
         if (buffer_.size() > hub_.options.maxMessageBytes)
             return close(Error{

@@ -1,6 +1,8 @@
 #include "usdlive/server/transport/WebSocketServer.h"
 
 #include <gmock/gmock.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
 
 #include <atomic>
 #include <boost/asio/executor_work_guard.hpp>
@@ -13,6 +15,7 @@
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket/stream.hpp>
 #include <condition_variable>
+#include <filesystem>
 #include <future>
 #include <mutex>
 #include <thread>
@@ -314,6 +317,27 @@ TEST_F(WebSocketServerTest, SendsAllOfATurnAsOneMessageInOrder) {
     EXPECT_EQ(counters.messagesOut, 1u);
     EXPECT_EQ(counters.bytesOut, expected.size());
     EXPECT_EQ(counters.queuedBytes, 0u);
+}
+
+// Nagle's algorithm would hold a small commit back until the one before is acknowledged (40 ms).
+TEST_F(WebSocketServerTest, SessionsHaveNoDelay) {
+    start();
+    const auto client = join();
+    const auto local = client->stream.next_layer().local_endpoint();
+    // The server is in this process: its end is the descriptor whose peer the client is.
+    int found = 0;
+    for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+        const int descriptor = std::stoi(entry.path().filename());
+        tcp::endpoint peer;
+        socklen_t size = peer.capacity();
+        if (::getpeername(descriptor, peer.data(), &size) != 0 || peer != local) continue;
+        int noDelay = 0;
+        size = sizeof noDelay;
+        ASSERT_EQ(::getsockopt(descriptor, IPPROTO_TCP, TCP_NODELAY, &noDelay, &size), 0);
+        EXPECT_NE(noDelay, 0);
+        ++found;
+    }
+    EXPECT_EQ(found, 1);
 }
 
 TEST_F(WebSocketServerTest, SendsOneLargeFrameWhole) {

@@ -1,0 +1,55 @@
+// The product's WebSocket server before an application that sends back what comes, text included.
+// What the conformance suite is run against, and in no product. Prints its port.
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <iostream>
+
+#include "usdlive/server/transport/WebSocketServer.h"
+
+namespace {
+
+using namespace usdlive;
+using namespace usdlive::server;
+
+class Echo final : public SessionHandler {
+public:
+    explicit Echo(boost::asio::io_context& network) : network_(network) {}
+
+    void opened(SessionId) override {}
+    // Reads on in the next turn, when the answer is on its way: the suite wants each message
+    // answered by one of its own, also before a frame that ends the session.
+    void received(SessionId session, ByteView message) override {
+        server->send(session, std::make_shared<const Bytes>(message.begin(), message.end()));
+        server->setReading(session, false);
+        boost::asio::post(network_, [this, session] { server->setReading(session, true); });
+    }
+    void closed(SessionId) override {}
+    void drained(SessionId) override {}
+
+    WebSocketServer* server = nullptr;
+
+private:
+    boost::asio::io_context& network_;
+};
+
+class NoLog final : public Log {
+    void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
+};
+
+}  // namespace
+
+int main() {
+    boost::asio::io_context network(1);
+    Echo echo(network);
+    NoLog log;
+    const auto server = createWebSocketServer(
+        network, {}, echo, {}, [](const std::function<void()>& job) { job(); }, log);
+    if (!server) {
+        std::cerr << server.error().message << '\n';
+        return 1;
+    }
+    echo.server = server->get();
+    std::cout << (*server)->port() << std::endl;
+    network.run();
+}
