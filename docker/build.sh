@@ -18,6 +18,7 @@ mkdir -p "$out/lib/pxr"
 cp -r "$usd/usd_core.libs" "$out/lib"
 cp -r "$usd/pxr/pluginfo" "$out/lib/pxr"
 
-ldd "$out"/bin/* "$out"/lib/usd_core.libs/* | awk '$3 ~ /^\/(usr\/)?lib/ {print $3}' | sort -u |
-    while read -r library; do dpkg -S "*/$(basename "$(realpath "$library")")"; done |
+ldd "$out"/bin/* "$out"/lib/usd_core.libs/* | awk '$3 ~ /^\/(usr\/)?lib/ {print $3}' |
+    xargs realpath | sort -u |
+    while read -r library; do dpkg -S "*${library#/usr}"; done |
     cut -d : -f 1 | sort -u >"$out/apt.txt"
