@@ -152,10 +152,8 @@ def places(records, acknowledged, random_):
 @pytest.mark.parametrize("journal,pages,unsynced", [
     pytest.param(True, False, False, id="journal"),
     pytest.param(True, True, False, id="pages"),
-    pytest.param(False, False, False, id="posix", marks=pytest.mark.xfail(strict=True, reason=(
-        "the folders of a new store are not synced into those above: .usdlive, store, db"))),
-    pytest.param(True, False, True, id="unsynced", marks=pytest.mark.xfail(strict=True, reason=(
-        "what a killed server left in the log unsynced is built upon and never synced"))),
+    pytest.param(False, False, False, id="posix"),
+    pytest.param(True, False, True, id="unsynced"),
 ])
 def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, unsynced, project, tmp_path,
                                                               capfd):

@@ -19,6 +19,7 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdarg>
 #include <cstdint>
@@ -67,7 +68,9 @@ public:
     std::mutex mutex;
 
     [[nodiscard]] bool isBelow(const char* path) const {
-        return !folder_.empty() && path && std::string_view(path).starts_with(folder_);
+        if (folder_.empty() || !path) return false;
+        const std::string_view text(path);
+        return text.starts_with(folder_) || text == folder_.substr(0, folder_.size() - 1);
     }
     [[nodiscard]] bool has(int file) const {
         return file >= 0 && file < kMostFiles && files_[file];
@@ -111,7 +114,8 @@ public:
     }
 
     [[nodiscard]] std::string_view inFolder(const char* path) const {
-        return std::string_view(path).substr(folder_.size());
+        const std::string_view text(path);
+        return text.substr(std::min(text.size(), folder_.size()));  // nothing: the folder itself
     }
 
     Recorder() {

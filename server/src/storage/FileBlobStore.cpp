@@ -73,7 +73,7 @@ public:
     Result<void> open() {
         std::error_code ignored;
         fs::remove_all(unfinished(), ignored);
-        return makeFolders(unfinished()).and_then([this] { return syncFolder(folder_); });
+        return makeFolders(unfinished());
     }
 
     [[nodiscard]] bool has(const Hash& hash) const override {
@@ -184,12 +184,7 @@ Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
     if (actual != hash)
         return blobError(ErrorCode::BlobMismatch, hash, "is " + actual.hex() + " in truth");
     const fs::path path = name(hash);
-    const fs::path folder = path.parent_path();
-    if (!fs::exists(folder)) {
-        const auto made = makeFolders(folder).and_then([this] { return syncFolder(folder_); });
-        if (!made) return made;
-    }
-    return value.keep(path);
+    return makeFolders(path.parent_path()).and_then([&] { return value.keep(path); });
 }
 
 }  // namespace

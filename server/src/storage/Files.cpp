@@ -31,8 +31,11 @@ Result<File> openFile(const std::filesystem::path& path, int flags) {
 
 Result<void> makeFolders(const std::filesystem::path& path) {
     std::error_code error;
-    std::filesystem::create_directories(path, error);
-    if (!error) return {};
+    if (path.empty() || std::filesystem::is_directory(path, error)) return {};
+    const auto above = path.parent_path();
+    if (const auto made = makeFolders(above); !made) return made;
+    std::filesystem::create_directory(path, error);
+    if (!error) return syncFolder(above.empty() ? "." : above);
     errno = error.value();
     return tl::unexpected(systemError("make the folder", path));
 }

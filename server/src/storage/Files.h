@@ -34,6 +34,7 @@ private:
 
 /// `flags` as of open(2); closed on exec.
 [[nodiscard]] Result<File> openFile(const std::filesystem::path& path, int flags);
+/// With those above it; each is there after a power cut, too.
 [[nodiscard]] Result<void> makeFolders(const std::filesystem::path& path);
 
 // Whole or an error; `path` names the file in it.

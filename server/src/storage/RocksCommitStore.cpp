@@ -162,6 +162,7 @@ private:
     Result<void> verify() const;
     Result<void> verifyMark() const;
     Result<void> verifyChain() const;
+    Result<void> writeLogOut();
     Result<void> takeEpoch();
 
     // Appending.
@@ -236,6 +237,7 @@ Result<void> RocksCommitStore::open() {
         .and_then([this] { return readHead(); })
         .and_then([this] { return readLayers(); })
         .and_then([this] { return verify(); })
+        .and_then([this] { return writeLogOut(); })
         .and_then([this] { return takeEpoch(); });
 }
 
@@ -259,7 +261,8 @@ Result<void> RocksCommitStore::openDatabase() {
     const auto status = rocksdb::DB::Open(options, folder_.database().string(), columnFamilies(),
                                           &handles_, &opened);
     db_.reset(opened);
-    if (status.ok()) return {};
+    // RocksDB syncs what is in its folder, and not that there is one.
+    if (status.ok()) return syncFolder(folder_.path());
     // Files that are missing, short or from elsewhere come as these two.
     const bool broken = status.IsInvalidArgument() || status.IsPathNotFound();
     Error what = error(status, "open");
@@ -350,6 +353,16 @@ Result<void> RocksCommitStore::verifyChain() const {
     return {};
 }
 
+/// What the log says may not be on the disk: whoever wrote it died before the sync, or the sync
+/// failed, after which the system takes it for written. So it goes to tables, which are synced,
+/// before anything builds on it.
+Result<void> RocksCommitStore::writeLogOut() {
+    if (logBytes_ == 0) return {};
+    const auto status = db_->Flush(rocksdb::FlushOptions(), handles_);
+    if (!status.ok()) return tl::unexpected(error(status, "write to"));
+    return {};
+}
+
 Result<void> RocksCommitStore::takeEpoch() {
     ++head_.epoch;
     rocksdb::WriteOptions options;
@@ -362,7 +375,6 @@ Result<void> RocksCommitStore::takeEpoch() {
     else
         folder_.setMark({});
     (void)measureSpace();
-    if (logBytes_ > kLongLogBytes) flushSoon();
     return {};
 }
 
