@@ -21,6 +21,7 @@ class Server:
     def __init__(self, folder: pathlib.Path, log: pathlib.Path, *options: str):
         self.folder, self.log, self.options, self.port = folder, log, options, 0
         self.process: subprocess.Popen | None = None
+        self.program = [os.environ["USDLIVE_BIN"], "serve"]
         self.environment: dict[str, str] = {}  # on top of the tests' own
 
     def start(self) -> "Server":
@@ -37,7 +38,7 @@ class Server:
         """Starts the process and does not wait for it."""
         self.port_file.unlink(missing_ok=True)
         self.process = subprocess.Popen(
-            [os.environ["USDLIVE_BIN"], "serve", str(self.folder), "--port", str(self.port),
+            [*self.program, str(self.folder), "--port", str(self.port),
              "--port-file", str(self.port_file), "--min-free-mib", "1", *self.options],
             env={**os.environ, **self.environment},
             stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
