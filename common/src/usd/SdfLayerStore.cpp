@@ -40,9 +40,6 @@ private:
     std::unordered_map<Hash, SharedBytes> kept_;
 };
 
-// A path that specpath::parse() has taken.
-SdfPath toSdf(std::string_view path) { return SdfPath(std::string(path)); }
-
 // Can a dictionary key path be told to Sdf as one token, keys joined by ':'?
 bool isJoinable(const std::vector<std::string>& keys) {
     return std::ranges::none_of(keys, [](const std::string& key) {
@@ -63,7 +60,7 @@ TfToken joined(const std::vector<std::string>& keys) {
 class SdfLayerStore::Applier {
 public:
     Applier(Delegate& delegate, std::string_view path, const Elements& elements)
-        : delegate_(delegate), text_(path), elements_(elements), path_(toSdf(path)) {}
+        : delegate_(delegate), text_(path), elements_(elements), path_(delegate.paths(path)) {}
 
     Result<void> operator()(const CreateSpec& create) {
         if (elements_.empty() || !belongsIn(create.kind, list())) return misplaced();
@@ -192,7 +189,7 @@ private:
     Result<void> moveTo(const std::string& target, const TfToken& name) {
         if (target != text_ && specpath::hasPrefix(target, text_))
             return fail(ErrorCode::MoveIntoItself, quoted(text_) + " cannot be moved below itself");
-        const SdfPath to = toSdf(target);
+        const SdfPath to = delegate_.paths(target);
         const SdfPath parent = parentOf(to);
         const auto above = delegate_.kind(parent);
         if (!above) return noSpec(specpath::parent(target));

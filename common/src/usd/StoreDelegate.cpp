@@ -18,7 +18,9 @@ void WaitingFields::add(const Field& field, const FieldValue& value, BlobSource&
     });
 }
 
-void WaitingFields::remove(const Field& field) { hashes_.erase(field); }
+void WaitingFields::remove(const pxr::SdfPath& path, const pxr::TfToken& field) {
+    if (!hashes_.empty()) hashes_.erase({path, field});
+}
 
 std::set<WaitingFields::Field> WaitingFields::take(const Hash& hash) {
     std::set<Field> fields;
@@ -47,26 +49,39 @@ void WaitingFields::specDeleted(const pxr::SdfPath& path) {
     });
 }
 
+// ------------------------------------------------------------------ paths
+
+pxr::SdfPath RecentPaths::operator()(std::string_view path) {
+    if (path == "/") return pxr::SdfPath::AbsoluteRootPath();
+    std::string scratch;
+    const std::string_view parent = specpath::parentView(path, scratch);
+    if (parent != text_) {
+        text_ = parent;
+        parent_ = pxr::SdfPath(text_);
+    }
+    const PathElement last = specpath::last(path);
+    return childOf(parent_, last.list, pxr::TfToken(std::string(last.name)));
+}
+
 // ------------------------------------------------------------------ writing
 
 void SdfLayerStore::Delegate::write(const Path& path, const Token& field,
                                     const DecodedField& value) {
-    waiting.remove({path, field});
+    waiting.remove(path, field);
     SetField(path, field, value.value);
     if (value.offsets)
         SetField(path, pxr::SdfFieldKeys->SubLayerOffsets, pxr::VtValue(*value.offsets));
-    if (const auto targets = targetFields(kind(path), field))
-        renewTargets(path, *targets, value.value);
+    if (const auto targets = targetsOf(path, field)) renewTargets(path, *targets, value.value);
 }
 
 void SdfLayerStore::Delegate::erase(const Path& path, const Token& field) {
-    waiting.remove({path, field});
+    waiting.remove(path, field);
     if (!data().Has(path, field)) return;
     SetField(path, field, pxr::VtValue());
     if (field == pxr::SdfFieldKeys->SubLayers &&
         data().Has(path, pxr::SdfFieldKeys->SubLayerOffsets))
         SetField(path, pxr::SdfFieldKeys->SubLayerOffsets, pxr::VtValue());
-    if (const auto targets = targetFields(kind(path), field)) renewTargets(path, *targets, {});
+    if (const auto targets = targetsOf(path, field)) renewTargets(path, *targets, {});
 }
 
 Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,
@@ -79,6 +94,13 @@ Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,
     if (decoded.error().code != ErrorCode::BlobNotFound) return tl::unexpected(decoded.error());
     waiting.add({path, field}, value, blobs);
     return {};
+}
+
+std::optional<TargetFields> SdfLayerStore::Delegate::targetsOf(const Path& path,
+                                                               const Token& field) const {
+    const auto& keys = pxr::SdfFieldKeys;
+    if (field != keys->TargetPaths && field != keys->ConnectionPaths) return std::nullopt;
+    return targetFields(kind(path), field);
 }
 
 // As Sdf's own list editors do after such a list op was set.

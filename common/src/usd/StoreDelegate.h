@@ -18,7 +18,7 @@ public:
     using Field = std::pair<pxr::SdfPath, pxr::TfToken>;
 
     void add(const Field& field, const FieldValue& value, BlobSource& blobs);
-    void remove(const Field& field);
+    void remove(const pxr::SdfPath& path, const pxr::TfToken& field);
     [[nodiscard]] std::set<Field> take(const Hash& hash);
     [[nodiscard]] bool empty() const { return hashes_.empty(); }
     void clear() { hashes_.clear(); }
@@ -28,6 +28,18 @@ public:
 
 private:
     std::map<Field, std::set<Hash>> hashes_;
+};
+
+/// Paths of Sdf from text. Reading one costs more than what is then done with it, and most edits
+/// are of siblings.
+class RecentPaths {
+public:
+    /// Precondition: specpath::parse() has taken it.
+    pxr::SdfPath operator()(std::string_view path);
+
+private:
+    std::string text_;
+    pxr::SdfPath parent_;
 };
 
 /// Stands between a layer and all that writes to it.
@@ -63,6 +75,7 @@ public:
 
     BlobSource& blobs;
     WaitingFields waiting;
+    RecentPaths paths;
     pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< whom the layer had before
 
 protected:
@@ -95,6 +108,7 @@ private:
     }
     void tellField(const Path& path, const Token& field);
     void tellChildren(const Path& parent, const Token& field, bool appended);
+    [[nodiscard]] std::optional<TargetFields> targetsOf(const Path& path, const Token& field) const;
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);
 
     LayerWriteObserver* observer_;
