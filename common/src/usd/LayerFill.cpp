@@ -77,7 +77,7 @@ struct LayerFill::State {
         const SdfPath path =
             above.empty() ? SdfPath::AbsoluteRootPath() : addChild(view->kind, view->name);
         above.push_back({view->node, specs.size(), {}});
-        Spec& spec = specs.emplace_back(path, view->kind);
+        Spec& spec = specs.emplace_back(Spec{path, view->kind});
         for (const auto& [name, value] : *view->fields) fillField(spec, tokens(name), value);
         spec.fieldsEnd = fields.size();
         return true;
