@@ -24,9 +24,12 @@ void Project::Impl::receiveBlob(Session& session, BlobFrame part) {
     if (part.rawBytes > kChunkBytes || part.offset > part.size ||
         part.rawBytes > part.size - part.offset)
         return refuse(ErrorCode::BlobMismatch, "a part that is not within its value");
-    // The rest of what is here already is on its way and passed over.
+    // The rest of what is here already is on its way and passed over, but for the last part:
+    // another one's may have completed the value since this one's first, which was then not
+    // answered.
     if (host_.hasBlob(part.hash)) {
-        if (part.offset == 0) send(session, BlobStored{part.hash});
+        if (part.offset == 0 || part.offset + part.rawBytes == part.size)
+            send(session, BlobStored{part.hash});
         return;
     }
     if (storeFailed_) return refuse(ErrorCode::StorageFailed, "the store has failed");

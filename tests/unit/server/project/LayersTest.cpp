@@ -213,6 +213,20 @@ TEST(ProjectBlobs, ArePassedOnAndConfirmed) {
     EXPECT_EQ(world.host.blobParts.size(), 1u);
 }
 
+// Seed 19977 of the simulation: its author was never told, and kept its transactions for ever.
+TEST(ProjectBlobs, AreConfirmedToWhoWasOvertakenBetweenTwoParts) {
+    World world;
+    world.join(1);
+    const Bytes first{1, 2}, last{3};
+    const Hash hash = sha256(asBytes("\1\2\3"));
+    world.receive(1, Frame(BlobFrame{hash, 3, 0, 2, deflate(first)}));
+    world.project->blobWritten(1, hash, false);
+    world.host.blobs.insert(hash);
+    world.receive(1, Frame(BlobFrame{hash, 3, 2, 1, deflate(last)}));
+    EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hash);
+    EXPECT_EQ(world.host.blobParts.size(), 1u);
+}
+
 TEST(ProjectBlobs, PartsThatCannotBeAreRefused) {
     World world;
     world.join(1);
