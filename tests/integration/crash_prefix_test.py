@@ -50,7 +50,7 @@ class Author:
             self.take()
 
     def take(self):
-        commit = self.peer.expect("Commit")
+        commit = self.peer.expect("Commit", 30)
         size = self.trace.stat().st_size
         self.peer.follow(commit)
         self.waiting -= commit["client"] == self.peer.client
@@ -64,24 +64,27 @@ def record(project, tmp_path, unsynced):
     random_ = random.Random(SEED)
     server, trace = Server(project, tmp_path / "recorded.log"), tmp_path / "trace"
     acknowledged = []
-    for life in range(3):
-        fault = f"sync:{random_.randint(40, 80)}:KILL" if unsynced and life == 0 else None
-        server.environment = crash.environment(project, trace, INTERPOSER, fault)
-        server.start()
-        author = Author(server, trace, random_, 1000 * life)
-        try:
-            author.write(40, 1, 2000)
-            author.write(60, 8, 2000)
-            author.write(24, 4, 250_000)
-        except (OSError, WebSocketException, EOFError):
-            assert fault
-        acknowledged += author.acknowledged
-        author.peer.close()
-        if fault:
-            server.process.wait(timeout=20)
-        else:
-            history = log_of(server)
-            server.kill()
+    try:
+        for life in range(3):
+            fault = f"sync:{random_.randint(40, 80)}:KILL" if unsynced and life == 0 else None
+            server.environment = crash.environment(project, trace, INTERPOSER, fault)
+            server.start()
+            author = Author(server, trace, random_, 1000 * life)
+            try:
+                author.write(40, 1, 2000)
+                author.write(60, 8, 2000)
+                author.write(24, 4, 250_000)
+            except (OSError, WebSocketException, EOFError):
+                assert fault
+            acknowledged += author.acknowledged
+            author.peer.close()
+            if fault:
+                server.process.wait(timeout=20)
+            else:
+                history = log_of(server)
+                server.kill()
+    finally:
+        server.kill()
     return trace, acknowledged, history
 
 
