@@ -18,12 +18,14 @@ endif()
 set(CMAKE_CXX_FLAGS_RELEASE "-O2 -g1")
 set(CMAKE_CXX_FLAGS_DEBUG "-O0 -g")
 
-# ccache passes precompiled headers on only if told that their macros and times do not matter.
+# ccache passes precompiled headers on only if told that their macros and times do not matter; and only by
+# the text of what they include (DEPEND): after the preprocessor, headers that differ in a comment are alike,
+# but to #pragma once they are not, and what is in the older one would be defined twice.
 find_program(USDLIVE_CCACHE ccache)
 if(USDLIVE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
     set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env
         CCACHE_SLOPPINESS=pch_defines,time_macros,include_file_mtime,include_file_ctime
-        CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} ${USDLIVE_CCACHE})
+        CCACHE_DEPEND=true CCACHE_BASEDIR=${PROJECT_SOURCE_DIR} ${USDLIVE_CCACHE})
     if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
         add_compile_options(-fpch-preprocess)
     endif()
