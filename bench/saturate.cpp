@@ -11,12 +11,14 @@
 #include "support/Broadcaster.h"
 #include "support/Fanout.h"
 #include "support/Figures.h"
+#include "support/LiveClient.h"
 
 using namespace usdlive::bench;
 
 int main(int argc, char** argv) {
     if (isBroadcaster(argc, argv)) return runBroadcaster(argc, argv);
     return runBench("saturate", [&] {
+        if (isJoin(argc, argv)) return runJoin(argv);
         Arguments arguments(argc, argv);
         std::istringstream durabilities(arguments.text("--durability", "sync,os"));
         const auto fields = arguments.numbers("--fields", {1000});

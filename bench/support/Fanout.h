@@ -13,6 +13,7 @@ struct FanoutConfiguration {
     double seconds = 5;
     int flushIntervalMs = 0;
     std::string durability = "sync";
+    std::string transport = "websocket";  ///< or "dds", on loopback
 };
 /// Measures the real server, then its ceiling, and prints both as a JSON line.
 void measureFanout(const char* name, const FanoutConfiguration& configuration);

@@ -8,6 +8,7 @@ find_package(nlohmann_json 3 REQUIRED)
 find_package(zstd CONFIG REQUIRED)
 find_package(tl-expected CONFIG REQUIRED)
 find_package(Boost 1.81 CONFIG REQUIRED)
+find_package(CycloneDDS 0.10 CONFIG REQUIRED)
 
 # Only the headers; the package of Debian wants its static library, too.
 find_path(USDLIVE_FLATBUFFERS_INCLUDE flatbuffers/flatbuffers.h REQUIRED)

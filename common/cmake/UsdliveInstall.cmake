@@ -21,7 +21,7 @@ function(usdlive_install_package)
         endif()
     endforeach()
 
-    foreach(library common common_usd client_session client_transport client)
+    foreach(library common common_dds common_usd client_session client_transport client)
         set_target_properties(usdlive_${library} PROPERTIES EXPORT_NAME ${library})
         install(TARGETS usdlive_${library} EXPORT usdliveTargets
             ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})

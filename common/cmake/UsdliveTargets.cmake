@@ -5,6 +5,9 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
     # GCC 12 sees members of a std::variant's other alternatives, and writes past the end of a
     # std::vector that insert() has just made larger.
     list(APPEND USDLIVE_WARNINGS -Wno-maybe-uninitialized -Wno-stringop-overflow -Wno-array-bounds)
+elseif(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
+    # Of the comparisons of TfWeakPtr, which C++20 can also read from right to left.
+    list(APPEND USDLIVE_WARNINGS -Wno-ambiguous-reversed-operator)
 endif()
 
 # usdlive_library(name PUBLIC_INCLUDE dir FOLDERS folder...): a static library of all .cpp in the folders,
@@ -62,18 +65,43 @@ function(usdlive_sources out)
     set(${out} ${sources} PARENT_SCOPE)
 endfunction()
 
-# Shares the precompiled header of the pxr headers (built with usdlive_common_usd) with a target whose
-# compile options are the same. Does nothing where there is none.
-function(usdlive_use_pxr_pch name)
-    get_target_property(type usdlive_common_usd TYPE)
-    if(TARGET ${name} AND type STREQUAL "STATIC_LIBRARY")
-        get_target_property(own ${name} TYPE)
-        if(NOT own STREQUAL "INTERFACE_LIBRARY")
-            target_precompile_headers(${name} REUSE_FROM usdlive_common_usd)
-            # The header is compiled as for a library, and an executable must be alike.
-            if(own STREQUAL "EXECUTABLE")
-                target_compile_options(${name} PRIVATE -fPIC)
+# What is included nearly everywhere.
+set(USDLIVE_STD_HEADERS
+    <algorithm> <functional> <map> <memory> <optional> <set> <span> <string> <string_view> <unordered_map>
+    <variant> <vector>)
+set(USDLIVE_OWN_HEADERS
+    <usdlive/common/layer/LayerDoc.h> <usdlive/common/protocol/Control.h> <usdlive/common/protocol/Frame.h>)
+set(USDLIVE_PXR_HEADERS
+    <pxr/base/vt/array.h> <pxr/base/vt/dictionary.h> <pxr/base/vt/value.h> <pxr/usd/sdf/layer.h>
+    <pxr/usd/sdf/listOp.h> <pxr/usd/sdf/schema.h> <pxr/usd/sdf/types.h>)
+
+# usdlive_pch(name header...): the target's own precompiled header, which others may share.
+function(usdlive_pch name)
+    get_target_property(type ${name} TYPE)
+    if(NOT type STREQUAL "INTERFACE_LIBRARY")
+        target_precompile_headers(${name} PRIVATE ${ARGN})
+        usdlive_compile_alike(${name})
+    endif()
+endfunction()
+
+# usdlive_share_pch(owner name...): that of the owner, in targets whose compile options are the same.
+function(usdlive_share_pch owner)
+    get_target_property(headers ${owner} PRECOMPILE_HEADERS)
+    foreach(name ${ARGN})
+        if(TARGET ${name} AND headers)
+            get_target_property(type ${name} TYPE)
+            if(NOT type STREQUAL "INTERFACE_LIBRARY")
+                target_precompile_headers(${name} REUSE_FROM ${owner})
+                usdlive_compile_alike(${name})
             endif()
         endif()
+    endforeach()
+endfunction()
+
+# What shares a precompiled header is compiled alike: executables as libraries.
+function(usdlive_compile_alike name)
+    get_target_property(type ${name} TYPE)
+    if(type STREQUAL "EXECUTABLE")
+        target_compile_options(${name} PRIVATE -fPIC)
     endif()
 endfunction()

@@ -181,7 +181,8 @@ TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
             doc.apply("/A.x", SetField{"timeSamples", SampleTime{time}, doubleValue(time)}));
     ASSERT_TRUE(doc.apply("/A.x", SetField{"default", {}, doubleValue(1)}));
     ASSERT_TRUE(this->append(this->commits.import(kLayer, doc)));
-    EXPECT_EQ(*this->store->savedRevision(kLayer), 2u);
+    EXPECT_EQ(this->store->saved(kLayer)->revision, 2u);
+    EXPECT_EQ(this->store->saved(kLayer)->file, test::kFile);
     EXPECT_TRUE(this->store->unsavedLayers()->empty());
     this->expectLayers();
     this->reopen();
@@ -192,12 +193,13 @@ TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
     EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
     this->reopen();
     EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
-    ASSERT_TRUE(this->store->setSavedRevision(kLayer, 3));
+    const SavedState saved{3, FileStamp{{9, 8, 7, 6}, {}}, SavedState::Coming{4, sha256({})}};
+    ASSERT_TRUE(this->store->setSaved(kLayer, saved));
     this->reopen();
-    EXPECT_EQ(*this->store->savedRevision(kLayer), 3u);
+    EXPECT_EQ(*this->store->saved(kLayer), saved);
     EXPECT_TRUE(this->store->unsavedLayers()->empty());
-    EXPECT_EQ(*this->store->savedRevision({"c.usda"}), 0u);
-    EXPECT_EQ(this->store->setSavedRevision({"c.usda"}, 1).error().code, ErrorCode::LayerNotFound);
+    EXPECT_EQ(*this->store->saved({"c.usda"}), SavedState());
+    EXPECT_EQ(this->store->setSaved({"c.usda"}, saved).error().code, ErrorCode::LayerNotFound);
 }
 
 TYPED_TEST(CommitStoreContract, SamplesAreSingleRecords) {
@@ -345,13 +347,16 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
 
 TYPED_TEST(CommitStoreContract, KeepsCheckpoints) {
     ASSERT_TRUE(this->append(this->commits.raw({})));
-    EXPECT_TRUE(this->store->setCheckpoint("lunch", 1));
-    EXPECT_TRUE(this->store->setCheckpoint("before lunch", 0));
+    const Checkpoint lunch{"lunch", 1, {"ada"}, 12}, before{"before lunch", 0, {"Zoë"}, 11};
+    EXPECT_TRUE(this->store->addCheckpoint(lunch));
+    EXPECT_TRUE(this->store->addCheckpoint(before));
     this->reopen();
-    const std::vector<std::pair<std::string, Revision>> expected{{"before lunch", 0}, {"lunch", 1}};
-    EXPECT_EQ(*this->store->checkpoints(), expected);
-    EXPECT_TRUE(this->store->setCheckpoint("lunch", 0));
-    EXPECT_EQ(this->store->checkpoints()->back().second, 0u);
+    EXPECT_EQ(*this->store->checkpoints(), (std::vector{before, lunch}));
+    const auto again = this->store->addCheckpoint({"lunch", 0, {}, 0});
+    EXPECT_EQ(again.error().code, ErrorCode::CheckpointExists);
+    const auto future = this->store->addCheckpoint({"dinner", 2, {}, 0});
+    EXPECT_EQ(future.error().code, ErrorCode::FutureRevision);
+    EXPECT_EQ(this->store->checkpoints()->size(), 2u);
 }
 
 }  // namespace

@@ -1,10 +1,10 @@
 """`./run demo`: four editors on one real stage at once, with the server killed on the way.
 
 A drone and a humanoid out of the newton package become the cast of a small shot of root, layout,
-animation and look layers. `usdlive serve` serves it, two Python editors and a C++ one work in it from the
-start and a third Python one joins late. In the middle the server is killed with SIGKILL and started
-again. At the end every layer's text is compared: each editor's, the server's, and the saved file's as
-pxr.Usd alone reads it. Exit status 0 only if all are the same.
+animation and look layers. `usdlive serve` serves it, two Python editors (one of them over DDS) and a C++
+one work in it from the start and a third Python one joins late. In the middle the server is killed with
+SIGKILL and started again. At the end every layer's text is compared: each editor's, the server's, and the
+saved file's as pxr.Usd alone reads it. Exit status 0 only if all are the same.
 """
 
 from __future__ import annotations
@@ -88,7 +88,8 @@ class Server:
         port_file.unlink(missing_ok=True)
         self.process = subprocess.Popen(
             [os.environ["USDLIVE_BIN"], "serve", str(self.folder), "--port", str(self.port),
-             "--port-file", str(port_file), "--min-free-mib", "16"],
+             "--port-file", str(port_file), "--min-free-mib", "16",
+             "--dds", "--dds-domain", os.environ["USDLIVE_DDS_DOMAIN"]],
             stdout=subprocess.DEVNULL, stderr=self.log.open("ab"))
         while not port_file.exists():
             if self.process.poll() is not None:
@@ -107,6 +108,10 @@ class Server:
     @property
     def url(self) -> str:
         return f"ws://127.0.0.1:{self.port}"
+
+    @property
+    def dds_url(self) -> str:
+        return f"dds://{self.folder.name}"
 
 
 class Editor:
@@ -203,18 +208,20 @@ def wait_until(condition, seconds: float, what: str) -> None:
 def run(seconds: float, work: pathlib.Path, stay: bool) -> int:
     folder, outputs = work / "project", work / "out"
     make_shot(folder)
+    # On loopback, and in a domain that no other demo on this machine is in.
+    os.environ["USDLIVE_DDS_DOMAIN"] = str(100 + os.getpid() % 100)
     server = Server(folder, work / "server.log")
     server.start()
     print(f"A shot of {len(LAYERS)} layers around two stages of the newton package, served at "
-          f"{server.url}\n")
+          f"{server.url} and over DDS\n")
 
-    def python_editor(name: str, what: str) -> Editor:
-        return Editor(name, what, [sys.executable, str(HERE / "editor.py"), name, server.url,
+    def python_editor(name: str, what: str, url: str) -> Editor:
+        return Editor(name, what, [sys.executable, str(HERE / "editor.py"), name, url,
                                    str(outputs / name)], work / f"{name}.log")
 
     editors = [
-        python_editor("mover", "Python: moves drones, 60 times a second"),
-        python_editor("builder", "Python: renames, adds, deletes, variants"),
+        python_editor("mover", "Python: moves drones, 60 times a second", server.url),
+        python_editor("builder", "Python, DDS: renames, adds, deletes", server.dds_url),
         Editor("cpp", "C++: keys the humanoid, sample by sample",
                [str(pathlib.Path(os.environ["USDLIVE_BIN"]).parent / "demo_editor"), server.url,
                 str(outputs / "cpp")], work / "cpp.log"),
@@ -228,7 +235,8 @@ def run(seconds: float, work: pathlib.Path, stay: bool) -> int:
             while plan and clock > plan[0][0] * seconds:
                 event = plan.pop(0)[1]
                 if event == "late":
-                    editors.append(python_editor("late", "Python: joined late, places props"))
+                    editors.append(python_editor("late", "Python: joined late, places props",
+                                                 server.url))
                     note = "a fourth editor has joined"
                 elif event == "kill":
                     server.kill()

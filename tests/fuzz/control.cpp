@@ -18,13 +18,33 @@ std::vector<Bytes> fuzz::seeds() {
     const LayerId layer{"shot/a.usda"};
     std::vector<Bytes> all;
     for (const ControlMessage& message : std::vector<ControlMessage>{
-             Hello{1, 1, {"log"}, {"client"}, {"user"}, "app", Hello::Resume{3, 7, hash}},
+             Hello{1,
+                   1,
+                   {"log"},
+                   {"client"},
+                   {"user"},
+                   "app",
+                   Hello::Resume{3, 7, hash},
+                   {{{"a.usda"}}}},
              Welcome{1, {"history"}, "film", 3, 7, hash, true, {{layer}}, 1 << 26, 1 << 30},
-             ProjectLayers{{{layer}}}, OpenLayer{1, layer, 5}, LayerOpened{1, layer, 7, 100},
-             CloseLayer{layer}, RequestBlob{hash, 4096}, BlobStored{hash}, AlreadyCommitted{4, 7},
-             SaveLayers{2, {layer}},
+             ProjectLayers{{{layer}}},
+             OpenLayer{1, layer, 5},
+             LayerOpened{1, layer, 7, 100},
+             CloseLayer{layer},
+             RequestBlob{hash, 4096},
+             BlobStored{hash},
+             AlreadyCommitted{4, 7},
+             SaveLayers{2, {layer}, true},
+             ReloadLayers{4, {layer}},
+             CreateCheckpoint{5, "lunch"},
+             ListCheckpoints{6},
+             CheckpointCreated{5, {"lunch", 7, {"ada"}, 9}},
+             Checkpoints{6, {{"lunch", 7, {"ada"}, 9}}},
+             LayersReloaded{4, 8, {layer}, {{{"b.usdc"}, "layerUnreadable", "no text"}}},
              LayersSaved{2, 7, {layer}, {{{"b.usdc"}, "saveFailed", "no room"}}},
-             RequestLog{3, 1, 0}, LogBegin{3}, LogEnd{3},
+             RequestLog{3, 1, 0},
+             LogBegin{3},
+             LogEnd{3},
              ErrorMessage{"blobNotFound", "Zoë's \"texture\"", false, 1, hash}})
         all.push_back(copyOf(asBytes(encodeControl(message))));
     return all;

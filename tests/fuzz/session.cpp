@@ -63,7 +63,7 @@ void serve(World& world) {
             world.project->blobWritten(session, part.hash, true);
         }
         for (const auto& save : std::exchange(host.saves, {}))
-            world.project->layersSaved(save.session, save.request, {save.request, 0, {}, {}});
+            world.project->layersSaved(save.session, save.request, {});
     }
 }
 

@@ -58,8 +58,7 @@ Bytes recordsOf(const LayerDoc& doc) {
     const std::unique_ptr<rocksdb::DB> db(opened);
     rocksdb::WriteBatch batch;
     StateWriter writer(*db, db->DefaultColumnFamily(), batch);
-    for (const StateChange& change : stateChanges({"a.usda"}, doc))
-        writer.add(kLayer, true, change);
+    writer.add(kLayer, true, PutLayer{{"a.usda"}, doc});
     require(db->Write({}, &batch).ok(), "a store is written");
     Bytes out;
     const std::unique_ptr<rocksdb::Iterator> at(db->NewIterator({}));

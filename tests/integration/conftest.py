@@ -11,6 +11,7 @@ import sys
 import time
 
 import pytest
+import usdlive
 
 HERE = pathlib.Path(__file__).parent
 
@@ -63,10 +64,10 @@ class Server:
 class Peer:
     """An editor in a Python process of its own, with `live`, `stage` and pxr's modules at hand."""
 
-    def __init__(self, url: str, user: str, layer: str, log: pathlib.Path):
+    def __init__(self, url: str, user: str, layer: str, log: pathlib.Path, prefix=()):
         self.log = log
         self.process = subprocess.Popen(
-            [sys.executable, str(HERE / "peer.py"), url, user, layer], text=True,
+            [*prefix, sys.executable, str(HERE / "peer.py"), url, user, layer], text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log.open("ab"))
         self._answer()
 
@@ -139,3 +140,29 @@ def cat(server: Server, layer: str, *options: str) -> str:
     """A layer's text as the server has it."""
     return subprocess.run([os.environ["USDLIVE_BIN"], "cat", f"{server.url}/{layer}", *options],
                           capture_output=True, text=True, check=True).stdout
+
+
+def connect(server: Server, user: str) -> usdlive.Live:
+    return usdlive.connect(server.url, user=user, application="test")
+
+
+def wait(condition, *ticking, timeout=10):
+    """Until it is true; what has a tick() makes frames meanwhile."""
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        for one in ticking:
+            one.tick()
+        time.sleep(0.002)
+
+
+def run(*arguments: str) -> str:
+    """What the command line tool prints, which has to succeed."""
+    return subprocess.run([os.environ["USDLIVE_BIN"], *arguments], capture_output=True, text=True, check=True).stdout
+
+
+def refused(*arguments: str) -> str:
+    """What the tool says that fails."""
+    ran = subprocess.run([os.environ["USDLIVE_BIN"], *arguments], capture_output=True, text=True)
+    assert ran.returncode == 1
+    return ran.stderr

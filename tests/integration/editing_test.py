@@ -56,6 +56,22 @@ def test_m3_an_edit_follows_a_rename_it_did_not_know_of(two):
     assert '"Planet"' in text and "radius = 5" in text and '"Ball"' not in text
 
 
+@pytest.mark.parametrize("kind", ["composed", "local"])
+def test_a_name_that_one_prim_leaves_and_another_takes(two, kind):
+    """In one frame, of which others hear in one change block: so Pcp would lose the first."""
+    server, ada, bo = two
+    ada.run("for name in 'AB': stage.DefinePrim('/World/' + name, 'Cube').GetAttribute('size').Set(ord(name))")
+    settle(server, ada, bo)
+    move = {"composed": "e = Usd.NamespaceEditor(stage); e.MovePrimAtPath(a, b); assert e.ApplyEdits()",
+            "local": "e = Sdf.BatchNamespaceEdit(); e.Add(a, b); assert stage.GetRootLayer().Apply(e)"}[kind]
+    ada.run(f"for a, b in [('/World/A', '/World/C'), ('/World/B', '/World/A')]: {move}")
+    settle(server, ada, bo)
+    for editor in (ada, bo):
+        sizes = editor.run("check_stage()\nresult = [stage.GetPrimAtPath('/World/' + name)"
+                           ".GetAttribute('size').Get() for name in 'AC']")
+        assert sizes == [ord("B"), ord("A")]
+
+
 def test_m4_an_edit_below_a_deleted_prim_comes_back_to_its_author(two):
     server, ada, bo = two
     ada.run("stage.RemovePrim('/World/Ball')")

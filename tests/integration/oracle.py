@@ -294,7 +294,7 @@ class Replay:
         index = names.index(before) if before in names else len(names)
         expected = [n for n in names if n != name]
         expected.insert(expected.index(before) if before in expected else len(expected), name)
-        if names == expected:
+        if name == before or names == expected:  # before itself: where it is
             return
         # Sdf cannot move a spec among its siblings unless its name changes.
         aside = child(parent, kind, name + "_aside")

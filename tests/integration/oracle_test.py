@@ -108,6 +108,7 @@ def work(steps):
         step()
         if rng.random() < 0.5: live.tick()
         if rng.random() < 0.2: time.sleep(0.003)
+    check_stage()
 """
 
 

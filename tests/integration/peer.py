@@ -19,6 +19,20 @@ def layer(name):
     return Sdf.Layer.Find(os.path.join(live.cache_folder, name))
 
 
+def composed(of):
+    """Of each prim what it says; None of one that the stage has lost, which would crash at the next question."""
+    return {prim.GetPath(): prim.GetPrimIndex() and (
+                prim.GetTypeName(), [(a.GetName(), a.Get(), a.GetTimeSamples()) for a in prim.GetAttributes()])
+            for prim in Usd.PrimRange.Stage(of, Usd.PrimAllPrimsPredicate)}
+
+
+def check_stage():
+    """What has come in step by step is what one finds who opens it now."""
+    here, afresh = composed(stage), composed(Usd.Stage.Open(stage.GetRootLayer()))
+    assert here == afresh, [(str(path), here.get(path), afresh.get(path))
+                            for path in {*here, *afresh} if here.get(path) != afresh.get(path)]
+
+
 names = dict(globals())
 print("{}", flush=True)
 for line in sys.stdin:

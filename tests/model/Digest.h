@@ -62,7 +62,7 @@ private:
     template <class... Ts>
     void put(const std::variant<Ts...>& part) {
         put(part.index());
-        std::visit([this](const auto& one) { put(one); }, part);
+        std::visit([&](const auto& one) { put(one); }, part);
     }
     template <class Tag>
     void put(const Id<Tag>& part) {

@@ -34,8 +34,8 @@ struct Input {
         Answer,  ///< `argument`: which of the host's jobs is done
         Die,     ///< `argument`: so many commits become durable, unheard; a new process starts
         DiskFull,
-        DiskFails,
-        RollBack,  ///< dies, and the newest durable commit is gone, too: the disk had lied
+        DiskFails,  ///< `argument`: so many commits are durable all the same, unheard
+        RollBack,   ///< dies, and the newest durable commit is gone, too: the disk had lied
     };
     static constexpr std::uint32_t kMaxArgument = (1u << 20) - 1;
 

@@ -99,7 +99,9 @@ void Model::addActionsOfServer(std::vector<Action>& actions, const World& world)
         for (std::size_t written = 0; written <= server.unsaved; ++written)
             add(Action::Die, written);
     if (spent.diskFulls < most.diskFulls && server.unsaved > 0) add(Action::DiskFull);
-    if (spent.diskFailures < most.diskFailures && server.unsaved > 0) add(Action::DiskFails);
+    if (spent.diskFailures < most.diskFailures && server.unsaved > 0)
+        for (std::size_t written = 0; written <= server.unsaved; ++written)
+            add(Action::DiskFails, written);
     if (spent.rollBacks < most.rollBacks && server.history->hashes.size() > 2)
         add(Action::RollBack);
 }
@@ -183,7 +185,7 @@ void Model::act(World& world, Action action, Line line) {
             return stepServer(world, {Input::DiskFull});
         case Action::DiskFails:
             ++world.spent.diskFailures;
-            return stepServer(world, {Input::DiskFails});
+            return stepServer(world, {Input::DiskFails, 0, action.argument});
     }
 }
 
@@ -328,7 +330,7 @@ std::string Model::describe(const World& before, Action action) {
         case Action::DiskFull:
             return "the disk is full";
         case Action::DiskFails:
-            return "the disk fails";
+            return "the disk fails, with " + number + " commits durable and not told";
         case Action::RollBack:
             return "the server dies, and its disk has lost the newest commit";
     }

@@ -38,13 +38,13 @@ static void digest(Digest& out, const Prediction& part) {
     out(part.docs_, part.creations_, part.moves_, part.notes_, part.confirmedNames_,
         part.revision_);
 }
-static void digest(Digest& out, const Session::Impl::Incoming& part) {
+static void digest(Digest& out, const Incoming& part) {
     const auto& [request, opened, decoder, whole] = part;
     // What a snapshot holds follows from its revision.
     out(request, opened ? encodeControl(*opened) : "",
         decoder ? decoder->specs() : std::uint64_t(0), whole);
 }
-static void digest(Digest& out, const Session::Impl::Joining& part) {
+static void digest(Digest& out, const Joining& part) {
     const auto& [snapshot, later, again] = part;
     out(snapshot, later, again);
 }
@@ -57,14 +57,23 @@ static void digest(Digest& out, const Session::Impl::Received& part) {
     out(Bytes(part.frame.begin(), part.frame.end()));
 }
 
-// Left out: what the model does not use (gestures and previews, big values, peeks, logs, saves),
-// the events, which are taken at once, and of the welcome what is the same in all of them.
+static void digest(Digest& out, const Session::Impl::Missed& part) {
+    const auto& [revision, pending] = part;
+    out(revision, pending);
+}
+static void digest(Digest& out, const Session::Impl::LogReader& part) {
+    out(part.request, part.begun);
+}
+
+// Left out: what the model does not use (gestures and previews, big values, peeks, saves), the
+// events, which are taken at once, and of the welcome what is the same in all of them.
 static void digest(Digest& out, const Session::Impl& part) {
     out(part.welcome_.has_value(), part.welcome_ ? part.welcome_->revision : Revision(0),
         part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
         part.linked_, part.inbox_, part.lastRequest_, part.resealWhenCaughtUp_, part.hasHistory_,
         part.epoch_, part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_,
-        part.layers_, part.frozen_, part.prediction_, part.dirty_, part.resets_);
+        part.layers_, part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_,
+        part.logs_);
 }
 
 ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages& messages)
@@ -74,6 +83,7 @@ ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages&
       session_({.client = {number == 0 ? "ada" : "bob"},
                 .user = {number == 0 ? "ada" : "bob"},
                 .application = "model",
+                .features = {"history", "log", "previews"},
                 .clockMs = [] { return 0.0; },
                 .checksPrediction = true},
                *this, *this) {
@@ -130,9 +140,12 @@ ModelClient::Summary ModelClient::summary() const {
 
 Labels ModelClient::pending() const {
     Labels labels = 0;
-    for (const Pending& pending : session_.impl_->pending_)
+    const auto add = [&](const Pending& pending) {
         for (const AuthoredEdit& edit : pending.authored)
             if (const auto label = labelOf(edit.action)) labels |= 1u << *label;
+    };
+    for (const Pending& pending : session_.impl_->pending_) add(pending);
+    for (const Session::Impl::Missed& missed : session_.impl_->missed_) add(missed.pending);
     return labels;
 }
 

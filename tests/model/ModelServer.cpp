@@ -9,6 +9,8 @@ namespace usdlive::model {
 using namespace server;
 using simulation::require;
 
+static const tl::unexpected<Error> kClosed = fail(ErrorCode::StorageFailed, "the store is closed");
+
 static void digest(Digest& out, const CheckingResume& part) {
     const auto& [hello, waiting, waitingBytes] = part;
     out(encodeControl(hello), waiting, waitingBytes);
@@ -33,10 +35,12 @@ static void digest(Digest& out, const Answer& part) {
 }
 static void digest(Digest& out, const LayersSaved::Failure& part) { out(part.layer, part.code); }
 static void digest(Digest& out, const Session& part) {
-    const auto& [id, phase, client, user, greetedAt, position, stream, logs, reads, transactions,
+    const auto& [id, phase, client, user, application, features, open, presence, heard, heardMs,
+                 shown, greetedAt, position, ahead, opened, stream, logs, reads, transactions,
                  transactionBytes, answers, historyReads, failedSaves] = part;
-    out(id, phase, client, user, greetedAt, position, stream, logs, reads, transactions,
-        transactionBytes, answers, historyReads, failedSaves);
+    // Features are the same for all, and nobody shows where he is.
+    out(id, phase, client, user, open, greetedAt, position, opened, stream, logs, reads,
+        transactions, transactionBytes, answers, historyReads, failedSaves);
 }
 static void digest(Digest& out, const Author& part) {
     const auto& [creations, inFlight, newest, lastSequence] = part;
@@ -48,16 +52,17 @@ static void digest(Digest& out, const WaitingOpen& part) {
 }
 static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
 static void digest(Digest& out, const LayerEntry& part) {
-    const auto& [state, opens, changed, saved] = part;
-    out(state, opens, changed, saved);
+    const auto& [state, opens, changed, saved, unsaved, file, mutes, told] = part;
+    out(state, opens, changed, saved.revision, unsaved,
+        encodeControl(LayerStates{{told}}));  // no files here
 }
 static void digest(Digest& out, const ReadyOpen& part) {
     const auto& [open, layer, doc, revision] = part;
     out(open, layer, doc, revision);
 }
 static void digest(Digest& out, const InFlightCommit& part) {
-    const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, layers, imported,
-                 mark] = part;
+    const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, layers, layerData,
+                 imported, reloaded, mark] = part;
     out(revision, hash, id, session, gesture, layers, imported, mark);  // the others follow
 }
 static void digest(Digest& out, const NamespaceHistory& part) {
@@ -71,8 +76,8 @@ static void digest(Digest& out, const RecentCommits& part) {
 // Left out: counters, and what the model does not use (previews, saves).
 static void digest(Digest& out, const Project::Impl& part) {
     out(part.epoch_, part.sessions_, part.authors_, part.docs_, part.layers_, part.history_,
-        part.executed_, part.executedHash_, part.inFlight_, part.storeFailed_, part.durable_,
-        part.durableHash_, part.recent_, part.readyOpens_);
+        part.executed_, part.executedHash_, part.inFlight_, part.storeClosed_, part.durable_,
+        part.durableHash_, part.recent_, part.readyOpens_, part.suspects_);
 }
 
 void digest(Digest& out, const ModelServer::ReadCommits& part) {
@@ -129,7 +134,10 @@ public:
     void close(SessionId session) override {
         now->outputs_.push_back({std::uint8_t(session), true, 0});
     }
-    void append(CommitRecord commit) override { now->appends_.push_back(std::move(commit)); }
+    void append(CommitRecord commit) override {
+        requireOpen();
+        now->appends_.push_back(std::move(commit));
+    }
     void loadLayer(const LayerId&) override { now->jobs_.push_back(LoadLayer{}); }
     void readCommits(SessionId session, Revision from, Revision to) override {
         now->jobs_.push_back(ReadCommits{session, from, to});
@@ -139,9 +147,11 @@ public:
     }
     std::optional<Revision> committed(const TransactionId& transaction) override {
         if (now->scenario_.flaw == Flaw::Forgets) return std::nullopt;
+        requireOpen();
         return *now->store().committed(transaction);
     }
     std::uint64_t lastSequence(const ClientId& client) override {
+        requireOpen();
         return *now->store().lastSequence(client);
     }
     bool hasBlob(const Hash&) override { return false; }
@@ -154,6 +164,7 @@ public:
     void saveLayers(SessionId, std::uint64_t, std::vector<SaveJob>) override { notModelled(); }
 
 private:
+    void requireOpen() const { require(!now->disk_->failed, "the project uses a closed store"); }
     static void notModelled() { throw std::logic_error("no client of the model asks for this"); }
 };
 
@@ -223,12 +234,10 @@ std::vector<Output> ModelServer::apply(Input input) {
             start();
             break;
         case Input::DiskFull:
-            diskFails(&simulation::SimDisk::full);
-            disk().full = false;
+            diskFull();
             break;
         case Input::DiskFails:
-            diskFails(&simulation::SimDisk::failed);
-            jobs_.push_back(OpenStoreAnew{});
+            diskFails(input.argument);
             break;
         case Input::RollBack:
             disk().rollBack(store().head().revision - 1);
@@ -273,11 +282,21 @@ void ModelServer::write(std::size_t commits) {
     appends_.erase(appends_.begin(), end);
 }
 
-void ModelServer::diskFails(bool simulation::SimDisk::* how) {
-    disk().*how = true;
+void ModelServer::diskFull() {
+    disk().full = true;
     const auto done = disk().append({{appends_.front()}});
+    disk().full = false;
     appends_.clear();
     project_->appendFailed(done.error(), store().head());
+}
+
+// The project hears how many of the commits are there all the same when the store is open again.
+void ModelServer::diskFails(std::size_t written) {
+    write(written);
+    appends_.clear();
+    disk().failed = true;
+    project_->storeClosed();
+    jobs_.push_back(OpenStoreAnew{});
 }
 
 // ---- the host's jobs
@@ -289,6 +308,7 @@ void ModelServer::answer(std::size_t index) {
 }
 
 void ModelServer::done(const LoadLayer&) {
+    if (disk_->failed) return project_->layerLoaded(kLayer, kClosed);
     const auto stored = store().loadLayer(kLayer);
     project_->layerLoaded(
         kLayer, *stored ? LoadedLayer{**stored}
@@ -296,6 +316,7 @@ void ModelServer::done(const LoadLayer&) {
 }
 
 void ModelServer::done(const ReadCommits& job) {
+    if (disk_->failed) return project_->commitsRead(job.session, kClosed);
     std::vector<StoredCommit> commits;
     (void)store().read(job.from, job.to, [&](const StoredCommit& commit) {
         commits.push_back(commit);

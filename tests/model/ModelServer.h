@@ -73,7 +73,8 @@ private:
     void start();
     void flush(std::size_t commits);
     void write(std::size_t commits);
-    void diskFails(bool simulation::SimDisk::* how);
+    void diskFull();
+    void diskFails(std::size_t written);
     void answer(std::size_t job);
     void done(const LoadLayer&);
     void done(const ReadCommits& job);

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <sstream>
 
+#include "usdlive/common/layer/LayerLock.h"
+#include "usdlive/common/layer/SpecLocks.h"
+
 namespace usdlive::simulation {
 
 using namespace client;
@@ -110,6 +113,7 @@ void SimClient::tick() {
         if (random_.chance(style_.openPercent)) openAndClose();
         if (random_.chancePerMille(style_.requestPerMille)) makeRequests();
         editSomething();
+        if (random_.chancePerMille(style_.lockPerMille) && !session_.inGesture()) lockSomething();
         if (link_ != 0 && random_.chancePerMille(style_.cutPerMille))
             network_.cut(link_, random_.chance(40));
     }
@@ -136,9 +140,7 @@ void SimClient::editSomething() {
 void SimClient::authorRandom(std::size_t count) {
     std::vector<AuthoredEdit> edits;
     for (std::size_t step = 0; step < count; ++step) {
-        std::vector<LayerId> layers;
-        for (const auto& [layer, doc] : editor_)
-            if (session_.isJoined(layer)) layers.push_back(layer);
+        const std::vector<LayerId> layers = joinedLayers();
         if (layers.empty()) return;
         const LayerId& layer = random_.pick(layers);
         LayerDoc& doc = editor_.at(layer);
@@ -152,6 +154,40 @@ void SimClient::authorRandom(std::size_t count) {
             edits.push_back(std::move(edit));
         }
     }
+    author(std::move(edits));
+}
+
+/// In one's own name, or the end of it; also of what somebody else has locked, which is refused.
+void SimClient::lockSomething() {
+    const std::vector<LayerId> layers = joinedLayers();
+    if (layers.empty()) return;
+    const LayerId& layer = random_.pick(layers);
+    LayerDoc& doc = editor_.at(layer);
+    const UserName self{"user" + std::to_string(number_)};
+    std::vector<EditAction> actions;
+    if (random_.chance(50)) {
+        LayerLock lock;
+        if (!lockOf(doc).locked) lock = {true, self, 1'000};
+        actions = lockEdits(lock);
+    } else if (const SpecLocks locks = specLocksOf(doc); !locks.empty() && random_.chance(60)) {
+        actions = {specUnlockEdit(locks.begin()->first)};
+    } else if (const auto prims = doc.children("/", ChildList::Prims); !prims.empty()) {
+        actions = {specLockEdit("/" + random_.pick(prims), self)};
+    }
+    std::vector<AuthoredEdit> edits;
+    for (EditAction& action : actions)
+        if (doc.apply("/", action)) edits.push_back({layer, "/", std::move(action)});
+    author(std::move(edits));
+}
+
+std::vector<LayerId> SimClient::joinedLayers() const {
+    std::vector<LayerId> layers;
+    for (const auto& [layer, doc] : editor_)
+        if (session_.isJoined(layer)) layers.push_back(layer);
+    return layers;
+}
+
+void SimClient::author(std::vector<AuthoredEdit> edits) {
     if (edits.empty()) return;
     if (!session_.inGesture()) {
         authoredEdits += edits.size();
@@ -178,7 +214,7 @@ void SimClient::openAndClose() {
 
 void SimClient::makeRequests() {
     const LayerId layer = random_.pick(style_.layers);
-    switch (random_.below(3)) {
+    switch (random_.below(6)) {
         case 0: {
             const Revision revision = random_.below(session_.revision() + 1);
             session_.peek(layer, revision, [this, layer](Result<LayerDoc> doc, Revision at) {
@@ -188,6 +224,16 @@ void SimClient::makeRequests() {
         }
         case 1:
             session_.save({});
+            break;
+        case 2:
+            session_.reload({layer});
+            break;
+        case 3:
+            naming_[session_.createCheckpoint("at " + std::to_string(random_.below(1'000)))] =
+                session_.revision();
+            break;
+        case 4:
+            session_.listCheckpoints();
             break;
         default: {
             auto next = std::make_shared<Revision>(1);
@@ -275,8 +321,10 @@ void SimClient::handleEvents() {
 }
 
 void SimClient::on(const event::Committed& event) {
-    require(lastSeen_ == 0 || event.commit.revision == lastSeen_ + 1, "commits have a gap");
+    require(lastSeen_ == 0 || event.commit.revision - event.commit.conflated == lastSeen_ + 1,
+            "commits have a gap");
     lastSeen_ = event.commit.revision;
+    commitsTogether += event.commit.conflated;
     ++commitsSeen;
 }
 void SimClient::on(const event::Connected& event) {
@@ -288,13 +336,25 @@ void SimClient::on(const event::Lost& event) {
     require(!event.work.edits.empty(), "work was lost and it is not said which");
     if (event.work.gesture == 0) lostEdits += event.work.edits.size();
 }
+void SimClient::on(const event::CheckpointMade& event) {
+    const auto asked = naming_.extract(event.answer.request);
+    require(!asked.empty(), "a checkpoint was made twice, or for nobody");
+    require(event.answer.checkpoint.revision >= asked.mapped(),
+            "a checkpoint is without what its author had seen");
+    checkpoints.push_back(event.answer.checkpoint);
+}
+void SimClient::on(const event::CheckpointsListed& event) {
+    for (const Checkpoint& own : checkpoints)
+        require(server_.disk.forgot || std::ranges::count(event.answer.checkpoints, own) == 1,
+                "a checkpoint is lost");
+}
 void SimClient::on(const event::ServerError& event) {
     if (event.message.closing && link_ != 0) network_.cut(link_, false);
     require(event.message.code != "malformedFrame" && event.message.code != "malformedControl" &&
                 event.message.code != "internal" && event.message.code != "invalidPath",
             "the server says " + event.message.code + ": " + event.message.message);
-    require(event.message.message.find("diverged and is fetched") == std::string::npos,
-            event.message.message);
+    for (const char* fault : {"diverged and is fetched", "does not follow the one before"})
+        require(event.message.message.find(fault) == std::string::npos, event.message.message);
 }
 void SimClient::on(const event::JoinFailed& event) {
     if (event.layer.value == "broken.usda") return;

@@ -20,7 +20,8 @@ struct SimStyle {
     unsigned gesturePercent = 3;
     unsigned openPercent = 4;
     unsigned cutPerMille = 3;
-    unsigned requestPerMille = 4;  ///< peeks, saves, logs
+    unsigned requestPerMille = 4;  ///< peeks, saves, reloads, logs
+    unsigned lockPerMille = 0;     ///< locks of layers and of specs, taken and ended
     bool bigValues = false;
     bool smallBudgets = false;
     bool checksPrediction = false;
@@ -51,6 +52,7 @@ public:
     std::uint64_t lostEdits = 0;
     std::uint64_t transactions = 0;
     std::uint64_t commitsSeen = 0;
+    std::uint64_t commitsTogether = 0;
     std::uint64_t rejoins = 0;
     bool usedBigValues = false;
 
@@ -60,6 +62,7 @@ public:
         std::string dump;
     };
     std::vector<Peeked> peeked;
+    std::vector<Checkpoint> checkpoints;  ///< of which it was told that they are stored
 
     // SessionHost
     void send(SharedBytes frames) override;
@@ -77,10 +80,15 @@ private:
     void makeRequests();
     void openAndClose();
     void authorRandom(std::size_t count);
+    void lockSomething();
+    void author(std::vector<client::AuthoredEdit> edits);
+    [[nodiscard]] std::vector<LayerId> joinedLayers() const;
     void handleEvents();
     void on(const client::event::Committed& event);
     void on(const client::event::Connected& event);
     void on(const client::event::Lost& event);
+    void on(const client::event::CheckpointMade& event);
+    void on(const client::event::CheckpointsListed& event);
     void on(const client::event::ServerError& event);
     void on(const client::event::JoinFailed& event);
     void on(const auto&) {}
@@ -100,6 +108,7 @@ private:
     std::map<LayerId, LayerDoc> editor_;
     std::map<Hash, SharedBytes> blobs_;
     std::set<Hash> askedFor_;
+    std::map<std::uint64_t, Revision> naming_;  // by request: what was confirmed then
     std::set<LayerId> opened_;
     server::SessionId link_ = 0;  // 0: none
     bool settling_ = false;

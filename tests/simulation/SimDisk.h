@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "usdlive/server/storage/BlobStore.h"
@@ -14,6 +15,7 @@ public:
     bool full = false;         ///< append() fails with StorageFull
     bool reportsSpace = true;  ///< what the server is told when it asks
     bool failed = false;       ///< append() fails with StorageFailed until the store is opened anew
+    bool forgot = false;       ///< something that it had taken
     const std::unique_ptr<server::BlobStore> blobs = server::createMemoryBlobStore();
 
     SimDisk() = default;
@@ -23,7 +25,7 @@ public:
           reportsSpace(other.reportsSpace),
           failed(other.failed),
           commits_(other.commits_) {
-        writeAnew(other.store_->head().epoch);
+        writeAnew(*other.store_);
     }
 
     /// A new process takes the project over.
@@ -44,15 +46,20 @@ public:
     /// Forgets the newest commits, as a disk that lied would. To be opened then.
     void rollBack(Revision to) {
         commits_.resize(std::min<std::size_t>(commits_.size(), to));
-        writeAnew(store_->head().epoch);
+        forgot = true;
+        writeAnew(*std::exchange(store_, nullptr));
     }
 
 private:
-    void writeAnew(Epoch epoch) {
+    void writeAnew(const server::CommitStore& before) {
         disk_ = server::createMemoryDisk();
         store_ = server::createMemoryCommitStore(disk_);
         (void)store_->append(commits_);
-        while (store_->head().epoch < epoch) store_ = server::createMemoryCommitStore(disk_);
+        const auto checkpoints = before.checkpoints();
+        for (const Checkpoint& one : *checkpoints)
+            if (one.revision <= commits_.size()) (void)store_->addCheckpoint(one);
+        while (store_->head().epoch < before.head().epoch)
+            store_ = server::createMemoryCommitStore(disk_);
     }
 
     std::shared_ptr<server::MemoryDisk> disk_ = server::createMemoryDisk();

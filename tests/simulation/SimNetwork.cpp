@@ -9,13 +9,70 @@ std::int64_t SimNetwork::delayUs() {
 }
 
 SessionId SimNetwork::open(Ends client) {
-    links_[++lastLink_].client = std::move(client);
+    Link& link = links_[++lastLink_];
+    link.client = std::move(client);
+    if (random_.chance(ddsPercent)) link.dds = openDds(lastLink_);
     return lastLink_;
+}
+
+std::shared_ptr<SimDds> SimNetwork::openDds(SessionId id) {
+    return std::make_shared<SimDds>(clock_, random_, sentCommits_, id, ddsLossPercent,
+                                    SimDds::Ends{[this, id](SharedBytes message) {
+                                                     if (links_.at(id).clientOpen)
+                                                         links_.at(id).client.toClient(message);
+                                                 },
+                                                 [this, id](SharedBytes message) {
+                                                     if (links_.at(id).serverOpen)
+                                                         server.received(id, message);
+                                                 },
+                                                 [this, id] { tellClientClosed(id, 0); },
+                                                 [this, id] {
+                                                     if (links_.at(id).serverOpen)
+                                                         server.drained(id);
+                                                 },
+                                                 [this, id] {
+                                                     links_.at(id).dds->end();
+                                                     tellClientClosed(id, delayUs());
+                                                     tellServerClosed(id, 0);
+                                                 }});
+}
+
+void SimNetwork::sendCommit(std::span<const SessionId> links, const SharedBytes& frame,
+                            Revision revision) {
+    // Some are too large to go to all.
+    const bool alone = random_.chance(5);
+    std::vector<server::SentCommits::Mark> marks;
+    for (const SessionId id : links) {
+        const auto& dds = links_.at(id).dds;
+        if (!dds)
+            sendToClient(id, frame);
+        else if (alone)
+            dds->sendCommit(frame, revision);
+        else if (const auto mark = dds->commitSent(revision))
+            marks.push_back(*mark);
+    }
+    sentCommits_.add(revision,
+                     alone ? server::SentCommits::Sent{} : server::SentCommits::Sent{frame, marks});
+    if (alone) return;
+    const auto* sent = sentCommits_.find(revision);
+    for (auto& [id, link] : links_)
+        if (link.dds && link.clientOpen) link.dds->broadcast(revision, sent->positionOf(id), frame);
+}
+
+bool SimNetwork::holdCommits(SessionId id) {
+    const auto& dds = links_.at(id).dds;
+    if (dds) dds->holdCommits();
+    return dds != nullptr;
+}
+
+void SimNetwork::releaseCommits(SessionId id, Revision next) {
+    if (const auto& dds = links_.at(id).dds) dds->releaseCommits(next);
 }
 
 void SimNetwork::sendToServer(SessionId id, SharedBytes message) {
     Link& link = links_.at(id);
     if (!link.clientOpen) return;
+    if (link.dds) return link.dds->sendToServer(std::move(message));
     link.toServerUs = std::max(link.toServerUs, clock_.nowUs() + delayUs());
     clock_.at(link.toServerUs, [this, id, message] {
         if (links_.at(id).serverOpen) server.received(id, message);
@@ -25,6 +82,7 @@ void SimNetwork::sendToServer(SessionId id, SharedBytes message) {
 void SimNetwork::sendToClient(SessionId id, SharedBytes message) {
     Link& link = links_.at(id);
     if (!link.serverOpen) return;
+    if (link.dds) return link.dds->send(std::move(message));
     if (link.lastToClient && random_.chance(50)) {  // frames of one message
         link.lastToClient->insert(link.lastToClient->end(), message->begin(), message->end());
         return;
@@ -45,8 +103,11 @@ void SimNetwork::sendToClient(SessionId id, SharedBytes message) {
     });
 }
 
+bool SimNetwork::isDds(SessionId id) const { return links_.at(id).dds != nullptr; }
+
 bool SimNetwork::congested(SessionId id) {
     Link& link = links_.at(id);
+    if (link.dds) return link.dds->congested();
     if (link.queuedToClient > 10) link.congested = true;
     return link.congested;
 }
@@ -56,6 +117,7 @@ void SimNetwork::tellClientClosed(SessionId id, std::int64_t delayUs) {
         Link& link = links_.at(id);
         if (!link.clientOpen) return;
         link.clientOpen = false;
+        if (link.dds) link.dds->end();
         link.client.clientClosed();
     });
 }
@@ -71,6 +133,10 @@ void SimNetwork::tellServerClosed(SessionId id, std::int64_t delayUs) {
 
 void SimNetwork::closeByServer(SessionId id) {
     Link& link = links_.at(id);
+    if (link.dds) {
+        link.dds->close();
+        return tellServerClosed(id, delayUs());
+    }
     tellClientClosed(id, std::max<std::int64_t>(link.toClientUs - clock_.nowUs(), 0) + delayUs());
     tellServerClosed(id, delayUs());
 }
@@ -79,6 +145,8 @@ void SimNetwork::cut(SessionId id, bool halfOpen) {
     Link& link = links_.at(id);
     if (!link.clientOpen) return;
     link.clientOpen = false;
+    // Over DDS what was sent arrives only as long as somebody sends it again.
+    if (link.dds) link.dds->end();
     clock_.in(0, [this, id] { links_.at(id).client.clientClosed(); });
     if (halfOpen) return tellServerClosed(id, random_.between(50'000, 2'000'000));
     if (!link.serverOpen) return;
@@ -90,7 +158,9 @@ void SimNetwork::cutAll() {
     for (auto& [id, link] : links_) {
         if (link.serverOpen && link.clientOpen) tellClientClosed(id, delayUs());
         link.serverOpen = false;
+        if (link.dds) link.dds->end();
     }
+    sentCommits_ = {};
 }
 
 }  // namespace usdlive::simulation

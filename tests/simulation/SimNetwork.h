@@ -3,16 +3,18 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <span>
 
 #include "SimClock.h"
+#include "SimDds.h"
 #include "SimRandom.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/server/project/Project.h"
 
 namespace usdlive::simulation {
 
-/// Connections between editors and the server. Each delivers in order; between them nothing is in
-/// order. A cut connection loses what is under way.
+/// Connections between editors and the server, some over DDS. Each delivers in order; between them
+/// nothing is in order. A cut connection loses what is under way.
 class SimNetwork {
 public:
     struct Ends {
@@ -28,9 +30,18 @@ public:
     SimNetwork(SimClock& clock, SimRandom& random) : clock_(clock), random_(random) {}
     ServerEnd server;
 
+    /// Of the sessions over DDS.
+    unsigned ddsPercent = 0, ddsLossPercent = 0;
+
     server::SessionId open(Ends client);
     void sendToServer(server::SessionId link, SharedBytes message);
     void sendToClient(server::SessionId link, SharedBytes message);
+    /// To all of them; over DDS once.
+    void sendCommit(std::span<const server::SessionId> links, const SharedBytes& frame,
+                    Revision revision);
+    bool holdCommits(server::SessionId link);
+    void releaseCommits(server::SessionId link, Revision next);
+    [[nodiscard]] bool isDds(server::SessionId id) const;
     [[nodiscard]] bool congested(server::SessionId link);
     /// The server closes: what it has sent still arrives.
     void closeByServer(server::SessionId link);
@@ -48,7 +59,9 @@ private:
         std::shared_ptr<Bytes> lastToClient;  // not delivered yet
         int queuedToClient = 0;
         bool congested = false;
+        std::shared_ptr<SimDds> dds;
     };
+    std::shared_ptr<SimDds> openDds(server::SessionId link);
     std::int64_t delayUs();
     void tellClientClosed(server::SessionId link, std::int64_t delayUs);
     void tellServerClosed(server::SessionId link, std::int64_t delayUs);
@@ -57,6 +70,7 @@ private:
     SimRandom& random_;
     std::map<server::SessionId, Link> links_;
     server::SessionId lastLink_ = 0;
+    server::SentCommits sentCommits_;  // of the server's process
 };
 
 }  // namespace usdlive::simulation

@@ -10,6 +10,12 @@ namespace usdlive::simulation {
 
 using namespace server;
 
+namespace {
+
+const tl::unexpected<Error> kClosed = fail(ErrorCode::StorageFailed, "the store is closed");
+
+}  // namespace
+
 SimServer::SimServer(SimClock& clock, SimRandom& random, SimNetwork& network,
                      std::map<LayerId, LayerDoc> files, Project::Options options)
     : clock_(clock),
@@ -49,6 +55,7 @@ void SimServer::kill() {
     }
     project_.reset();
     ++process_;
+    closed_ = false;
     appends_.clear();
     appending_ = 0;
     network_.cutAll();
@@ -69,12 +76,34 @@ std::int64_t SimServer::diskUs() { return random_.between(50, 8'000) * slowness;
 void SimServer::send(SessionId session, SharedBytes frames) {
     network_.sendToClient(session, std::move(frames));
 }
+void SimServer::sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
+                           Revision revision) {
+    network_.sendCommit(sessions, frame, revision);
+}
+bool SimServer::holdCommits(SessionId session) { return network_.holdCommits(session); }
+void SimServer::releaseCommits(SessionId session, Revision next) {
+    network_.releaseCommits(session, next);
+}
 bool SimServer::congested(SessionId session) { return network_.congested(session); }
+bool SimServer::lags(SessionId session) {
+    return !network_.isDds(session) && network_.congested(session);
+}
 void SimServer::close(SessionId session) { network_.closeByServer(session); }
 
 // ---- commits
 
+std::optional<Revision> SimServer::committed(const TransactionId& transaction) {
+    require(!closed_, "the project asks a closed store");
+    return *store().committed(transaction);
+}
+
+std::uint64_t SimServer::lastSequence(const ClientId& client) {
+    require(!closed_, "the project asks a closed store");
+    return *store().lastSequence(client);
+}
+
 void SimServer::append(CommitRecord commit) {
+    require(!closed_, "the project writes to a closed store");
     appends_.push_back(std::move(commit));
     if (appending_ == 0) appendNext();
 }
@@ -92,7 +121,16 @@ void SimServer::appendDone() {
     if (!done) {
         appends_.clear();
         appending_ = 0;
-        return project_->appendFailed(done.error(), store().head());
+        if (!disk.failed) return project_->appendFailed(done.error(), store().head());
+        closed_ = true;
+        project_->storeClosed();
+        return later(random_.between(1, 3'000) * 1'000, [this, group, error = done.error()] {
+            disk.open();
+            closed_ = false;
+            // What failed may be there all the same.
+            (void)disk.append({group.data(), random_.below(group.size() + 1)});
+            project_->appendFailed(error, store().head());
+        });
     }
     appends_.erase(appends_.begin(), appends_.begin() + std::ptrdiff_t(appending_));
     appending_ = 0;
@@ -105,6 +143,7 @@ void SimServer::appendDone() {
 void SimServer::loadLayer(const LayerId& layer) {
     const std::int64_t delay = random_.chance(20) ? random_.between(10'000, 500'000) : diskUs();
     later(delay, [this, layer] {
+        if (closed_) return project_->layerLoaded(layer, kClosed);
         const auto stored = store().loadLayer(layer);
         if (!stored) return project_->layerLoaded(layer, tl::unexpected(stored.error()));
         if (*stored) return project_->layerLoaded(layer, LoadedLayer{**stored});
@@ -118,6 +157,7 @@ void SimServer::loadLayer(const LayerId& layer) {
 
 void SimServer::readCommits(SessionId session, Revision from, Revision to) {
     later(diskUs(), [this, session, from, to] {
+        if (closed_) return project_->commitsRead(session, kClosed);
         std::vector<StoredCommit> commits;
         const auto read = store().read(from, to, [&](const StoredCommit& commit) {
             commits.push_back(commit);
@@ -146,6 +186,7 @@ LayerDoc SimServer::replay(const LayerId& layer, Revision revision) const {
 void SimServer::readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
                             Revision revision) {
     later(diskUs(), [this, session, request, layer, revision] {
+        if (closed_) return project_->historyRead(session, request, kClosed);
         project_->historyRead(session, request, replay(layer, revision));
     });
 }
@@ -163,16 +204,45 @@ void SimServer::sendSnapshot(SessionId session, std::uint64_t request, LayerDoc 
 
 void SimServer::saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) {
     later(diskUs() * 4, [this, session, request, jobs = std::move(jobs)] {
-        LayersSaved outcome;
-        outcome.request = request;
+        SaveOutcome outcome;
         for (const SaveJob& job : jobs) {
             require(job.doc.dump() == replay(job.layer, job.revision).dump(),
                     "what is saved is not what was committed");
-            (void)store().setSavedRevision(job.layer, job.revision);
-            outcome.saved.push_back(job.layer);
+            (void)store().setSaved(job.layer, {job.revision, {}});
+            outcome.saved.emplace_back(job.layer, FileStamp());
             outcome.revision = job.revision;
         }
         project_->layersSaved(session, request, outcome);
+    });
+}
+
+void SimServer::addCheckpoint(SessionId session, std::uint64_t request,
+                              const Checkpoint& checkpoint) {
+    later(diskUs(), [this, session, request, checkpoint] {
+        const auto added = store().addCheckpoint(checkpoint);
+        if (!added)
+            require(added.error().code == ErrorCode::CheckpointExists,
+                    "a checkpoint is not stored: " + added.error().message);
+        project_->checkpointAdded(session, request, added.map([&] { return checkpoint; }));
+    });
+}
+
+void SimServer::readCheckpoints(SessionId session, std::uint64_t request) {
+    later(diskUs(), [this, session, request] {
+        project_->checkpointsRead(session, request, store().checkpoints());
+    });
+}
+
+/// Somebody has put the layer's file back to what the layer was some time.
+void SimServer::reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
+                            LayerDoc present) {
+    later(diskUs() * 4, [this, session, request, layer, present = std::move(present)] {
+        if (random_.chance(10))
+            return project_->layerReloaded(session, request, layer,
+                                           fail(ErrorCode::LayerUnreadable, "it does not parse"));
+        const LayerDoc content = replay(layer, random_.below(store().head().revision + 1));
+        project_->layerReloaded(session, request, layer,
+                                makeReload(layer, present, content, FileStamp()));
     });
 }
 

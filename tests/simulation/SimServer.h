@@ -32,7 +32,12 @@ public:
 
     // ProjectHost
     void send(server::SessionId session, SharedBytes frames) override;
+    void sendCommit(std::span<const server::SessionId> sessions, SharedBytes frame,
+                    Revision revision) override;
+    bool holdCommits(server::SessionId session) override;
+    void releaseCommits(server::SessionId session, Revision next) override;
     [[nodiscard]] bool congested(server::SessionId session) override;
+    [[nodiscard]] bool lags(server::SessionId session) override;
     void close(server::SessionId session) override;
     void append(server::CommitRecord commit) override;
     void loadLayer(const LayerId& layer) override;
@@ -46,13 +51,14 @@ public:
     [[nodiscard]] bool hasSpace() override { return disk.reportsSpace; }
     void saveLayers(server::SessionId session, std::uint64_t request,
                     std::vector<SaveJob> jobs) override;
+    void addCheckpoint(server::SessionId session, std::uint64_t request,
+                       const Checkpoint& checkpoint) override;
+    void readCheckpoints(server::SessionId session, std::uint64_t request) override;
+    void reloadLayer(server::SessionId session, std::uint64_t request, const LayerId& layer,
+                     LayerDoc present) override;
     [[nodiscard]] std::vector<LayerId> unsavedLayers() override { return *store().unsavedLayers(); }
-    [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override {
-        return *store().committed(transaction);
-    }
-    [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override {
-        return *store().lastSequence(client);
-    }
+    [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override;
+    [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override;
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
 
     /// A layer at a revision, from the log alone.
@@ -75,6 +81,7 @@ private:
 
     std::deque<server::CommitRecord> appends_;
     std::size_t appending_ = 0;
+    bool closed_ = false;  // the store has failed and is not opened again yet
     std::int64_t blobUs_ = 0;
 };
 

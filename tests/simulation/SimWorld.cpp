@@ -5,6 +5,9 @@
 
 #include "SimClient.h"
 #include "SimText.h"
+#include "usdlive/common/layer/LayerLock.h"
+#include "usdlive/common/layer/SpecLocks.h"
+#include "usdlive/common/layer/TransactionExecutor.h"
 
 namespace usdlive::simulation {
 
@@ -16,6 +19,10 @@ class World {
 public:
     explicit World(std::uint64_t seed) : random_(seed), style_(style()), server_(makeServer()) {
         server_.slowness = random_.chance(20) ? 10 : 1;
+        if (random_.chance(40)) {
+            network_.ddsPercent = random_.chance(50) ? 100 : 50;
+            network_.ddsLossPercent = unsigned(random_.below(16));
+        }
     }
 
     SimReport play() {
@@ -46,6 +53,7 @@ private:
         style.openPercent = unsigned(random_.between(1, 8));
         style.cutPerMille = random_.chance(60) ? unsigned(random_.between(1, 15)) : 0;
         style.requestPerMille = random_.chance(30) ? 10 : 0;
+        style.lockPerMille = random_.chance(25) ? 20 : 0;
         style.bigValues = random_.chance(15);
         style.smallBudgets = random_.chance(40);
         style.checksPrediction = random_.chance(20);
@@ -158,7 +166,13 @@ private:
             require(!loaded || loaded->dump() == truth[layer],
                     "the server has another " + layer.value + " than its store");
         }
-        for (const auto& client : clients_) client->check(truth);
+        const auto checkpoints = *server_.store().checkpoints();
+        for (const auto& client : clients_) {
+            client->check(truth);
+            for (const Checkpoint& made : client->checkpoints)
+                require(server_.disk.forgot || std::ranges::count(checkpoints, made) == 1,
+                        "a checkpoint is lost");
+        }
         checkLog();
         checkPeeks();
     }
@@ -175,7 +189,8 @@ private:
             const auto frame = decodeFrame(splitMessage(*stored.frame)->front());
             const Commit& commit = std::get<CommitFrame>(*frame).commit;
             ++report_.commits;
-            if (commit.imported) return true;
+            checkLocks(commit);
+            if (commit.id.sequence == 0) return true;  // an import or a reload
             require(seen.insert(commit.id).second, "a transaction was committed twice");
             if (inOrder)
                 require(
@@ -188,6 +203,7 @@ private:
         });
         for (const auto& client : clients_) {
             report_.lost += client->lostEdits;
+            report_.together += client->commitsTogether;
             const std::uint64_t known = executed[client->session().id()] + client->lostEdits;
             if (rollsBack_ || known == client->authoredEdits) continue;
             throw SimFailure(client->session().id().value + " authored " +
@@ -196,6 +212,31 @@ private:
                              " are in the log and " + std::to_string(client->lostEdits) +
                              " were said to be lost");
         }
+    }
+
+    /// LK1, LK5: nobody has edited what somebody else had locked by then.
+    void checkLocks(const Commit& commit) {
+        for (const Edit& edit : commit.edits) {
+            const LayerDoc& doc = locked_[edit.layer];
+            const LayerLock lock = lockOf(doc);
+            require(commit.imported || !lock.locked || lock.holder == commit.user,
+                    commit.user.value + " has edited a layer that " + lock.holder.value +
+                        " has locked, in revision " + std::to_string(commit.revision));
+            if (std::holds_alternative<CreateSpec>(edit.action)) continue;
+            const SpecLocks locks = specLocksOf(doc);
+            const auto spec = locks.find(withoutVariants(edit.address.path));
+            require(commit.imported || spec == locks.end() || spec->second == commit.user ||
+                        isSpecifier(edit.action),
+                    commit.user.value + " has edited a spec that is locked, in revision " +
+                        std::to_string(commit.revision));
+        }
+        NamespaceLog log;
+        for (const Edit& edit : commit.edits) locked_[edit.layer];
+        require(applyCommit(locked_, log, commit).has_value(), "a stored commit does not apply");
+    }
+    static bool isSpecifier(const EditAction& action) {
+        const auto* set = std::get_if<SetField>(&action);
+        return set && set->field == "specifier";
     }
 
     void checkPeeks() {
@@ -215,6 +256,7 @@ private:
     SimServer server_;
     std::vector<std::unique_ptr<SimClient>> clients_;
     bool rollsBack_ = false;
+    LayerDocs locked_;  // as of the commit that is looked at
     SimReport report_;
 };
 

@@ -45,6 +45,7 @@ public:
             all.commits += one.commits;
             all.lost += one.lost;
             all.restarts += one.restarts;
+            all.together += one.together;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -67,8 +68,9 @@ private:
     }
     static unsigned long long number(std::uint64_t count) { return count; }
     static void print(const std::string& what, const SimReport& report) {
-        std::printf("%s: %llu commits, %llu edits lost, %llu restarts%s\n", what.c_str(),
-                    number(report.commits), number(report.lost), number(report.restarts),
+        std::printf("%s: %llu commits, %llu edits lost, %llu restarts, %llu together%s\n",
+                    what.c_str(), number(report.commits), number(report.lost),
+                    number(report.restarts), number(report.together),
                     report.failure.empty() ? "" : ", FAILED");
     }
 

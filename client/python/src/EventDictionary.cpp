@@ -3,6 +3,8 @@
 #include <string>
 #include <variant>
 
+#include "usdlive/common/core/UserColour.h"
+
 namespace nb = nanobind;
 
 namespace usdlive {
@@ -111,6 +113,7 @@ nb::dict convert(const client::event::Committed& event) {
     const Commit& commit = event.commit;
     nb::dict d = make("Committed");
     d["revision"] = commit.revision;
+    d["conflated"] = commit.conflated;
     d["user"] = text(commit.user.value);
     d["client"] = text(commit.id.client.value);
     d["time"] = double(commit.timeMs) / 1000.0;
@@ -140,26 +143,121 @@ nb::dict convert(const client::event::PreviewChanged& event) {
     return d;
 }
 
-nb::dict convert(const client::event::Saved& event) {
-    nb::dict d = make("Saved");
-    d["revision"] = event.outcome.revision;
-    d["saved"] = strings(event.outcome.saved);
+/// What became of layers' files; `verb`: what the event calls those it worked for.
+nb::dict outcome(const char* event, const char* verb, Revision revision,
+                 const std::vector<LayerId>& done,
+                 const std::vector<LayersSaved::Failure>& failures) {
+    nb::dict d = make(event);
+    d["revision"] = revision;
+    d[verb] = strings(done);
     nb::list failed;
-    for (const auto& failure : event.outcome.failed)
+    for (const auto& failure : failures)
         failed.append(
             nb::make_tuple(text(failure.layer.value), text(failure.code), text(failure.message)));
     d["failed"] = failed;
     return d;
 }
 
+nb::dict convert(const client::event::Saved& event) {
+    const auto& [request, revision, saved, failed] = event.outcome;
+    return outcome("Saved", "saved", revision, saved, failed);
+}
+
+nb::dict convert(const client::event::Reloaded& event) {
+    const auto& [request, revision, reloaded, failed] = event.outcome;
+    return outcome("Reloaded", "reloaded", revision, reloaded, failed);
+}
+
+nb::dict toDictionary(const Checkpoint& checkpoint) {
+    nb::dict d;
+    d["name"] = text(checkpoint.name);
+    d["revision"] = checkpoint.revision;
+    d["user"] = text(checkpoint.user.value);
+    d["time"] = double(checkpoint.timeMs) / 1000.0;
+    return d;
+}
+
+nb::dict convert(const client::event::CheckpointMade& event) {
+    nb::dict d = make("CheckpointMade");
+    d["request"] = event.answer.request;
+    d["checkpoint"] = toDictionary(event.answer.checkpoint);
+    return d;
+}
+
+nb::dict convert(const client::event::CheckpointsListed& event) {
+    nb::dict d = make("CheckpointsListed");
+    nb::list checkpoints;
+    for (const Checkpoint& one : event.answer.checkpoints) checkpoints.append(toDictionary(one));
+    d["request"] = event.answer.request;
+    d["checkpoints"] = checkpoints;
+    return d;
+}
+
 nb::dict convert(const client::event::ServerError& event) {
     nb::dict d = make("ServerError");
+    d["request"] = event.message.request ? nb::object(nb::int_(*event.message.request))
+                                         : nb::object(nb::none());
     d["code"] = text(event.message.code);
     d["message"] = text(event.message.message);
     return d;
 }
 
+nb::dict convert(const client::event::LayerStatesChanged& event) {
+    nb::dict d = make("LayerStatesChanged");
+    nb::list layers;
+    for (const LayerState& state : event.layers) layers.append(toDictionary(state));
+    d["layers"] = layers;
+    return d;
+}
+
+nb::dict convert(const client::event::PresenceChanged& event) {
+    nb::dict d = make("PresenceChanged");
+    nb::list shown, gone;
+    for (const Presence& presence : event.shown) shown.append(toDictionary(presence));
+    for (const ClientId& client : event.gone) gone.append(text(client.value));
+    d["shown"] = shown;
+    d["gone"] = gone;
+    return d;
+}
+
 }  // namespace
+
+nb::dict toDictionary(const LayerState& state) {
+    nb::dict d;
+    d["layer"] = text(state.layer.value);
+    d["revision"] = state.revision;
+    d["saved"] = state.saved;
+    d["dirty"] = state.dirty;
+    d["outdated"] = state.outdated;
+    d["globally_muted"] = state.globallyMuted;
+    d["writable"] = state.writable;
+    d["owner"] = text(state.owner);
+    d["locked"] = state.locked;
+    d["holder"] = text(state.holder.value);
+    d["locked_at"] = double(state.lockedAtMs) / 1000.0;
+    nb::list editors;
+    for (const UserName& user : state.editors) editors.append(text(user.value));
+    d["editors"] = nb::tuple(editors);
+    return d;
+}
+
+nb::dict toDictionary(const Presence& presence) {
+    nb::dict d;
+    d["client"] = text(presence.client.value);
+    d["user"] = text(presence.user.value);
+    d["application"] = text(presence.application);
+    nb::list selection, camera;
+    for (const std::string& path : presence.selection) selection.append(text(path));
+    for (const double number : presence.camera) camera.append(number);
+    d["selection"] = nb::tuple(selection);
+    d["camera"] = presence.camera.empty() ? nb::object(nb::none()) : nb::object(nb::tuple(camera));
+    d["time"] = presence.time ? nb::object(nb::float_(*presence.time)) : nb::object(nb::none());
+    d["edit_target"] = text(presence.editTarget);
+    d["data"] = text(presence.data);
+    const auto colour = userColour(presence.user);
+    d["colour"] = nb::make_tuple(colour[0], colour[1], colour[2]);
+    return d;
+}
 
 nb::dict toDictionary(const client::Event& event) {
     return std::visit([](const auto& each) { return convert(each); }, event);

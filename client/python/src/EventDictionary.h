@@ -6,8 +6,12 @@
 
 namespace usdlive {
 
-/// An event as a dictionary whose "event" is its name; the other keys are the members of the
-/// dataclass of that name in usdlive/events.py. Needs the interpreter's lock.
+// Values as dictionaries whose keys are the members of the dataclasses in usdlive/events.py. They
+// need the interpreter's lock.
+
+/// With the event's name under "event".
 [[nodiscard]] nanobind::dict toDictionary(const client::Event& event);
+[[nodiscard]] nanobind::dict toDictionary(const LayerState& state);
+[[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
 
 }  // namespace usdlive

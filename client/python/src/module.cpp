@@ -112,10 +112,60 @@ public:
         return nb::make_tuple(done, takeEvents());
     }
 
-    void save(const std::vector<std::string>& names) {
-        std::vector<LayerId> layers;
-        for (const std::string& name : names) layers.push_back(orRaise(parseLayerId(name)));
-        client().save(std::move(layers));
+    void save(const std::vector<std::string>& names, bool force) {
+        client().save(layerIds(names), force);
+    }
+
+    void reload(const std::vector<std::string>& names) { client().reload(layerIds(names)); }
+
+    // Each returns the number that the event which answers it has.
+    std::uint64_t createCheckpoint(const std::string& name) {
+        return client().createCheckpoint(name);
+    }
+    std::uint64_t listCheckpoints() { return client().listCheckpoints(); }
+
+    void setGloballyMuted(const std::string& root, const std::string& layer, bool muted) {
+        const auto set = client().setGloballyMuted(orRaise(parseLayerId(root)),
+                                                   orRaise(parseLayerId(layer)), muted);
+        if (!set) raise(set.error());
+    }
+
+    std::vector<std::string> globallyMuted(const std::string& root) {
+        std::vector<std::string> names;
+        for (const LayerId& layer : client().globallyMuted(orRaise(parseLayerId(root))))
+            names.push_back(layer.value);
+        return names;
+    }
+
+    void setLocked(const std::string& name, bool locked) {
+        const auto set = client().setLocked(orRaise(parseLayerId(name)), locked);
+        if (!set) raise(set.error());
+    }
+
+    nb::list layerStates() {
+        nb::list states;
+        for (const auto& [layer, state] : client().layerStates())
+            states.append(toDictionary(state));
+        return states;
+    }
+
+    void showPresence(const std::vector<std::string>& selection, const std::vector<double>& camera,
+                      std::optional<double> time, const std::string& editTarget,
+                      const std::string& data) {
+        Presence presence;
+        presence.selection = selection;
+        presence.camera = camera;
+        presence.time = time;
+        presence.editTarget = editTarget;
+        presence.data = data;
+        client().showPresence(std::move(presence));
+    }
+
+    nb::list presences() {
+        nb::list presences;
+        for (const auto& [id, presence] : client().presences())
+            presences.append(toDictionary(presence));
+        return presences;
     }
 
     std::string lostWorkAsLayer(std::size_t index, const std::string& name) {
@@ -136,6 +186,12 @@ public:
     }
 
 private:
+    static std::vector<LayerId> layerIds(const std::vector<std::string>& names) {
+        std::vector<LayerId> layers;
+        for (const std::string& name : names) layers.push_back(orRaise(parseLayerId(name)));
+        return layers;
+    }
+
     nb::list takeEvents() {
         nb::list taken = std::move(events_);
         events_ = nb::list();
@@ -163,8 +219,19 @@ NB_MODULE(_usdlive, module) {
         .def("tick", &PythonClient::tick)
         .def("flush", &PythonClient::flush)
         .def("save", &PythonClient::save)
+        .def("reload", &PythonClient::reload)
+        .def("create_checkpoint", &PythonClient::createCheckpoint)
+        .def("list_checkpoints", &PythonClient::listCheckpoints)
+        .def("set_globally_muted", &PythonClient::setGloballyMuted)
+        .def("globally_muted", &PythonClient::globallyMuted)
         .def("begin_gesture", [](PythonClient& self) { self.client().beginGesture(); })
         .def("end_gesture", [](PythonClient& self) { self.client().endGesture(); })
+        .def("set_locked", &PythonClient::setLocked)
+        .def("layer_states", &PythonClient::layerStates)
+        .def("show_presence", &PythonClient::showPresence, nb::arg("selection"), nb::arg("camera"),
+             nb::arg("time").none(), nb::arg("edit_target"), nb::arg("data"))
+        .def("hide_presence", [](PythonClient& self) { self.client().hidePresence(); })
+        .def("presences", &PythonClient::presences)
         .def("lost_work_as_layer", &PythonClient::lostWorkAsLayer)
         .def("layer_name", &PythonClient::layerName)
         .def_prop_ro("connected", [](PythonClient& self) { return self.client().isConnected(); })

@@ -7,6 +7,7 @@ import contextlib
 import os
 import time
 import typing
+import weakref
 
 from pxr import Sdf, Usd
 
@@ -22,12 +23,37 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0))
 
 
+class _MutenessOfStage:
+    """Mutes on one stage what is muted for everybody, and nothing else: what its user mutes or unmutes
+    himself stays until the layer says something new."""
+
+    def __init__(self, stage: Usd.Stage, root: str):
+        self.stage = weakref.ref(stage)
+        self._root = root
+        self._muted: frozenset[str] = frozenset()
+
+    def update(self, client: "_usdlive.Client") -> bool:
+        """False when the stage is gone."""
+        stage = self.stage()
+        if stage is None:
+            return False
+        muted = frozenset(client.globally_muted(self._root))
+        if muted != self._muted:
+            before, self._muted = self._muted, muted
+            root = stage.GetRootLayer()
+            folder = (root.realPath or root.identifier).removesuffix(self._root)
+            stage.MuteAndUnmuteLayers([folder + layer for layer in sorted(muted - before)],
+                                      [folder + layer for layer in sorted(before - muted)])
+        return True
+
+
 class Live:
     """One project, live. Use it on the thread that owns the stage and call `tick()` once per frame."""
 
     def __init__(self, client: "_usdlive.Client"):
         self._client = client
         self._handlers: list[typing.Callable[[events.Event], None]] = []
+        self._followed: list[_MutenessOfStage] = []
 
     # -- layers and stages
 
@@ -39,16 +65,32 @@ class Live:
         """A layer of the project, live, with all layers of the project it uses. Blocks until it is here."""
         return Sdf.Layer.Find(self._client.open_layer(layer))
 
-    def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll) -> Usd.Stage:
-        """An ordinary `Usd.Stage` on a layer of the project, whose layers are live."""
-        return Usd.Stage.Open(self.open_layer(layer), load)
+    def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
+                   follow_muteness: bool = True) -> Usd.Stage:
+        """An ordinary `Usd.Stage` on a layer of the project, whose layers are live. With
+        `follow_muteness`, layers that are muted for everybody (`mute`) are muted on it."""
+        stage = Usd.Stage.Open(self.open_layer(layer), load)
+        if follow_muteness:
+            self._follow(stage, layer)
+        return stage
 
-    def attach(self, stage: Usd.Stage, project_folder: str = "") -> list[str]:
+    def attach(self, stage: Usd.Stage, project_folder: str = "", follow_muteness: bool = True) -> list[str]:
         """Makes the layers of a stage live that is open already from the folder the server serves (or a
         copy of it). `project_folder` is found from the root layer's path when not given. Returns the
         layers that are live now; refuses when one of them has unsaved edits."""
         folder = os.fspath(project_folder) or self._project_folder(stage.GetRootLayer())
-        return self._client.attach(folder)
+        attached = self._client.attach(folder)
+        root = self.layer_name(stage.GetRootLayer())
+        if follow_muteness and root is not None:
+            self._follow(stage, root)
+        return attached
+
+    def _follow(self, stage: Usd.Stage, root: str) -> None:
+        self._followed.append(_MutenessOfStage(stage, root))
+        self._followed[-1].update(self._client)
+
+    def _follow_muteness(self) -> None:
+        self._followed = [one for one in self._followed if one.update(self._client)]
 
     def _project_folder(self, root: Sdf.Layer) -> str:
         names = set(self.layers())
@@ -77,12 +119,14 @@ class Live:
         """Sends what was authored, applies what has arrived within about `budget_ms`, calls the
         handlers. True when more has arrived than could be applied."""
         _, more, happened = self._client.tick(budget_ms)
+        self._follow_muteness()
         self._tell(happened)
         return more
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Ticks until all that was authored is committed; False when `timeout` seconds were not enough."""
         done, happened = self._client.flush(timeout * 1000.0)
+        self._follow_muteness()
         self._tell(happened)
         return done
 
@@ -102,10 +146,127 @@ class Live:
         finally:
             self.end_gesture()
 
-    def save(self, *layers: str) -> None:
+    def save(self, *layers: str, force: bool = False) -> None:
         """Asks the server to write these layers (none: all that changed) to their files. The answer is
-        an `events.Saved`."""
-        self._client.save(list(layers))
+        an `events.Saved`. A file that somebody else has changed meanwhile is left as it is, and the layer
+        fails with `layerOutdated`, unless `force`."""
+        self._client.save(list(layers), force)
+
+    def reload(self, *layers: str) -> None:
+        """Asks the server to take the files of these layers (none: of all that are outdated) as commits:
+        everybody has then what is in them. The answer is an `events.Reloaded`."""
+        self._client.reload(list(layers))
+
+    # -- checkpoints
+
+    def create_checkpoint(self, name: str, timeout: float = 10.0) -> events.Checkpoint:
+        """Names what the project is now, with all that was authored here, and waits until that is stored.
+        Raises an Error: `checkpointExists` when another has the name."""
+        if not self.flush(timeout):
+            raise Error("notConnected", f"what was authored was not confirmed within {timeout:g} s")
+        return self._answer(self.request_checkpoint(name), events.CheckpointMade, timeout).checkpoint
+
+    def checkpoints(self, timeout: float = 10.0) -> list[events.Checkpoint]:
+        """By revision."""
+        request = self.request_checkpoints()
+        return list(self._answer(request, events.CheckpointsListed, timeout).checkpoints)
+
+    def request_checkpoint(self, name: str) -> int:
+        """Without waiting: names what is confirmed. The answer is an `events.CheckpointMade`, or an
+        `events.ServerError`, whose `request` is the number that this returns."""
+        return self._client.create_checkpoint(name)
+
+    def request_checkpoints(self) -> int:
+        """Likewise, answered by an `events.CheckpointsListed`."""
+        return self._client.list_checkpoints()
+
+    def _answer(self, request: int, kind: type, timeout: float) -> typing.Any:
+        answers: list[events.Event] = []
+
+        def hear(event: events.Event) -> None:
+            if isinstance(event, (kind, events.ServerError)) and event.request == request:
+                answers.append(event)
+
+        self.add_handler(hear)
+        try:
+            if not self.wait(lambda: bool(answers), timeout):
+                raise Error("notConnected", f"the server did not answer within {timeout:g} s")
+        finally:
+            self.remove_handler(hear)
+        if isinstance(answers[0], events.ServerError):
+            raise Error(answers[0].code, answers[0].message)
+        return answers[0]
+
+    # -- locks, states and people
+
+    def lock(self, layer: str) -> None:
+        """Locks a live layer in one's own name: the server then refuses everybody else's edits of it, and
+        saving it. Sent with the next tick; refused (`events.Lost`, code `locked`) when somebody else has it."""
+        self._client.set_locked(layer, True)
+
+    def unlock(self, layer: str) -> None:
+        """Ends the lock; for its holder, an administrator, and whoever takes it when the holder is away."""
+        self._client.set_locked(layer, False)
+
+    def mute(self, root: str, layer: str) -> None:
+        """Mutes a layer for everybody, on the stages whose root layer is `root`, which is live. It is
+        stored in the root layer, as Kit does, and travels with it."""
+        self._client.set_globally_muted(root, layer, True)
+
+    def unmute(self, root: str, layer: str) -> None:
+        self._client.set_globally_muted(root, layer, False)
+
+    def globally_muted(self, root: str) -> list[str]:
+        """What is muted for everybody on the stages of this root layer."""
+        return self._client.globally_muted(root)
+
+    def layer_states(self) -> dict[str, events.LayerState]:
+        """By layer; those of which there is nothing to say are left out."""
+        return {d["layer"]: events.LayerState(**d) for d in self._client.layer_states()}
+
+    def show_presence(self, selection: typing.Iterable[object] = (), camera: object = None,
+                      time: float | None = None, edit_target: str = "", data: str = "") -> None:
+        """Shows the others where one is: selected paths, a camera's matrix (`Gf.Matrix4d` or 16 numbers by
+        rows), the time code, the edit target, and free text (JSON). At most 20 times a second is sent."""
+        numbers: list[float] = []
+        for row in camera if camera is not None else ():
+            numbers.extend(map(float, row) if hasattr(row, "__len__") else (float(row),))
+        self._client.show_presence([str(path) for path in selection], numbers, time, edit_target, data)
+
+    def hide_presence(self) -> None:
+        """The others see one gone within 3 seconds."""
+        self._client.hide_presence()
+
+    def presences(self) -> list[events.Presence]:
+        """Where the others are."""
+        return [events.Presence(**d) for d in self._client.presences()]
+
+    def follow(self, user: str, function: typing.Callable[[events.Presence | None], None]
+               ) -> typing.Callable[[], None]:
+        """`function(presence)` for where somebody is, now and whenever it changes, from `tick()`: to look
+        through their camera, or select what they do. None: they are gone. Of several clients of one user the
+        one that moved last is followed. Returns what ends it."""
+        followed: list[str] = []  # the client
+
+        def moved(presence: events.Presence) -> None:
+            followed[:] = [presence.client]
+            function(presence)
+
+        def happened(event: events.Event) -> None:
+            if not isinstance(event, events.PresenceChanged):
+                return
+            for presence in event.shown:
+                if presence.user == user:
+                    moved(presence)
+            if followed and followed[0] in event.gone:
+                followed.clear()
+                function(None)
+
+        for presence in self.presences():
+            if presence.user == user:
+                moved(presence)
+        self.add_handler(happened)
+        return lambda: self.remove_handler(happened)
 
     def lost_work_as_layer(self, index: int, layer: str) -> Sdf.Layer:
         """The refused or dropped work number `index` (in the order of the `events.Lost`) on `layer`, as

@@ -66,13 +66,16 @@ class JoinFailed:
 
 @dataclasses.dataclass(frozen=True)
 class Committed:
-    """Somebody's edits (also one's own, by `client`) are in the project. `time` in seconds since 1970."""
+    """Somebody's edits (also one's own, by `client`) are in the project. `time` in seconds since 1970.
+    `conflated`: so many commits before this one are in it, too, because this client fell behind: the edits
+    are then of several users ("") and without what was written again."""
 
     revision: int
     user: str
     client: str
     time: float
     edits: tuple[Edit, ...]
+    conflated: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,20 +105,107 @@ class Saved:
 
 
 @dataclasses.dataclass(frozen=True)
+class Reloaded:
+    """Layers are as their files were, by commits up to `revision`; `failed` as in Saved."""
+
+    revision: int
+    reloaded: tuple[str, ...]
+    failed: tuple[tuple[str, str, str], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Checkpoint:
+    """A named revision of the project. `time` in seconds since 1970."""
+
+    name: str
+    revision: int
+    user: str
+    time: float
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckpointMade:
+    request: int
+    checkpoint: Checkpoint
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckpointsListed:
+    request: int
+    checkpoints: tuple[Checkpoint, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class ServerError:
+    """`request`: the number of the request it answers, None where it answers none."""
+
     code: str
     message: str
+    request: int | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class LayerState:
+    """What is known of a layer beside its content. `revision`: the newest that had changed it when this
+    was told, `saved`: the one in its file; 0 when unknown. `dirty`: differs from its file. `outdated`: the
+    file was changed behind the server. `globally_muted`: on the stages of a layer that somebody has opened.
+    `writable` and `owner` are the file's, for the server. `holder`: of the lock, "" where nobody is named.
+    `locked_at` in seconds since 1970, 0.0 when unknown. `editors`: who has it open."""
+
+    layer: str
+    revision: int = 0
+    saved: int = 0
+    dirty: bool = False
+    outdated: bool = False
+    globally_muted: bool = False
+    writable: bool = True
+    owner: str = ""
+    locked: bool = False
+    holder: str = ""
+    locked_at: float = 0.0
+    editors: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Presence:
+    """Where somebody is. `camera`: a matrix of 16 numbers by rows, or None; `data`: free text (JSON);
+    `colour`: the user's, the same everywhere (red, green and blue from 0 to 1)."""
+
+    client: str
+    user: str
+    application: str
+    selection: tuple[str, ...] = ()
+    camera: tuple[float, ...] | None = None
+    time: float | None = None
+    edit_target: str = ""
+    data: str = ""
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class LayerStatesChanged:
+    layers: tuple[LayerState, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class PresenceChanged:
+    """Others are elsewhere, or gone (by client)."""
+
+    shown: tuple[Presence, ...]
+    gone: tuple[str, ...]
 
 
 Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
-    | PreviewChanged | Saved | ServerError
+    | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
+    | LayerStatesChanged | PresenceChanged
 )
 
 _TYPES = {
     kind.__name__: kind
     for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed,
-                 Lost, PreviewChanged, Saved, ServerError)
+                 Lost, PreviewChanged, Saved, Reloaded, CheckpointMade, CheckpointsListed, ServerError,
+                 LayerStatesChanged, PresenceChanged)
 }
 
 
@@ -124,4 +214,12 @@ def _from_dictionary(values: dict) -> Event:
     kind = _TYPES[values.pop("event")]
     if "edits" in values:
         values["edits"] = tuple(Edit(**edit) for edit in values["edits"])
+    if kind is LayerStatesChanged:
+        values["layers"] = [LayerState(**state) for state in values["layers"]]
+    if kind is CheckpointMade:
+        values["checkpoint"] = Checkpoint(**values["checkpoint"])
+    if kind is CheckpointsListed:
+        values["checkpoints"] = [Checkpoint(**one) for one in values["checkpoints"]]
+    if kind is PresenceChanged:
+        values["shown"] = [Presence(**presence) for presence in values["shown"]]
     return kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})

@@ -14,6 +14,7 @@ namespace usdlive::cli {
 struct CatOptions {
     std::string url;  ///< with the layer
     Revision revision = 0;
+    std::string checkpoint;  ///< instead of a revision
 };
 struct LogOptions {
     std::string url;
@@ -29,13 +30,23 @@ struct WatchOptions {
     bool json = false;
 };
 
-Result<void> list(const std::string& url);
+/// `states`: beside each layer what is known of it.
+Result<void> list(const std::string& url, bool states);
+/// Who is there, and where.
+Result<void> who(const std::string& url);
 Result<void> cat(const CatOptions& options);
 Result<void> tree(const CatOptions& options);
 Result<void> log(const LogOptions& options);
 /// Until SIGINT or SIGTERM.
 Result<void> watch(const WatchOptions& options);
-Result<void> save(const std::string& url, const std::vector<std::string>& layers);
+/// In the name of the system's user; an error says who holds it.
+Result<void> setLocked(const std::string& url, bool locked);
+Result<void> save(const std::string& url, const std::vector<std::string>& layers, bool force);
+Result<void> reload(const std::string& url, const std::vector<std::string>& layers);
+/// Names what the project is now.
+Result<void> createCheckpoint(const std::string& url, const std::string& name);
+Result<void> listCheckpoints(const std::string& url);
+Result<void> setMuted(const std::string& url, const std::string& layer, bool muted);
 /// Becomes `usdlive-server`; returns only when that fails.
 Error serve(char** arguments);
 

@@ -21,6 +21,7 @@ client::Session::Options sessionOptions() {
     options.client = client::newClientId();
     options.user = client::systemUser();
     options.application = "usdlive command line";
+    std::erase(options.features, "conflation");  // every commit is shown
     return options;
 }
 
@@ -42,12 +43,14 @@ Error toError(const ErrorMessage& message) {
 
 }  // namespace
 
-Link::Link(const client::ServerAddress& server)
-    : connection_(client::createWebSocketConnection(server)),
+Link::Link(std::unique_ptr<client::Connection> connection)
+    : connection_(std::move(connection)),
       session_(std::make_unique<client::Session>(sessionOptions(), *this, *this)) {}
 
 Result<std::unique_ptr<Link>> Link::connect(const client::ServerAddress& server, double timeoutMs) {
-    std::unique_ptr<Link> link(new Link(server));
+    auto connection = client::createConnection(server);
+    if (!connection) return tl::unexpected(connection.error());
+    std::unique_ptr<Link> link(new Link(std::move(*connection)));
     const auto end = Clock::now() + std::chrono::duration<double, std::milli>(timeoutMs);
     while (!link->session().isConnected()) {
         const auto events = link->step();

@@ -40,7 +40,7 @@ public:
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
 
 private:
-    explicit Link(const client::ServerAddress& server);
+    explicit Link(std::unique_ptr<client::Connection> connection);
 
     void send(SharedBytes frames) override;
     [[nodiscard]] SharedBytes localBlob(const Hash& hash) override { return blob(hash); }

@@ -23,15 +23,18 @@ std::string shortened(std::string_view text) {
     return std::string(text.substr(0, end)) + "...";
 }
 
-std::string inQuotes(std::string_view text, char quote) {
-    std::string out(1, quote);
+// Nothing in it does anything to a terminal.
+std::string printable(std::string_view text) {
+    std::string out;
     for (const char c : shortened(text))
         if (c == '\n')
             out += "\\n";
         else
             out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
-    return out + quote;
+    return out;
 }
+
+std::string inQuotes(std::string_view text, char quote) { return quote + printable(text) + quote; }
 
 template <class T>
 std::string number(T value) {
@@ -336,6 +339,12 @@ std::string padded(std::string_view text, std::size_t width) {
     return std::string(text) + std::string(text.size() < width ? width - text.size() : 0, ' ');
 }
 
+/// How a line about a revision begins.
+std::string whoAndWhen(Revision revision, std::uint64_t timeMs, const std::string& user) {
+    return "#" + padded(number(revision), 7) + timeText(timeMs) + "  " +
+           padded(user.empty() ? "-" : user, 10);
+}
+
 std::string counted(std::size_t count, const std::string& what) {
     return number(count) + " " + what + (count == 1 ? "" : "s");
 }
@@ -356,8 +365,7 @@ bool concerns(const Commit& commit, const LayerId& layer) {
 }
 
 std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& layer) {
-    std::string text = "#" + padded(number(commit.revision), 7) + timeText(commit.timeMs) + "  " +
-                       padded(commit.user.value.empty() ? "-" : commit.user.value, 10);
+    std::string text = whoAndWhen(commit.revision, commit.timeMs, commit.user.value);
     if (commit.imported) return text + "  imported " + commit.imported->value + " from its file\n";
     text += "  " + counted(commit.edits.size(), "edit");
     if (!commit.dropped.empty()) text += ", " + number(commit.dropped.size()) + " dropped";
@@ -369,6 +377,11 @@ std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& 
     }
     if (shown > maxEdits) text += "    and " + number(shown - maxEdits) + " more\n";
     return text;
+}
+
+std::string describe(const Checkpoint& checkpoint) {
+    return whoAndWhen(checkpoint.revision, checkpoint.timeMs, printable(checkpoint.user.value)) +
+           "  " + printable(checkpoint.name) + "\n";
 }
 
 std::string asJson(const Commit& commit, const LayerId& layer) {
@@ -468,6 +481,36 @@ private:
 };
 
 }  // namespace
+
+std::string describe(const LayerState& state) {
+    std::vector<std::string> parts;
+    if (state.dirty) parts.emplace_back("changed");
+    if (state.outdated) parts.emplace_back("outdated: its file is another one");
+    if (!state.writable) parts.emplace_back("read-only");
+    if (state.globallyMuted) parts.emplace_back("muted");
+    if (state.locked)
+        parts.push_back(state.holder.empty() ? "locked"
+                                             : "locked by " + printable(state.holder.value));
+    if (!state.editors.empty()) {
+        std::string open = "open:";
+        for (const UserName& user : state.editors) open += " " + printable(user.value);
+        parts.push_back(std::move(open));
+    }
+    std::string text;
+    for (const std::string& part : parts) text += (text.empty() ? "  " : ", ") + part;
+    return text;
+}
+
+std::string describe(const Presence& presence) {
+    std::string text = printable(presence.user.value);
+    if (!presence.application.empty()) text += "  " + printable(presence.application);
+    if (!presence.selection.empty()) text += "  " + printable(presence.selection.front());
+    if (presence.selection.size() > 1)
+        text += " and " + number(presence.selection.size() - 1) + " more";
+    if (!presence.editTarget.empty()) text += "  in " + printable(presence.editTarget);
+    if (presence.time) text += "  at " + number(*presence.time);
+    return text;
+}
 
 std::string describeTree(const LayerDoc& doc) { return Tree(doc).text(); }
 

@@ -5,6 +5,7 @@
 
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/protocol/Control.h"
 
 namespace usdlive::cli {
 
@@ -21,6 +22,14 @@ namespace usdlive::cli {
                                    const LayerId& layer);
 /// The same as one line of JSON.
 [[nodiscard]] std::string asJson(const Commit& commit, const LayerId& layer);
+
+/// Beside a layer's name: `  changed, locked by ada, open: ada bob`; empty when there is nothing.
+[[nodiscard]] std::string describe(const LayerState& state);
+/// A line: `ada  usdview  /World/Ball  in shot.usda  at 24`.
+[[nodiscard]] std::string describe(const Presence& presence);
+
+/// A line: `#42  2026-01-02 03:04:05  ada  before lunch`.
+[[nodiscard]] std::string describe(const Checkpoint& checkpoint);
 
 /// The prims of a layer as a tree with their types.
 [[nodiscard]] std::string describeTree(const LayerDoc& doc);

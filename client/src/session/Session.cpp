@@ -76,7 +76,7 @@ void Session::Impl::peek(const LayerId& layer, Revision revision,
                          std::function<void(Result<LayerDoc>, Revision)> done) {
     const LayerDoc* here = revision == 0 && online_ && isCaughtUp() ? confirmed(layer) : nullptr;
     if (here) return done(*here, revision_);
-    Peek& peek = peeks_.emplace_back(layer, revision, Incoming{}, std::move(done));
+    Peek& peek = peeks_.emplace_back(Peek{layer, revision, Incoming{}, std::move(done)});
     if (online_) ask(peek.snapshot, layer, revision);
 }
 
@@ -87,16 +87,33 @@ void Session::Impl::requestLog(Revision from, Revision to, std::function<void(co
     sendControl(RequestLog{lastRequest_, from, to});
 }
 
-void Session::Impl::save(std::vector<LayerId> layers) {
-    const std::uint64_t request = ++lastRequest_;
-    if (!online_) {
-        return report({ErrorCode::NotConnected,
-                       "layers are saved by the server, and there is no connection to it"},
-                      about(request));
+/// What the server does and an event answers.
+template <class Request>
+std::uint64_t Session::Impl::request(Request message) {
+    message.request = ++lastRequest_;
+    if (online_) {
+        requests_.insert(message.request);
+        sendControl(message);
+    } else {
+        report({ErrorCode::NotConnected, "only the server can do it, and there is no connection"},
+               about(message.request));
     }
-    saves_.insert(request);
-    sendControl(SaveLayers{request, std::move(layers)});
+    return message.request;
 }
+
+void Session::Impl::save(std::vector<LayerId> layers, bool force) {
+    request(SaveLayers{0, std::move(layers), force ? std::optional(true) : std::nullopt});
+}
+
+void Session::Impl::reload(std::vector<LayerId> layers) {
+    request(ReloadLayers{0, std::move(layers)});
+}
+
+std::uint64_t Session::Impl::createCheckpoint(std::string name) {
+    return request(CreateCheckpoint{0, std::move(name)});
+}
+
+std::uint64_t Session::Impl::listCheckpoints() { return request(ListCheckpoints{}); }
 
 void Session::Impl::requestBlob(const Hash& hash) {
     if (downloads_.want(hash) && online_) sendControl(RequestBlob{hash, 0});
@@ -125,7 +142,15 @@ void Session::requestLog(Revision from, Revision to, std::function<void(const Co
                          std::function<void(Result<void>)> done) {
     impl_->requestLog(from, to, std::move(each), std::move(done));
 }
-void Session::save(std::vector<LayerId> layers) { impl_->save(std::move(layers)); }
+void Session::save(std::vector<LayerId> layers, bool force) {
+    impl_->save(std::move(layers), force);
+}
+void Session::reload(std::vector<LayerId> layers) { impl_->reload(std::move(layers)); }
+
+std::uint64_t Session::createCheckpoint(std::string name) {
+    return impl_->createCheckpoint(std::move(name));
+}
+std::uint64_t Session::listCheckpoints() { return impl_->listCheckpoints(); }
 
 void Session::author(std::vector<AuthoredEdit> edits) { impl_->author(std::move(edits)); }
 void Session::beginGesture() { impl_->beginGesture(); }
@@ -139,7 +164,13 @@ std::vector<Event> Session::takeEvents() { return std::exchange(impl_->events_, 
 
 bool Session::isConnected() const { return impl_->online_; }
 Revision Session::revision() const { return impl_->revision_; }
-std::size_t Session::pendingTransactions() const { return impl_->pending_.size(); }
+const std::map<LayerId, LayerState>& Session::layerStates() const { return impl_->layerStates_; }
+void Session::showPresence(Presence presence) { impl_->showPresence(std::move(presence)); }
+void Session::hidePresence() { impl_->hidePresence(); }
+const std::map<ClientId, Presence>& Session::presences() const { return impl_->presences_; }
+std::size_t Session::pendingTransactions() const {
+    return impl_->pending_.size() + impl_->missed();
+}
 const std::optional<Welcome>& Session::welcome() const { return impl_->welcome_; }
 const ClientId& Session::id() const { return impl_->options_.client; }
 void Session::requestBlob(const Hash& hash) { impl_->requestBlob(hash); }

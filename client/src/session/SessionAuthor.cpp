@@ -30,7 +30,8 @@ void carry(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
 
 void Session::Impl::author(std::vector<AuthoredEdit> edits) {
     if (edits.empty()) return;
-    if (!gesture_ && pending_.unsent() >= options_.maxUnsentTransactions) {
+    const std::size_t most = options_.maxUnsentTransactions;
+    if (!gesture_ && pending_.size() >= most && pending_.unsent() >= most) {
         Repairs repairs;
         for (const AuthoredEdit& edit : edits) repairs.resets.insert(edit.layer);
         events_.push_back(event::Lost{

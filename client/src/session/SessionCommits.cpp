@@ -8,6 +8,7 @@ namespace {
 
 // Previews may be meant as of a revision that is this far behind.
 constexpr Revision kPreviewsBehind = 1'000;
+constexpr Revision kPrunedAtOnce = 64;
 
 // So often a transaction is mended and sent again before its author is told.
 constexpr int kMaxAttempts = 5;
@@ -154,6 +155,7 @@ void Session::Impl::caughtUp() {
 
 void Session::Impl::prune() {
     const Revision kept = revision_ > kPreviewsBehind ? revision_ - kPreviewsBehind : 0;
+    if (kept < log_.oldest() + kPrunedAtOnce) return;
     Revision oldest = pending_.oldestBase(kept);
     if (gesture_) oldest = std::min(oldest, gesture_->pending.transaction.base);
     if (oldest > log_.oldest()) log_.prune(oldest);

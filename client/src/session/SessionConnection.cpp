@@ -23,12 +23,18 @@ void Session::Impl::connected() {
     inbox_.clear();
     Hello hello{.protocol = kProtocolVersion,
                 .oldestProtocol = kOldestProtocolVersion,
-                .features = {"history", "log", "previews"},
+                .features = options_.features,
                 .client = options_.client,
                 .user = options_.user,
                 .application = options_.application,
-                .resume = {}};
-    if (hasHistory_) hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
+                .resume = {},
+                .open = {}};
+    if (hasHistory_) {
+        hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
+        hello.open.emplace();
+        for (const auto& [layer, opened] : layers_)
+            if (opened.wanted && !opened.joining) hello.open->push_back(layer);
+    }
     sendControl(hello);
 }
 
@@ -48,16 +54,12 @@ void Session::Impl::disconnected(Error reason) {
     if (gesture_) gesture_->shown = false;
     uploads_.disconnected();
     for (auto& [layer, opened] : layers_)
-        if (opened.joining) {
-            const bool again = opened.joining->again;
-            opened.joining.emplace();
-            opened.joining->again = again;
-        }
+        if (opened.joining) opened.joinAnew();
     for (Peek& peek : peeks_) peek.snapshot = {};
+    forgetOthers();
     for (LogReader& log : std::exchange(logs_, {})) log.done(tl::unexpected(reason));
-    for (const std::uint64_t request : std::exchange(saves_, {}))
-        report({ErrorCode::NotConnected,
-                "the connection was lost before the server said that it had saved"},
+    for (const std::uint64_t request : std::exchange(requests_, {}))
+        report({ErrorCode::NotConnected, "the connection was lost before the server had answered"},
                about(request));
     dirty_ = dirty_ || !previews_.empty();
     for (const auto& [id, preview] : std::exchange(previews_, {}))
@@ -171,7 +173,7 @@ void Session::Impl::handleCommit(CommitFrame&& frame, ByteView encoded) {
     const Commit& commit = frame.commit;
     if (!logs_.empty() && logs_.front().begun) return logs_.front().each(commit);
     if (!online_ || commit.revision <= revision_ || commit.epoch < commitEpoch_) return;
-    if (commit.revision != revision_ + 1 || commit.previous != hash_) {
+    if (commit.revision - commit.conflated != revision_ + 1 || commit.previous != hash_) {
         hasHistory_ = false;
         freeze();
         return protocolFault(
@@ -193,6 +195,7 @@ void Session::Impl::on(const Welcome& message) {
     welcome_ = message;
     epoch_ = message.epoch;
     online_ = true;
+    layerStates_.clear();  // the server says again what is to say of them
     if (!message.resumed) {
         if (hasHistory_) freeze();
         revision_ = message.revision;
@@ -203,6 +206,7 @@ void Session::Impl::on(const Welcome& message) {
     for (auto& [layer, opened] : layers_)
         if (opened.joining) ask(opened.joining->snapshot, layer, 0);
     for (Peek& peek : peeks_) ask(peek.snapshot, peek.layer, peek.revision);
+    for (const Missed& missed : missed_) readMissed(missed);
     for (const Hash& hash : downloads_.restart()) sendControl(RequestBlob{hash, 0});
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
     resealWhenCaughtUp_ = !pending_.empty();
@@ -229,15 +233,59 @@ void Session::Impl::on(const LayerOpened& message) {
 void Session::Impl::on(const BlobStored& message) { uploads_.stored(message.hash); }
 
 // Its commit was missed with a history that is gone: what it did is in the layers as they were
-// joined again. Otherwise its commit is on its way.
+// joined again, and what was dropped of it only its commit says (M12). Otherwise its commit is on
+// its way.
 void Session::Impl::on(const AlreadyCommitted& message) {
     if (message.revision > revision_) return;
-    if (pending_.take(message.sequence)) dirty_ = true;
+    auto pending = pending_.take(message.sequence);
+    if (!pending) return;
+    dirty_ = true;
+    missed_.push_back({message.revision, std::move(*pending)});
+    readMissed(missed_.back());
 }
 
-void Session::Impl::on(const LayersSaved& message) {
-    saves_.erase(message.request);
-    events_.push_back(event::Saved{message});
+void Session::Impl::readMissed(const Missed& missed) {
+    const std::uint64_t sequence = missed.pending.transaction.id.sequence;
+    const auto found = [this, sequence] {
+        return std::find_if(missed_.begin(), missed_.end(), [&](const Missed& other) {
+            return other.pending.transaction.id.sequence == sequence;
+        });
+    };
+    const auto each = [this, found](const Commit& commit) {
+        const auto entry = found();
+        if (entry == missed_.end() || commit.id != entry->pending.transaction.id) return;
+        if (!commit.dropped.empty()) reportDropped(entry->pending, commit);
+        missed_.erase(entry);
+    };
+    const auto done = [this, found](const Result<void>& read) {
+        const auto entry = found();
+        if (!online_ || entry == missed_.end()) return;  // asked again, or answered
+        events_.push_back(
+            event::Lost{{.sequence = entry->pending.transaction.id.sequence,
+                         .gesture = entry->pending.transaction.gesture,
+                         .reason = {read ? ErrorCode::HistoryDiverged : read.error().code,
+                                    "it was committed in a history that cannot be read any more"},
+                         .refused = false,
+                         .edits = std::move(entry->pending.authored)}});
+        missed_.erase(entry);
+    };
+    requestLog(missed.revision, missed.revision, each, done);
+}
+
+template <class Event, class Answer>
+void Session::Impl::answer(const Answer& message) {
+    requests_.erase(message.request);
+    events_.push_back(Event{message});
+}
+
+void Session::Impl::on(const LayersSaved& message) { answer<event::Saved>(message); }
+void Session::Impl::on(const LayersReloaded& message) { answer<event::Reloaded>(message); }
+void Session::Impl::on(const CheckpointCreated& message) { answer<event::CheckpointMade>(message); }
+void Session::Impl::on(const Checkpoints& message) { answer<event::CheckpointsListed>(message); }
+
+void Session::Impl::on(const LayerStates& message) {
+    for (const LayerState& state : message.layers) layerStates_[state.layer] = state;
+    events_.push_back(event::LayerStatesChanged{message.layers});
 }
 
 void Session::Impl::on(const LogBegin& message) {
@@ -293,7 +341,7 @@ bool Session::Impl::answered(const ErrorMessage& message, const Error& error) {
         done(tl::unexpected(error));
         return true;
     }
-    saves_.erase(*message.request);
+    requests_.erase(*message.request);
     return false;
 }
 
@@ -314,6 +362,7 @@ void Session::Impl::sendAll() {
     sendTransactions();
     if (host_.takesMore()) uploads_.send(options_.uploadWindowChunks, nowMs_);
     sendPreview();
+    sendPresence();
 }
 
 void Session::Impl::sendTransactions() {

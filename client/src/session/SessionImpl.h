@@ -35,6 +35,20 @@ namespace usdlive::client {
     return message;
 }
 
+/// A snapshot on its way.
+struct Incoming {
+    std::uint64_t request = 0;  ///< 0: not asked for on this connection
+    std::optional<LayerOpened> opened;
+    std::unique_ptr<SnapshotDecoder> decoder;
+    bool whole = false;
+};
+/// A layer whose content is not there yet.
+struct Joining {
+    Incoming snapshot;
+    std::vector<std::pair<Revision, Edit>> later;  ///< committed while it is on its way
+    bool again = false;                            ///< it was joined in a history that is gone
+};
+
 /// Parts: Session.cpp (the class itself, layers), SessionConnection.cpp (what arrives, what is
 /// sent), SessionCommits.cpp (the confirmed side), SessionView.cpp (the predicted side),
 /// SessionAuthor.cpp (edits and gestures).
@@ -55,14 +69,21 @@ public:
               std::function<void(Result<LayerDoc>, Revision)> done);
     void requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
                     std::function<void(Result<void>)> done);
-    void save(std::vector<LayerId> layers);
+    void save(std::vector<LayerId> layers, bool force);
+    void reload(std::vector<LayerId> layers);
+    std::uint64_t createCheckpoint(std::string name);
+    std::uint64_t listCheckpoints();
     void requestBlob(const Hash& hash);
+
+    void showPresence(Presence presence);
+    void hidePresence();
 
     void author(std::vector<AuthoredEdit> edits);
     void beginGesture();
     void endGesture();
 
     bool advance(double budgetMs, std::int64_t nowMs);
+    [[nodiscard]] std::size_t missed() const { return missed_.size(); }
 
     const Options options_;
     std::vector<Event> events_;
@@ -71,24 +92,20 @@ public:
     PendingTransactions pending_;
     std::optional<Gesture> gesture_;
     bool online_ = false;  ///< greeted
+    std::map<LayerId, LayerState> layerStates_;
+    std::map<ClientId, Presence> presences_;  ///< of others
 
 private:
-    // A snapshot on its way.
-    struct Incoming {
-        std::uint64_t request = 0;  // 0: not asked for on this connection
-        std::optional<LayerOpened> opened;
-        std::unique_ptr<SnapshotDecoder> decoder;
-        bool whole = false;
-    };
-    struct Joining {
-        Incoming snapshot;
-        std::vector<std::pair<Revision, Edit>> later;  // committed while it is on its way
-        bool again = false;                            // it was joined in a history that is gone
-    };
     struct OpenedLayer {
         // False: closed by the editor, kept until one's own work on it is answered.
         bool wanted = true;
         std::optional<Joining> joining;  // nothing: joined
+
+        // What has come so far is of no use any more.
+        void joinAnew() {
+            const bool again = !joining || joining->again;
+            joining.emplace().again = again;
+        }
     };
     struct Peek {
         LayerId layer;
@@ -101,6 +118,11 @@ private:
         bool begun = false;
         std::function<void(const Commit&)> each;
         std::function<void(Result<void>)> done;
+    };
+    // Work of one's own whose commit did not come here, until it has been read.
+    struct Missed {
+        Revision revision = 0;
+        Pending pending;
     };
     struct Preview {
         std::uint64_t slot = 0;  // in order of their beginning
@@ -120,6 +142,10 @@ private:
         std::vector<AuthoredEdit> fields;
     };
 
+    // Session.cpp
+    template <class Request>
+    std::uint64_t request(Request message);
+
     // SessionConnection.cpp
     void process(const Received& received);
     void handle(ControlFrame&& frame);
@@ -128,16 +154,24 @@ private:
     void handle(RefusalFrame&& frame);
     void handle(BlobFrame&& frame);
     void handleCommit(CommitFrame&& frame, ByteView encoded);
+    template <class Event, class Answer>
+    void answer(const Answer& message);
     void on(const Welcome& message);
     void on(const ProjectLayers& message);
     void on(const LayerOpened& message);
     void on(const BlobStored& message);
     void on(const AlreadyCommitted& message);
     void on(const LayersSaved& message);
+    void on(const LayersReloaded& message);
+    void on(const CheckpointCreated& message);
+    void on(const Checkpoints& message);
+    void on(const LayerStates& message);
+    void on(const Presences& message);
     void on(const LogBegin& message);
     void on(const LogEnd& message);
     void on(const ErrorMessage& message);
     void on(const auto&) {}  // messages to a server
+    void readMissed(const Missed& missed);
     [[nodiscard]] bool answered(const ErrorMessage& message, const Error& error);
     void protocolFault(Error error);
     void report(Error error, ErrorMessage about = {});
@@ -145,6 +179,8 @@ private:
     void sendAll();
     void sendTransactions();
     void sendPreview();
+    void sendPresence();
+    void forgetOthers();
     void withdrawPreview(std::uint64_t gesture);
     void ask(Incoming& snapshot, const LayerId& layer, Revision revision);
 
@@ -198,6 +234,11 @@ private:
     bool resealWhenCaughtUp_ = false;
     std::int64_t nowMs_ = 0;
 
+    // One's own presence.
+    std::optional<Presence> presence_;
+    std::optional<Presence> presenceSent_;  // on this connection
+    std::int64_t presenceSentMs_ = 0;
+
     // The confirmed side. The log also holds what is predicted, behind what is confirmed.
     bool hasHistory_ = false;
     Epoch epoch_ = 0;        // of the server
@@ -213,6 +254,7 @@ private:
     Prediction prediction_{confirmed_, log_};
     std::map<std::pair<ClientId, std::uint64_t>, Preview> previews_;
     std::uint64_t lastSlot_ = 0;
+    std::deque<Missed> missed_;
     bool dirty_ = false;        // the prediction has to be made anew
     std::set<LayerId> resets_;  // the editor gets their whole content next
 
@@ -220,7 +262,7 @@ private:
     BlobDownloads downloads_;
     std::vector<Peek> peeks_;
     std::deque<LogReader> logs_;
-    std::set<std::uint64_t> saves_;
+    std::set<std::uint64_t> requests_;  ///< that an event answers, and has not
 };
 
 }  // namespace usdlive::client

@@ -162,8 +162,8 @@ void Session::Impl::flushResets() {
 // layers have been fetched again; one's own work is carried over by where it stands now.
 void Session::Impl::freeze() {
     if (!frozen_) carryOver();
-    for (auto& [layer, opened] : layers_)
-        if (!opened.joining) opened.joining.emplace().again = true;
+    // Also what was on its way: the commits that have to follow it are not known any more.
+    for (auto& [layer, opened] : layers_) opened.joinAnew();
     prediction_.start({}, 0);
     confirmed_.clear();
     log_ = {};

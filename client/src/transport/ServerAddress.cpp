@@ -10,7 +10,8 @@ namespace usdlive::client {
 namespace {
 
 constexpr std::array<std::string_view, 2> kSchemes{"ws://", "usdlive://"};
-constexpr std::string_view kHint = "expected ws://HOST:PORT or ws://HOST:PORT/LAYER";
+constexpr std::string_view kDds = "dds://";
+constexpr std::string_view kHint = "expected ws://HOST:PORT, dds://PROJECT, or one with /LAYER";
 
 tl::unexpected<Error> badAddress(const std::string& text, const std::string& what) {
     return fail(ErrorCode::InvalidArgument, "'" + text + "' is not the address of a server: " +
@@ -99,9 +100,38 @@ bool isHost(std::string_view host) {
     return !host.empty() && host.find_first_of(" \t\r\n/@[]?#\\") == std::string_view::npos;
 }
 
+// What follows the slash of `rest`, if there is one.
+Result<ServerAddress> withLayer(ServerAddress address, std::string_view rest, std::size_t slash,
+                                const std::string& text) {
+    if (slash == std::string_view::npos || slash + 1 == rest.size()) return address;
+    const auto layer = percentDecoded(rest.substr(slash + 1));
+    if (!layer) return badAddress(text, "a % is not followed by two hexadecimal digits");
+    const auto id = parseLayerId(*layer);
+    if (!id) return badAddress(text, id.error().message);
+    address.layer = id->value;
+    return address;
+}
+
+Result<ServerAddress> parseDds(const std::string& text) {
+    const std::string_view rest = std::string_view(text).substr(kDds.size());
+    const auto slash = rest.find('/');
+    const auto project = percentDecoded(rest.substr(0, slash));
+    if (!project) return badAddress(text, "a % is not followed by two hexadecimal digits");
+    ServerAddress address;
+    address.dds = true;
+    address.project = *project;
+    if (project->empty() && slash != std::string_view::npos)
+        return badAddress(text, "it names no project");
+    return withLayer(std::move(address), rest, slash, text);
+}
+
 }  // namespace
 
 std::string ServerAddress::url() const {
+    if (dds) {
+        const std::string text = std::string(kDds) + percentEncoded(project);
+        return layer.empty() ? text : text + "/" + percentEncoded(layer);
+    }
     const bool bracketed = host.find(':') != std::string::npos;
     std::string text = "ws://" + (bracketed ? "[" + host + "]" : host) + ":" + std::to_string(port);
     if (!layer.empty()) text += "/" + percentEncoded(layer);
@@ -109,8 +139,9 @@ std::string ServerAddress::url() const {
 }
 
 Result<ServerAddress> parseServerAddress(const std::string& text) {
+    if (text.starts_with(kDds)) return parseDds(text);
     const auto rest = withoutScheme(text);
-    if (!rest) return badAddress(text, "it has to begin with ws:// or usdlive://");
+    if (!rest) return badAddress(text, "it has to begin with ws://, usdlive:// or dds://");
 
     const auto slash = rest->find('/');
     const auto authority = splitAuthority(rest->substr(0, slash));
@@ -123,14 +154,14 @@ Result<ServerAddress> parseServerAddress(const std::string& text) {
         if (!port) return badAddress(text, "the port has to be a number from 1 to 65535");
         address.port = *port;
     }
-    if (slash == std::string_view::npos || slash + 1 == rest->size()) return address;
+    return withLayer(std::move(address), *rest, slash, text);
+}
 
-    const auto layer = percentDecoded(rest->substr(slash + 1));
-    if (!layer) return badAddress(text, "a % is not followed by two hexadecimal digits");
-    const auto id = parseLayerId(*layer);
-    if (!id) return badAddress(text, id.error().message);
-    address.layer = id->value;
-    return address;
+Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address) {
+    if (!address.dds) return createWebSocketConnection(address);
+    const auto settings = ddsSettings();
+    if (!settings) return tl::unexpected(settings.error());
+    return createDdsConnection(address, *settings);
 }
 
 }  // namespace usdlive::client

@@ -11,13 +11,11 @@
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/websocket.hpp>
-#include <condition_variable>
-#include <deque>
-#include <mutex>
 #include <optional>
-#include <random>
 #include <thread>
 
+#include "Mailbox.h"
+#include "RetryDelay.h"
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/common/protocol/Frame.h"
 
@@ -37,145 +35,15 @@ using std::chrono::steady_clock;
 constexpr auto kConnectTimeout = seconds(10);
 // Beast pings after half of it without a byte from the peer, and gives up after all of it.
 constexpr auto kIdleTimeout = seconds(10);
-constexpr auto kFirstDelay = milliseconds(100);
-constexpr auto kLongestDelay = milliseconds(5000);
-// A connection that lasted this long was a good one: the next delay is a short one again.
-constexpr auto kStableAfter = seconds(5);
 // How long a connection that is let go may take to send what is queued and to say goodbye.
 constexpr auto kGoodbye = milliseconds(500);
 
 // A message of the server is one or more frames; the slack is for those beside the largest.
 constexpr std::size_t kMaxMessageBytes = kMaxFrameBytes + 8 * 1024 * 1024;
-// What leaves in one message, unless a single buffer is larger.
-constexpr std::size_t kBatchBytes = 1024 * 1024;
-// Not fetched by poll(): above it reading pauses, TCP tells the server, and in the end one of the
-// two gives the connection up; the session resumes.
-constexpr std::size_t kMaxInboxBytes = 256 * 1024 * 1024;
-// Not taken by the server: above it the connection is given up; the session resumes.
-constexpr std::size_t kMaxOutboxBytes = 1024 * 1024 * 1024;
 
 constexpr auto kTuple = asio::as_tuple(asio::use_awaitable);
 
 using Stream = websocket::stream<beast::tcp_stream>;
-
-// What the two threads share, with the mutex that guards it.
-class Mailbox {
-public:
-    using Happening = Connection::Happening;
-
-    // --- the network's thread ---
-
-    std::uint64_t opened() {
-        const std::lock_guard lock(mutex_);
-        clearOutbox();
-        open_ = ++generation_;
-        inbox_.push_back({Connection::Opened{}, generation_});
-        arrived_.notify_all();
-        return generation_;
-    }
-    void lost(Error reason) {
-        const std::lock_guard lock(mutex_);
-        clearOutbox();
-        open_.reset();
-        // Failed attempts that nobody looks at do not pile up: the latest says enough.
-        if (!inbox_.empty() && std::holds_alternative<Connection::Lost>(inbox_.back().happening))
-            inbox_.pop_back();
-        inbox_.push_back({Connection::Lost{std::move(reason)}, generation_});
-        arrived_.notify_all();
-    }
-    // False: full, wait before reading on.
-    [[nodiscard]] bool message(SharedBytes bytes) {
-        const std::lock_guard lock(mutex_);
-        inboxBytes_ += bytes->size();
-        inbox_.push_back({Connection::Message{std::move(bytes)}, generation_});
-        arrived_.notify_all();
-        return inboxBytes_ < kMaxInboxBytes;
-    }
-    [[nodiscard]] bool hasRoom() const {
-        const std::lock_guard lock(mutex_);
-        return inboxBytes_ < kMaxInboxBytes / 2;
-    }
-    // What leaves in the next message; counted as queued until written().
-    [[nodiscard]] std::vector<SharedBytes> takeBatch() {
-        const std::lock_guard lock(mutex_);
-        std::vector<SharedBytes> batch;
-        std::size_t bytes = 0;
-        while (!outbox_.empty() &&
-               (batch.empty() || bytes + outbox_.front()->size() <= kBatchBytes)) {
-            bytes += outbox_.front()->size();
-            batch.push_back(std::move(outbox_.front()));
-            outbox_.pop_front();
-        }
-        return batch;
-    }
-    void written(std::size_t bytes) {
-        const std::lock_guard lock(mutex_);
-        outboxBytes_ -= std::min(bytes, outboxBytes_);
-    }
-
-    // --- the owner's thread ---
-
-    enum class Queued { Dropped, Yes, Full };
-    // Frames are for the connection whose Opened the owner has fetched, never for a newer one: it
-    // would get them before its hello.
-    [[nodiscard]] Queued queue(SharedBytes frames) {
-        const std::lock_guard lock(mutex_);
-        if (!open_ || *open_ != seen_) return Queued::Dropped;
-        if (outboxBytes_ + frames->size() > kMaxOutboxBytes) return Queued::Full;
-        outboxBytes_ += frames->size();
-        outbox_.push_back(std::move(frames));
-        return Queued::Yes;
-    }
-    [[nodiscard]] std::vector<Happening> fetch(std::size_t most, bool& madeRoom) {
-        const std::lock_guard lock(mutex_);
-        const bool wasFull = inboxBytes_ >= kMaxInboxBytes / 2;
-        std::vector<Happening> fetched;
-        while (!inbox_.empty() && fetched.size() < most) {
-            auto& [happening, generation] = inbox_.front();
-            if (const auto* message = std::get_if<Connection::Message>(&happening))
-                inboxBytes_ -= message->bytes->size();
-            if (std::holds_alternative<Connection::Opened>(happening)) seen_ = generation;
-            fetched.push_back(std::move(happening));
-            inbox_.pop_front();
-        }
-        madeRoom = wasFull && inboxBytes_ < kMaxInboxBytes / 2;
-        return fetched;
-    }
-    [[nodiscard]] bool wait(milliseconds time) {
-        std::unique_lock lock(mutex_);
-        return arrived_.wait_for(lock, time, [this] { return !inbox_.empty(); });
-    }
-    [[nodiscard]] std::size_t outboxBytes() const {
-        const std::lock_guard lock(mutex_);
-        return outboxBytes_;
-    }
-    // The generation the owner takes for open.
-    [[nodiscard]] std::uint64_t seen() const {
-        const std::lock_guard lock(mutex_);
-        return seen_;
-    }
-
-private:
-    struct Entry {
-        Happening happening;
-        std::uint64_t generation;
-    };
-
-    void clearOutbox() {
-        outbox_.clear();
-        outboxBytes_ = 0;
-    }
-
-    mutable std::mutex mutex_;
-    std::condition_variable arrived_;
-    std::deque<Entry> inbox_;
-    std::size_t inboxBytes_ = 0;
-    std::deque<SharedBytes> outbox_;
-    std::size_t outboxBytes_ = 0;  // with the batch that is being written
-    std::uint64_t generation_ = 0;
-    std::optional<std::uint64_t> open_;
-    std::uint64_t seen_ = 0;
-};
 
 // One connection from its handshake to its end. Belongs to the network's thread; each coroutine
 // that uses it keeps it alive.
@@ -201,7 +69,7 @@ struct Line {
 class WebSocketConnection final : public Connection {
 public:
     explicit WebSocketConnection(const ServerAddress& address)
-        : address_(address), random_(std::random_device{}()), pause_(context_) {
+        : address_(address), pause_(context_) {
         asio::co_spawn(context_, run(), asio::detached);
         thread_ = std::thread([this] { context_.run(); });
     }
@@ -265,23 +133,16 @@ private:
     }
 
     asio::awaitable<void> run() {
-        int failures = 0;
+        RetryDelay delay;
         while (!leaving_) {
             const auto start = steady_clock::now();
             Error reason = co_await attempt();
             if (leaving_) break;
             mailbox_.lost(std::move(reason));
-            failures = steady_clock::now() - start > kStableAfter ? 0 : failures + 1;
-            co_await rest(delay(failures));
-            while (!leaving_ && !mailbox_.hasRoom()) co_await rest(kLongestDelay);
+            co_await rest(delay.next(steady_clock::now() - start));
+            while (!leaving_ && !mailbox_.hasRoom()) co_await rest(RetryDelay::kLongest);
         }
         context_.stop();
-    }
-
-    [[nodiscard]] milliseconds delay(int failures) {
-        const auto doubled = kFirstDelay * (1 << std::min(std::max(failures - 1, 0), 10));
-        const auto longest = std::min<milliseconds>(doubled, kLongestDelay);
-        return milliseconds(std::uniform_int_distribution<long long>(0, longest.count())(random_));
     }
 
     asio::awaitable<void> rest(milliseconds time) {
@@ -355,7 +216,7 @@ private:
             const bool room = mailbox_.message(std::make_shared<const Bytes>(begin, begin + size));
             buffer.consume(size);
             while (!leaving_ && !line.reason && !room && !mailbox_.hasRoom())
-                co_await rest(kLongestDelay);
+                co_await rest(RetryDelay::kLongest);
         }
     }
 
@@ -406,7 +267,6 @@ private:
 
     // Of the network's thread.
     asio::io_context context_{1};
-    std::mt19937 random_;
     asio::steady_timer pause_;
     std::shared_ptr<Line> line_;  // the present one, also while it is being made
     bool leaving_ = false;

@@ -1,8 +1,10 @@
 #include "usdlive/client/usd/Client.h"
 
+#include <pxr/base/vt/dictionary.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/layerUtils.h>
+#include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
 #include <chrono>
@@ -16,6 +18,8 @@
 #include "usdlive/client/usd/LayerFolders.h"
 #include "usdlive/client/usd/LiveLayer.h"
 #include "usdlive/client/usd/LostWorkLayer.h"
+#include "usdlive/common/layer/GlobalMuteness.h"
+#include "usdlive/common/layer/LayerLock.h"
 
 namespace usdlive {
 
@@ -32,6 +36,11 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
+
+std::int64_t wallClockMs() {
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    return std::chrono::duration_cast<milliseconds>(now).count();
+}
 
 constexpr std::size_t kMessagesPerTick = 4096;
 constexpr auto kLookForLayersEvery = milliseconds(100);
@@ -86,7 +95,9 @@ public:
           folders_(std::move(folders)),
           blobs_(folders_.cacheFolder() / ".usdlive-blobs"),
           connection_(std::move(connection)),
-          session_(sessionOptions(options_, std::move(id)), *this, *this) {}
+          session_(sessionOptions(options_, std::move(id)), *this, *this) {
+        session_.showPresence({});
+    }
 
     ~Impl() override {
         const pxr::SdfChangeBlock block;
@@ -167,6 +178,57 @@ public:
         work(budgetMs, result);
         dispatch();
         return result;
+    }
+
+    [[nodiscard]] const std::string& user() const { return options_.user; }
+
+    Result<void> setLocked(const LayerId& id, bool locked) {
+        auto* live = find(id);
+        if (!live || !live->isFilled())
+            return fail(ErrorCode::LayerNotOpen, id.value + " is not open here");
+        const auto& layer = live->layer();
+        const auto& field = pxr::SdfFieldKeys->CustomLayerData;
+        if (layer
+                ->GetFieldDictValueByKey(pxr::SdfPath::AbsoluteRootPath(), field,
+                                         pxr::TfToken("omni_layer:locked"))
+                .IsHolding<pxr::VtDictionary>())
+            return fail(ErrorCode::InvalidArgument,
+                        id.value +
+                            " is the root layer of a stage, in which Kit keeps what is "
+                            "locked: it cannot be locked itself");
+        LayerLock lock;
+        if (locked) lock = {true, {options_.user}, wallClockMs()};
+        authorOfRoot(*live, [&] { return lockEdits(lock); });
+        return {};
+    }
+
+    Result<void> setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted) {
+        auto* live = find(root);
+        if (!live || !live->isFilled())
+            return fail(ErrorCode::LayerNotOpen, root.value + " is not open here");
+        if (root == layer)
+            return fail(ErrorCode::InvalidArgument, "a root layer is not muted on its own stages");
+        authorOfRoot(*live,
+                     [&] { return globalMuteEdits(root, *session_.view(root), layer, muted); });
+        return {};
+    }
+
+    std::set<LayerId> globallyMuted(const LayerId& root) const {
+        const LayerDoc* doc = session_.view(root);
+        return doc ? usdlive::globallyMuted(root, *doc) : std::set<LayerId>();
+    }
+
+    /// Makes edits of the pseudo-root, after what was written before.
+    template <class MakeEdits>
+    void authorOfRoot(LiveLayer& live, MakeEdits makeEdits) {
+        const pxr::SdfChangeBlock block;
+        seal();
+        std::vector<client::AuthoredEdit> edits;
+        for (EditAction& action : makeEdits()) {
+            live.apply("/", action);
+            edits.push_back({live.id(), "/", std::move(action)});
+        }
+        session_.author(std::move(edits));
     }
 
     bool flush(double timeoutMs) {
@@ -563,7 +625,9 @@ Client::~Client() = default;
 Result<std::unique_ptr<Client>> Client::connect(const std::string& url, Options options) {
     const auto address = client::parseServerAddress(url);
     if (!address) return tl::unexpected(address.error());
-    return connectBy(client::createWebSocketConnection(*address), std::move(options));
+    auto connection = client::createConnection(*address);
+    if (!connection) return tl::unexpected(connection.error());
+    return connectBy(std::move(*connection), std::move(options));
 }
 
 Result<std::unique_ptr<Client>> Client::connectBy(std::unique_ptr<Connection> connection,
@@ -601,7 +665,31 @@ void Client::endGesture() {
     impl_->tick(0);
     impl_->session().endGesture();
 }
-void Client::save(std::vector<LayerId> layers) { impl_->session().save(std::move(layers)); }
+void Client::save(std::vector<LayerId> layers, bool force) {
+    impl_->session().save(std::move(layers), force);
+}
+void Client::reload(std::vector<LayerId> layers) { impl_->session().reload(std::move(layers)); }
+std::uint64_t Client::createCheckpoint(std::string name) {
+    return impl_->session().createCheckpoint(std::move(name));
+}
+std::uint64_t Client::listCheckpoints() { return impl_->session().listCheckpoints(); }
+Result<void> Client::setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted) {
+    return impl_->setGloballyMuted(root, layer, muted);
+}
+std::set<LayerId> Client::globallyMuted(const LayerId& root) const {
+    return impl_->globallyMuted(root);
+}
+Result<void> Client::setLocked(const LayerId& layer, bool locked) {
+    return impl_->setLocked(layer, locked);
+}
+const std::map<LayerId, LayerState>& Client::layerStates() const {
+    return impl_->session().layerStates();
+}
+void Client::showPresence(Presence presence) { impl_->session().showPresence(std::move(presence)); }
+void Client::hidePresence() { impl_->session().hidePresence(); }
+const std::map<ClientId, Presence>& Client::presences() const {
+    return impl_->session().presences();
+}
 bool Client::flush(double timeoutMs) { return impl_->flush(timeoutMs); }
 void Client::setEventHandler(EventHandler handler) { impl_->setEventHandler(std::move(handler)); }
 const std::vector<LostWork>& Client::lostWork() const { return impl_->lostWork(); }
@@ -612,6 +700,7 @@ bool Client::isConnected() const { return impl_->session().isConnected(); }
 Revision Client::revision() const { return impl_->session().revision(); }
 std::size_t Client::pendingTransactions() const { return impl_->session().pendingTransactions(); }
 ClientId Client::id() const { return impl_->session().id(); }
+const std::string& Client::user() const { return impl_->user(); }
 fs::path Client::cacheFolder() const { return impl_->cacheFolder(); }
 std::optional<LayerId> Client::layerId(const pxr::SdfLayerHandle& layer) const {
     return impl_->layerId(layer);

@@ -615,26 +615,83 @@ void LayerDoc::reserveIds(NodeId firstFree) { nextId_ = std::max(nextId_, firstF
 
 struct LayerDoc::Builder::State {
     struct Built {
+        NodeId id;
         Node* node;
         std::size_t pathBytes;
         std::size_t pathElements;
     };
+
+    /// nullptr when it is not there. Valid until the next call of add().
+    const Built* find(NodeId id) {
+        for (std::size_t at = above.size(); at-- > 0;)
+            if (above[at].id == id) {
+                above.resize(at + 1);
+                return &above.back();
+            }
+        const auto& all = byId();
+        const auto found = all.find(id);
+        if (found == all.end()) return nullptr;
+        above.assign(1, found->second);
+        return &above.back();
+    }
+
+    [[nodiscard]] bool has(NodeId id) { return id <= highest && byId().contains(id); }
+
+    void add(const Built& built) {
+        highest = std::max(highest, built.id);
+        extent.bytes = std::max(extent.bytes, built.pathBytes);
+        extent.elements = std::max(extent.elements, built.pathElements);
+        ++specs;
+        if (index) index->emplace(built.id, built);
+        above.push_back(built);
+    }
+
+    /// Begins with the fields of this node; those of the one before become its own, in one piece of
+    /// the right size.
+    void gather(Node* node) {
+        if (node == gathered) return;
+        if (gathered)
+            gathered->fields = Fields(std::make_move_iterator(gatheredFields.begin()),
+                                      std::make_move_iterator(gatheredFields.end()));
+        gatheredFields.clear();
+        gathered = node;
+        if (node && !node->fields.empty()) gatheredFields = std::move(node->fields);
+    }
+
     // The root is shared with nobody before finish(), nor is what is below.
     Ref<Node> root{new Node(kRootNode, SpecKind::PseudoRoot)};
-    std::unordered_map<NodeId, Built> nodes{{kRootNode, {&root.editable(), 1, 0}}};
-    // Found last: fields follow their spec, and children their parent.
-    std::pair<NodeId, Built*> spec{}, parent{};
+    // The way down to the latest spec, or a part of it: children follow their parent.
+    std::vector<Built> above{{kRootNode, &root.editable(), 1, 0}};
+    std::size_t specs = 1;
     NodeId highest = kRootNode;
     Extent extent{1, 0};
+    Node* gathered = nullptr;  // whose fields are being added
+    Fields gatheredFields;
 
-    /// nullptr when it is not there.
-    Built* find(NodeId node, std::pair<NodeId, Built*>& last) {
-        if (last.second && last.first == node) return last.second;
-        const auto found = nodes.find(node);
-        if (found == nodes.end()) return nullptr;
-        last = {node, &found->second};
-        return last.second;
+private:
+    // Whoever adds a tree from the top down, with growing ids, does without.
+    std::unordered_map<NodeId, Built>& byId() {
+        if (index) return *index;
+        index.emplace();
+        std::vector<Built> waiting{{kRootNode, &root.editable(), 1, 0}};
+        while (!waiting.empty()) {
+            const Built built = waiting.back();
+            waiting.pop_back();
+            index->emplace(built.id, built);
+            for (const ChildList list : kChildLists) {
+                if (!hasList(built.node->kind, list)) continue;
+                ChildSequence& children = built.node->editableChildren(list);
+                for (const ChildEntry* entry : children.entries())
+                    waiting.push_back(
+                        {entry->node->id, &children.editableNode(entry->order),
+                         built.pathBytes + stepBytes(built.node->kind, list, entry->name),
+                         built.pathElements + 1});
+            }
+        }
+        return *index;
     }
+
+    std::optional<std::unordered_map<NodeId, Built>> index;
 };
 
 LayerDoc::Builder::Builder() : state_(std::make_unique<State>()) {}
@@ -656,7 +713,7 @@ Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_
         return fail(code, "spec " + std::to_string(node) + ", " + quoted(name) + ": " + what);
     };
     if (node == kRootNode && kind == SpecKind::PseudoRoot) return {};  // is there already
-    const State::Built* above = state_->find(parent, state_->parent);
+    const State::Built* above = state_->find(parent);
     if (!above) return problem(ErrorCode::SpecNotFound, "no such parent");
     const auto list = listFor(kind);
     if (node == 0 || !list || !hasList(above->node->kind, *list) || !specpath::isName(*list, name))
@@ -669,35 +726,33 @@ Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_
                         above->pathElements + 1};
     if (extent.bytes > kMaxPathBytes || extent.elements > kMaxPathElements)
         return problem(ErrorCode::InvalidEdit, "its path is too long");
-    const auto [place, fresh] =
-        state_->nodes.try_emplace(node, State::Built{nullptr, extent.bytes, extent.elements});
-    if (!fresh) return problem(ErrorCode::SpecExists, "is there already");
+    if (state_->has(node)) return problem(ErrorCode::SpecExists, "is there already");
 
-    place->second.node = new Node(node, kind);
-    siblings.insert({std::string(name), order, Ref<Node>(place->second.node)});
-    state_->spec = {node, &place->second};
-    state_->highest = std::max(state_->highest, node);
-    state_->extent.bytes = std::max(state_->extent.bytes, extent.bytes);
-    state_->extent.elements = std::max(state_->extent.elements, extent.elements);
+    const State::Built built{node, new Node(node, kind), extent.bytes, extent.elements};
+    siblings.insert({std::string(name), order, Ref<Node>(built.node)});
+    state_->add(built);
     return {};
 }
 
 Result<void> LayerDoc::Builder::addField(NodeId node, std::string_view name, FieldValue value) {
-    const State::Built* built = state_->find(node, state_->spec);
+    const State::Built* built = state_->find(node);
     if (!built) return fail(ErrorCode::SpecNotFound, "there is no spec " + std::to_string(node));
-    Fields& fields = built->node->fields;
-    const auto at = fieldPosition(fields, name);
-    if (at != fields.end() && at->first == name)
+    state_->gather(built->node);
+    Fields& fields = state_->gatheredFields;
+    const bool isLast = fields.empty() || fields.back().first < name;
+    const auto at = isLast ? fields.end() : fieldPosition(fields, name);
+    if (!isLast && at->first == name)
         return fail(ErrorCode::SpecExists, "the field " + quoted(name) + " is there already");
-    insertField(fields, name) = std::move(value);
+    fields.emplace(at, name, std::move(value));
     return {};
 }
 
 LayerDoc LayerDoc::Builder::finish() {
+    state_->gather(nullptr);
     LayerDoc doc;
     doc.root_ = state_->root;
     doc.nextId_ = state_->highest + 1;
-    doc.specCount_ = state_->nodes.size();
+    doc.specCount_ = state_->specs;
     doc.maxPathBytes_ = static_cast<std::uint32_t>(state_->extent.bytes);
     doc.maxPathElements_ = static_cast<std::uint32_t>(state_->extent.elements);
     state_ = std::make_unique<State>();

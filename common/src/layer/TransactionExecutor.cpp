@@ -250,6 +250,29 @@ Outcome execute(LayerDocs& layers, NamespaceLog& log, OwnCreations& creations,
     return outcome;
 }
 
+Result<Executed> executeInOrder(LayerDocs& layers, NamespaceLog& log, std::vector<Edit> edits,
+                                Revision revision) {
+    LayerDocs before;
+    const std::uint64_t mark = log.mark();
+    const auto undone = [&](Error error) {
+        for (auto& [id, doc] : before) layers[id] = std::move(doc);
+        log.truncate(mark);
+        return tl::unexpected(std::move(error));
+    };
+    Executed executed;
+    for (Edit& edit : edits) {
+        const auto layer = layers.find(edit.layer);
+        if (layer == layers.end())
+            return undone({ErrorCode::LayerNotFound, "there is no layer " + edit.layer.value});
+        before.try_emplace(layer->first, layer->second);
+        auto applied = layer->second.apply(edit.address.path, edit.action);
+        if (!applied) return undone(applied.error());
+        if (applied->changed) record(log, revision, edit);
+        executed.edits.push_back({std::move(edit), std::move(*applied)});
+    }
+    return executed;
+}
+
 Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit) {
     Result<void> result;
     std::unordered_set<LayerId> diverged;

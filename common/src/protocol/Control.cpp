@@ -1,6 +1,7 @@
 #include "usdlive/common/protocol/Control.h"
 
 #include <array>
+#include <cmath>
 #include <concepts>
 #include <nlohmann/json.hpp>
 #include <type_traits>
@@ -37,6 +38,7 @@ void members(auto& io, Is<Hello> auto& message) {
     io("user", message.user);
     io("application", message.application);
     io("resume", message.resume);
+    io("open", message.open);
 }
 void members(auto& io, Is<Hello::Resume> auto& message) {
     io("epoch", message.epoch);
@@ -81,6 +83,11 @@ void members(auto& io, Is<AlreadyCommitted> auto& message) {
 void members(auto& io, Is<SaveLayers> auto& message) {
     io("request", message.request);
     io("layers", message.layers);
+    io("force", message.force);
+}
+void members(auto& io, Is<ReloadLayers> auto& message) {
+    io("request", message.request);
+    io("layers", message.layers);
 }
 void members(auto& io, Is<LayersSaved::Failure> auto& message) {
     io("layer", message.layer);
@@ -93,6 +100,12 @@ void members(auto& io, Is<LayersSaved> auto& message) {
     io("saved", message.saved);
     io("failed", message.failed);
 }
+void members(auto& io, Is<LayersReloaded> auto& message) {
+    io("request", message.request);
+    io("revision", message.revision);
+    io("reloaded", message.reloaded);
+    io("failed", message.failed);
+}
 void members(auto& io, Is<RequestLog> auto& message) {
     io("request", message.request);
     io("from", message.from);
@@ -100,6 +113,55 @@ void members(auto& io, Is<RequestLog> auto& message) {
 }
 void members(auto& io, Is<LogBegin> auto& message) { io("request", message.request); }
 void members(auto& io, Is<LogEnd> auto& message) { io("request", message.request); }
+void members(auto& io, Is<Checkpoint> auto& message) {
+    io("name", message.name);
+    io("revision", message.revision);
+    io("user", message.user);
+    io("timeMs", message.timeMs);
+}
+void members(auto& io, Is<CreateCheckpoint> auto& message) {
+    io("request", message.request);
+    io("name", message.name);
+}
+void members(auto& io, Is<CheckpointCreated> auto& message) {
+    io("request", message.request);
+    io("checkpoint", message.checkpoint);
+}
+void members(auto& io, Is<ListCheckpoints> auto& message) { io("request", message.request); }
+void members(auto& io, Is<Checkpoints> auto& message) {
+    io("request", message.request);
+    io("checkpoints", message.checkpoints);
+}
+void members(auto& io, Is<LayerState> auto& message) {
+    io("layer", message.layer);
+    io("revision", message.revision);
+    io("saved", message.saved);
+    io("dirty", message.dirty);
+    io("outdated", message.outdated);
+    io("globallyMuted", message.globallyMuted);
+    io("writable", message.writable);
+    io("owner", message.owner);
+    io("locked", message.locked);
+    io("holder", message.holder);
+    io("lockedAtMs", message.lockedAtMs);
+    io("editors", message.editors);
+}
+void members(auto& io, Is<LayerStates> auto& message) { io("layers", message.layers); }
+void members(auto& io, Is<Presence> auto& message) {
+    io("client", message.client);
+    io("user", message.user);
+    io("application", message.application);
+    io("selection", message.selection);
+    io("camera", message.camera);
+    io("time", message.time);
+    io("editTarget", message.editTarget);
+    io("data", message.data);
+}
+void members(auto& io, Is<ShowPresence> auto& message) { io("presence", message.presence); }
+void members(auto& io, Is<Presences> auto& message) {
+    io("shown", message.shown);
+    io("gone", message.gone);
+}
 void members(auto& io, Is<ErrorMessage> auto& message) {
     io("code", message.code);
     io("message", message.message);
@@ -109,9 +171,11 @@ void members(auto& io, Is<ErrorMessage> auto& message) {
 }
 
 constexpr std::array<const char*, std::variant_size_v<ControlMessage>> kTypes{
-    "hello",       "welcome",     "projectLayers", "openLayer",        "layerOpened",
-    "closeLayer",  "requestBlob", "blobStored",    "alreadyCommitted", "saveLayers",
-    "layersSaved", "requestLog",  "logBegin",      "logEnd",           "errorMessage"};
+    "hello",       "welcome",          "projectLayers",     "openLayer",        "layerOpened",
+    "closeLayer",  "requestBlob",      "blobStored",        "alreadyCommitted", "saveLayers",
+    "layersSaved", "reloadLayers",     "layersReloaded",    "requestLog",       "logBegin",
+    "logEnd",      "createCheckpoint", "checkpointCreated", "listCheckpoints",  "checkpoints",
+    "layerStates", "showPresence",     "presences",         "errorMessage"};
 
 class Writer {
 public:
@@ -189,6 +253,11 @@ private:
     static void read(const char* name, const Json& json, std::uint64_t& value) {
         if (!json.is_number_unsigned()) wrong(name);
         value = json.get<std::uint64_t>();
+    }
+    static void read(const char* name, const Json& json, double& value) {
+        if (!json.is_number()) wrong(name);
+        value = json.get<double>();
+        if (!std::isfinite(value)) wrong(name);
     }
     static void read(const char* name, const Json& json, std::string& value) {
         value = text(name, json, kMaxTextBytes);

@@ -276,8 +276,13 @@ private:
                     {dropped->index(), errorCode(dropped->reason()), edit(*dropped->edit())});
         }
         result.previous = hash(commit.previous());
+        result.conflated = commit.conflated();
+        require(result.conflated == 0 ||
+                    (result.conflated < result.revision && commit.hash_after() && !result.imported),
+                "a commit that stands for others without their hash");
         if (commit.hash_after()) {
-            require(result.imported && result.edits.empty(), "a stub of no import");
+            require(result.conflated > 0 || (result.imported && result.edits.empty()),
+                    "a stub of no import");
             frame.hashAfter = hash(commit.hash_after());
         }
         return frame;

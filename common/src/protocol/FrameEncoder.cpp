@@ -19,8 +19,35 @@ using Vector = Offset<flatbuffers::Vector<std::uint8_t>>;
 /// longer ones are not, so that a decoder can bound what it copies by the size of the frame (FR7).
 class FrameEncoder {
 public:
+    explicit FrameEncoder(std::size_t expectedBytes = 1024) : builder_(expectedBytes) {}
+
     Bytes encode(const Frame& frame) {
         std::visit([this](const auto& content) { finish(write(content)); }, frame);
+        return take();
+    }
+
+    std::optional<ImportFrame> encode(const LayerId& layer, const LayerDoc& doc,
+                                      std::size_t maxBytes) {
+        std::vector<Offset<wire::Edit>> written;
+        written.reserve(3 * doc.specCount());
+        LayerDoc::Walk walk(doc);
+        while (const LayerDoc::SpecView* spec = walk.next()) {
+            if (builder_.GetSize() + sizeof(std::uint32_t) * written.size() > maxBytes)
+                return std::nullopt;
+            writeSpec(layer, *spec, written);
+        }
+        CommitFrame frame;
+        frame.commit.imported = layer;
+        frame.commit.revision = frame.commit.epoch = 1;  // zeroes would not be written
+        frame.commit.timeMs = 1;
+        finish(write(frame, builder_.CreateVector(written)));
+        return ImportFrame{take(), written.size()};
+    }
+
+private:
+    static constexpr std::size_t kSharedTextBytes = 128;
+
+    [[nodiscard]] Bytes take() const {
         Bytes bytes;
         bytes.reserve(sizeof(std::uint32_t) + builder_.GetSize());
         appendLength(bytes);
@@ -28,9 +55,6 @@ public:
                      builder_.GetBufferPointer() + builder_.GetSize());
         return bytes;
     }
-
-private:
-    static constexpr std::size_t kSharedTextBytes = 128;
 
     template <class T>
     void finish(Offset<T> body) {
@@ -155,6 +179,26 @@ private:
         return wire::CreateEdit(builder_, layer, path, creation.sequence, creation.edit, type,
                                 action);
     }
+    /// What makes a spec with its fields.
+    void writeSpec(const LayerId& layer, const LayerDoc::SpecView& spec,
+                   std::vector<Offset<wire::Edit>>& out) {
+        const std::uint32_t index = layerIndex(layer);
+        const bool shared = spec.path.size() <= kSharedTextBytes;
+        Text path;
+        const auto add = [&](wire::Action type, Offset<void> action) {
+            if (!shared || path.IsNull()) path = builder_.CreateString(spec.path);
+            out.push_back(wire::CreateEdit(builder_, index, path, 0, 0, type, action));
+        };
+        if (spec.kind != SpecKind::PseudoRoot)
+            add(wire::Action::CreateSpec,
+                wire::CreateCreateSpec(builder_, std::uint8_t(spec.kind)).Union());
+        for (const auto& [name, value] : *spec.fields) {
+            const Text field = text(name);
+            const Vector bytes = content(value);
+            add(wire::Action::SetField,
+                wire::CreateSetField(builder_, field, wire::Part::NONE, 0, bytes).Union());
+        }
+    }
     auto edits(const std::vector<Edit>& edits) {
         std::vector<Offset<wire::Edit>> written;
         written.reserve(edits.size());
@@ -183,8 +227,11 @@ private:
                                   transaction.gesture, layers, edits);
     }
     Offset<wire::Commit> write(const CommitFrame& frame) {
+        return write(frame, edits(frame.commit.edits));
+    }
+    Offset<wire::Commit> write(const CommitFrame& frame,
+                               Offset<flatbuffers::Vector<Offset<wire::Edit>>> edits) {
         const Commit& commit = frame.commit;
-        const auto edits = this->edits(commit.edits);
         const auto dropped = this->dropped(commit.dropped);
         const auto layers = builder_.CreateVector(layers_);
         const Text client = text(commit.id.client.value);
@@ -194,7 +241,7 @@ private:
         const Vector hashAfter = frame.hashAfter ? bytes(frame.hashAfter->bytes) : Vector();
         return wire::CreateCommit(builder_, commit.revision, commit.epoch, client,
                                   commit.id.sequence, user, commit.timeMs, commit.gesture, imported,
-                                  layers, edits, dropped, previous, hashAfter);
+                                  layers, edits, dropped, previous, hashAfter, commit.conflated);
     }
     Offset<wire::Refusal> write(const RefusalFrame& frame) {
         const Text code = text(errorName(frame.error.code));
@@ -230,11 +277,11 @@ private:
 
 Bytes encodeFrame(const Frame& frame) { return FrameEncoder().encode(frame); }
 
-Bytes encodeUnstamped(CommitFrame frame) {
-    // Zeroes would not be written.
-    frame.commit.revision = frame.commit.epoch = 1;
-    frame.commit.timeMs = 1;
-    return encodeFrame(frame);
+std::optional<ImportFrame> encodeImport(const LayerId& layer, const LayerDoc& doc,
+                                        std::size_t maxBytes) {
+    constexpr std::size_t kBytesPerSpec = 256;  // about; beginning small costs copies
+    return FrameEncoder(std::min(doc.specCount() * kBytesPerSpec, maxBytes))
+        .encode(layer, doc, maxBytes);
 }
 
 void stampCommit(Bytes& frame, const Commit& place) {

@@ -347,7 +347,8 @@ struct Element<pxr::TsSpline> {
     static std::optional<pxr::TsSpline> read(ByteReader& in) {
         const ByteView knots = in.take(in.u32());
         CustomData customData;
-        for (std::uint32_t left = in.u32(); left > 0; --left) {
+        const std::uint32_t count = in.u32();
+        for (std::uint32_t left = count; left > 0; --left) {
             const double time = in.f64();
             const auto data = readDictionary(in);
             if (!data) return std::nullopt;
@@ -356,8 +357,18 @@ struct Element<pxr::TsSpline> {
         pxr::TfErrorMark mark;
         auto value = pxr::Ts_BinaryDataAccess::CreateSplineFromBinaryData(
             Bytes(knots.begin(), knots.end()), std::move(customData));
-        if (mark.Clear() || !isSound(value)) return std::nullopt;
+        if (mark.Clear() || !isSound(value) || !keeps(value, count)) return std::nullopt;
         return value;
+    }
+
+private:
+    /// Ts drops custom data of a spline without knots.
+    static bool keeps(const pxr::TsSpline& value, std::size_t count) {
+        if (count == 0) return true;
+        Bytes knots;
+        const CustomData* kept = nullptr;
+        pxr::Ts_BinaryDataAccess::GetBinaryData(value, &knots, &kept);
+        return kept && kept->size() == count;
     }
 };
 

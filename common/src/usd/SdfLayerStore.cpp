@@ -209,6 +209,13 @@ private:
     void rename(const SdfPath& to, const SdfPath& parent, const TfToken& name) {
         auto names = children(parent, list());
         std::ranges::replace(names, nameOf(elements_), name);
+        // When another prim has left that name in the same change block, Pcp (26.8) takes this
+        // rename for its, and the stage keeps a prim without a prim index, which crashes who asks
+        // it. Where Sdf has told of a prim that came and went there, it is composed anew.
+        if (list() == ChildList::Prims) {
+            delegate_.CreateSpec(to, pxr::SdfSpecTypePrim, false);
+            delegate_.DeleteSpec(to, false);
+        }
         moveSpecs(to);
         setChildren(parent, list(), std::move(names));
     }

@@ -26,6 +26,38 @@ MetricFamily gauge(const char* name, const char* help, std::uint64_t value) {
     return {name, help, MetricType::Gauge, {metric}};
 }
 
+using Transports = std::vector<std::pair<std::string_view, TransportCounters>>;
+
+/// One metric for each transport, with its name as a label.
+MetricFamily ofTransports(const char* name, const char* help, MetricType type,
+                          const Transports& transports, std::uint64_t TransportCounters::* member) {
+    MetricFamily family{name, help, type, {}};
+    for (const auto& [transport, counters] : transports) {
+        ClientMetric metric;
+        metric.label = {{"transport", std::string(transport)}};
+        (type == MetricType::Gauge ? metric.gauge.value : metric.counter.value) =
+            double(counters.*member);
+        family.metric.push_back(std::move(metric));
+    }
+    return family;
+}
+
+/// DD13.
+MetricFamily ignoredSamples(const Transports& transports) {
+    MetricFamily family{"usdlive_ignored_samples_total",
+                        "Samples of DDS that no client of ours sends",
+                        MetricType::Counter,
+                        {}};
+    for (std::size_t index = 0; index < kOddities; ++index) {
+        ClientMetric metric;
+        metric.label = {{"reason", std::string(nameOf(Oddity(index)))}};
+        for (const auto& [transport, counters] : transports)
+            metric.counter.value += double(counters.ignored[index]);
+        family.metric.push_back(std::move(metric));
+    }
+    return family;
+}
+
 MetricFamily histogram(const char* name, const char* help, const prometheus::Histogram& values) {
     return {name, help, MetricType::Histogram, {values.Collect()}};
 }
@@ -47,15 +79,24 @@ void Metrics::appended(std::size_t commits, std::chrono::nanoseconds time) {
 }
 
 std::string Metrics::page(const Figures& figures) const {
-    const auto& [project, transport, sessions, revision, appendQueue, free, hasSpace] = figures;
+    const auto& [project, transports, sessions, revision, appendQueue, free, hasSpace] = figures;
+    const auto total = [&](const char* name, const char* help, auto member) {
+        return ofTransports(name, help, MetricType::Counter, figures.transports, member);
+    };
+    const auto now = [&](const char* name, const char* help, auto member) {
+        return ofTransports(name, help, MetricType::Gauge, figures.transports, member);
+    };
+    using Of = TransportCounters;
     const std::vector<MetricFamily> families{
         gauge("usdlive_sessions", "Sessions that are open", sessions),
-        gauge("usdlive_connections", "Connections, HTTP and WebSocket", transport.connections),
-        counter("usdlive_connections_total", "Connections accepted", transport.accepted),
-        counter("usdlive_turned_away_total", "Connections hung up on, being too many",
-                transport.turnedAway),
-        counter("usdlive_slow_readers_total", "Sessions cut because they did not read",
-                transport.slowReaders),
+        now("usdlive_connections", "Connections; those of HTTP are of the WebSocket's",
+            &Of::connections),
+        total("usdlive_connections_total", "Connections accepted", &Of::accepted),
+        total("usdlive_turned_away_total", "Connections hung up on, being too many",
+              &Of::turnedAway),
+        total("usdlive_slow_readers_total", "Sessions cut because they did not read",
+              &Of::slowReaders),
+        ignoredSamples(transports),
         counter("usdlive_commits_total", "Transactions committed", project.commits),
         counter("usdlive_edits_total", "Edits committed", project.edits),
         counter("usdlive_dropped_edits_total", "Edits dropped, their spec being deleted",
@@ -65,14 +106,13 @@ std::string Metrics::page(const Figures& figures) const {
                 project.duplicates),
         counter("usdlive_previews_total", "Previews of gestures passed on", project.previews),
         counter("usdlive_delivered_commits_total", "Commits handed to sessions", project.delivered),
-        counter("usdlive_sent_frames_total", "Frames sent", transport.framesOut),
-        counter("usdlive_sent_messages_total", "WebSocket messages sent", transport.messagesOut),
-        counter("usdlive_sent_bytes_total", "Bytes of messages sent", transport.bytesOut),
-        counter("usdlive_received_messages_total", "WebSocket messages received",
-                transport.messagesIn),
-        counter("usdlive_received_bytes_total", "Bytes of messages received", transport.bytesIn),
-        gauge("usdlive_queue_bytes", "Bytes that wait to be sent, of all sessions",
-              transport.queuedBytes),
+        total("usdlive_sent_frames_total", "Frames sent", &Of::framesOut),
+        total("usdlive_sent_messages_total", "Messages sent: of a WebSocket, or samples of DDS",
+              &Of::messagesOut),
+        total("usdlive_sent_bytes_total", "Bytes of messages sent", &Of::bytesOut),
+        total("usdlive_received_messages_total", "Messages received", &Of::messagesIn),
+        total("usdlive_received_bytes_total", "Bytes of messages received", &Of::bytesIn),
+        now("usdlive_queue_bytes", "Bytes that wait to be sent, of all sessions", &Of::queuedBytes),
         gauge("usdlive_append_queue_bytes", "Bytes of commits that wait for the store",
               appendQueue),
         gauge("usdlive_durable_revision", "The newest revision that is safe on disk", revision),

@@ -6,6 +6,8 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "usdlive/common/dds/Domain.h"
+
 namespace usdlive::server {
 
 namespace {
@@ -52,6 +54,31 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
         ->group(group);
 }
 
+void addDdsOptions(CLI::App& app, ServerOptions& options) {
+    const std::string group = "DDS";
+    app.add_flag("--dds", options.dds,
+                 "Serve over DDS, too: who reaches the interface can read and edit")
+        ->group(group);
+    app.add_option("--dds-interface", options.ddsInterface, "The network interface, and no other")
+        ->type_name("NAME")
+        ->group(group);
+    app.add_option("--dds-domain", options.ddsDomain, "Number of the DDS domain")
+        ->type_name(kNumber)
+        ->check(between(0, dds::kMaxDomain))
+        ->group(group);
+    app.add_option("--dds-config", options.ddsConfig,
+                   "A configuration of Cyclone DDS, which then says the interface")
+        ->type_name("FILE")
+        ->default_str("")
+        ->group(group);
+    app.add_option("--dds-security", options.ddsSecurity,
+                   "Identity, permissions and governance of DDS Security:\n"
+                   "nobody without takes part")
+        ->type_name("DIR")
+        ->default_str("")
+        ->group(group);
+}
+
 void addStorageOptions(CLI::App& app, ServerOptions& options) {
     const std::string group = "Storage";
     app.add_option("--durability", options.durability,
@@ -89,6 +116,21 @@ void addLimits(CLI::App& app, ServerOptions& options) {
         "delay for them");
 }
 
+void addLockOptions(CLI::App& app, ServerOptions& options) {
+    const std::string group = "Locks";
+    app.add_option("--admin", options.administrators,
+                   "May edit and unlock what others have locked, by user name")
+        ->type_name("USER")
+        ->default_str("")
+        ->allow_extra_args(false)
+        ->group(group);
+    app.add_option("--lock-takeover-minutes", options.lockTakeoverMinutes,
+                   "So long after its holder has gone others may take a lock")
+        ->type_name(kNumber)
+        ->check(between(0, 1'000'000))
+        ->group(group);
+}
+
 void addLogOptions(CLI::App& app, ServerOptions& options) {
     const std::string group = "Log, on stderr";
     app.add_option("--log-level", options.logLevel, "The least that is logged")
@@ -113,8 +155,10 @@ void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
         ->required()
         ->type_name("");
     addNetworkOptions(app, options);
+    addDdsOptions(app, options);
     addStorageOptions(app, options);
     addLimits(app, options);
+    addLockOptions(app, options);
     addLogOptions(app, options);
     app.add_option("--config", config, "A JSON file with options by these names; flags win")
         ->type_name("FILE")
@@ -135,6 +179,10 @@ std::vector<std::string> textsOf(const CLI::Option& option, const std::string& n
     if (option.get_type_name() == kNumber) {
         if (!value.is_number_unsigned())
             throw CLI::ConfigError("\"" + name + "\" has to be a whole number");
+        return {value.dump()};
+    }
+    if (option.get_expected_min() == 0) {
+        if (!value.is_boolean()) throw CLI::ConfigError("\"" + name + "\" has to be true or false");
         return {value.dump()};
     }
     if (!value.is_string()) throw CLI::ConfigError("\"" + name + "\" has to be a text");

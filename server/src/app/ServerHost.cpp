@@ -20,8 +20,8 @@ using std::chrono::steady_clock;
 
 constexpr milliseconds kGoodbyeTime{2'000};
 constexpr milliseconds kRetryPause{1'000};
-// Looking for new files: so often, and never more than this part of the time.
-constexpr milliseconds kScanPause{2'000};
+// Looking for files that are new or changed: so often, and never more than this part of the time.
+constexpr milliseconds kScanPause{1'000};
 constexpr int kScanPart = 20;
 
 SharedBytes encoded(const Frame& frame) {
@@ -91,7 +91,10 @@ ServerHost::ServerHost(asio::io_context& network, asio::thread_pool& workers, Sh
       log_(log),
       retryTimer_(network),
       scanTimer_(network),
-      intake_([this](SessionId session, bool reading) { server_->setReading(session, reading); }) {}
+      sweepTimer_(network),
+      intake_([this](SessionId session, bool reading) {
+          transportOf(session).setReading(session, reading);
+      }) {}
 
 Result<void> ServerHost::start(ProjectFactory factory) {
     factory_ = std::move(factory);
@@ -110,20 +113,21 @@ Result<void> ServerHost::start(ProjectFactory factory) {
         .failed =
             [this](Error error, CommitStore::Head head) {
                 onProject([this, error = std::move(error), head](Project& project) {
+                    if (!storage_.goOn()) return;  // the project was made anew meanwhile
                     for (const auto& [revision, bytes] : std::exchange(appending_, {}))
                         intake_.endStore(bytes);
-                    storage_.goOn();
                     project.appendFailed(error, head);
                 });
             },
+        .closed = [this] { onProject([](Project& project) { project.storeClosed(); }); },
         .measured = [this](std::size_t commits,
                            std::chrono::nanoseconds time) { metrics_.appended(commits, time); },
     });
     return {};
 }
 
-void ServerHost::serve(WebSocketServer& server) {
-    server_ = &server;
+void ServerHost::serve(std::vector<Transport*> transports) {
+    transports_ = std::move(transports);
     scanFilesIn(kScanPause);
 }
 
@@ -131,9 +135,13 @@ void ServerHost::stop(std::function<void()> done) {
     // First what is on its way to the store, so that its authors hear of it before the goodbye.
     storage_.flush([this, done = std::move(done)]() mutable {
         asio::post(network_, [this, done = std::move(done)]() mutable {
-            server_->stop(
-                Error{ErrorCode::ShuttingDown, std::string(errorText(ErrorCode::ShuttingDown))},
-                kGoodbyeTime, std::move(done));
+            const Error why{ErrorCode::ShuttingDown,
+                            std::string(errorText(ErrorCode::ShuttingDown))};
+            const auto left = std::make_shared<std::size_t>(transports_.size());
+            for (Transport* transport : transports_)
+                transport->stop(why, kGoodbyeTime, [left, done] {
+                    if (--*left == 0) done();
+                });
         });
     });
 }
@@ -149,7 +157,8 @@ HttpReply ServerHost::health() {
 
 HttpReply ServerHost::metricsPage() {
     Figures figures;
-    figures.transport = server_->counters();
+    for (const Transport* transport : transports_)
+        figures.transports.emplace_back(transport->name(), transport->counters());
     figures.appendQueueBytes = intake_.storeBytes();
     figures.storageHasSpace = hasSpace();
     std::error_code ignored;
@@ -165,7 +174,8 @@ HttpReply ServerHost::metricsPage() {
 // --- Sessions
 
 void ServerHost::opened(SessionId session) {
-    if (!project_) return server_->close(session, Error{ErrorCode::Internal, "starting again"});
+    if (!project_)
+        return transportOf(session).close(session, Error{ErrorCode::Internal, "starting again"});
     project_->connected(session);
 }
 
@@ -173,6 +183,7 @@ void ServerHost::received(SessionId session, ByteView message) {
     if (!project_) return;
     project_->received(session, message);
     intake_.received(session);
+    sweepSoon();
 }
 
 void ServerHost::closed(SessionId session) {
@@ -191,24 +202,71 @@ void ServerHost::drained(SessionId session) {
     });
 }
 
-void ServerHost::send(SessionId session, SharedBytes frames) {
-    server_->send(session, std::move(frames));
+Transport& ServerHost::transportOf(SessionId session) {
+    return *transports_.at(session / Transport::kSessions);
 }
 
-bool ServerHost::congested(SessionId session) { return server_->congested(session); }
+void ServerHost::send(SessionId session, SharedBytes frames) {
+    transportOf(session).send(session, std::move(frames));
+}
 
-void ServerHost::close(SessionId session) { server_->close(session); }
+/// Calls `each(Transport&, its sessions)`. They stand together, the ids being sorted; one without
+/// any is called, too.
+template <class Each>
+void ServerHost::forTransports(std::span<const SessionId> sessions, Each each) {
+    for (Transport* transport : transports_) {
+        std::size_t count = 0;
+        while (count < sessions.size() && &transportOf(sessions[count]) == transport) ++count;
+        each(*transport, sessions.first(count));
+        sessions = sessions.subspan(count);
+    }
+}
+
+void ServerHost::sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
+                            Revision revision) {
+    forTransports(sessions, [&](Transport& transport, std::span<const SessionId> its) {
+        transport.sendCommit(its, frame, revision);
+    });
+}
+
+void ServerHost::tell(std::span<const SessionId> sessions, const News& news) {
+    forTransports(sessions, [&](Transport& transport, std::span<const SessionId> its) {
+        transport.tell(its, news);
+    });
+}
+
+void ServerHost::tellFirst(SessionId session, const News& all) {
+    transportOf(session).tellFirst(session, all);
+}
+
+bool ServerHost::holdCommits(SessionId session) {
+    return transportOf(session).holdCommits(session);
+}
+
+void ServerHost::releaseCommits(SessionId session, Revision next) {
+    transportOf(session).releaseCommits(session, next);
+}
+
+bool ServerHost::congested(SessionId session) { return transportOf(session).congested(session); }
+
+bool ServerHost::lags(SessionId session) { return transportOf(session).lags(session); }
+
+void ServerHost::close(SessionId session) { transportOf(session).close(session); }
+
+void ServerHost::closeAll(const Error& why) {
+    for (Transport* transport : transports_) transport->closeAll(why);
+}
 
 void ServerHost::sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) {
     auto encoder = std::make_shared<SnapshotEncoder>(std::move(doc), request);
-    server_->sendBeside(session, [encoder]() -> SharedBytes {
+    transportOf(session).sendBeside(session, [encoder]() -> SharedBytes {
         const auto frame = encoder->next();
         return frame ? encoded(*frame) : nullptr;
     });
 }
 
 void ServerHost::sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) {
-    server_->sendBeside(session, BlobSource(blobs_, hash, offset));
+    transportOf(session).sendBeside(session, BlobSource(blobs_, hash, offset));
 }
 
 // --- What blocks
@@ -273,21 +331,26 @@ void ServerHost::loadLayer(const LayerId& layer) {
 Result<LoadedLayer> ServerHost::loadOrImport(const LayerId& layer) {
     auto stored = store_.use([&](CommitStore& store) { return store.loadLayer(layer); });
     if (!stored) return tl::unexpected(stored.error());
-    if (*stored) return LoadedLayer{std::move(**stored)};
+    if (*stored) {
+        auto saved = store_.use([&](CommitStore& store) { return store.saved(layer); });
+        if (!saved) return tl::unexpected(saved.error());
+        return LoadedLayer{std::move(**stored), {}, std::move(*saved)};
+    }
     faultPoint("import");
     const auto begin = steady_clock::now();
-    auto imported = files_.import(layer);
+    auto imported = files_.layers.import(layer);
     if (!imported) {
         log_.write(LogLevel::Warning, "layer cannot be read",
                    {{"layer", layer.value}, {"error", imported.error().message}});
         return tl::unexpected(imported.error());
     }
-    auto commit = makeImport(layer, *imported);
+    auto& [doc, file] = *imported;
+    auto commit = makeImport(layer, doc);
     if (!commit) return tl::unexpected(commit.error());
     const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
     log_.write(LogLevel::Info, "layer imported",
-               {{"layer", layer.value}, {"specs", imported->specCount()}, {"ms", time.count()}});
-    return LoadedLayer{std::move(*imported), std::move(*commit)};
+               {{"layer", layer.value}, {"specs", doc.specCount()}, {"ms", time.count()}});
+    return LoadedLayer{std::move(doc), std::move(*commit), {0, file}};
 }
 
 void ServerHost::readCommits(SessionId session, Revision from, Revision to) {
@@ -322,7 +385,8 @@ void ServerHost::readHistory(SessionId session, std::uint64_t request, const Lay
 Result<LayerDoc> ServerHost::layerInHistory(const LayerId& layer, Revision revision) {
     auto doc = store_.use([&](CommitStore& store) { return layerAt(store, layer, revision); });
     if (doc || doc.error().code != ErrorCode::LayerNotFound) return doc;
-    return files_.import(layer);
+    return files_.layers.import(layer).map(
+        [](ImportedLayer&& found) { return std::move(found.doc); });
 }
 
 void ServerHost::writeBlob(SessionId session, BlobFrame part) {
@@ -362,28 +426,91 @@ bool ServerHost::hasSpace() {
 void ServerHost::saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) {
     inBackground(
         saver_, session, Intake::kJobBytes,
-        [this, jobs = std::move(jobs)]() -> Result<LayersSaved> { return save(jobs); },
-        [session, request](Project& project, Result<LayersSaved> saved) {
-            saved->request = request;
+        [this, jobs = std::move(jobs)]() -> Result<SaveOutcome> { return save(jobs); },
+        [session, request](Project& project, Result<SaveOutcome> saved) {
             project.layersSaved(session, request, std::move(*saved));
         });
 }
 
-LayersSaved ServerHost::save(const std::vector<SaveJob>& jobs) {
-    LayersSaved outcome;
+void ServerHost::addCheckpoint(SessionId session, std::uint64_t request,
+                               const Checkpoint& checkpoint) {
+    inBackground(
+        saver_, session, Intake::kJobBytes,
+        [this, checkpoint] {
+            return store_.use([&](CommitStore& store) { return store.addCheckpoint(checkpoint); })
+                .map([&] { return checkpoint; });
+        },
+        [session, request](Project& project, const Result<Checkpoint>& added) {
+            project.checkpointAdded(session, request, added);
+        });
+}
+
+void ServerHost::readCheckpoints(SessionId session, std::uint64_t request) {
+    inBackground(
+        saver_, session, Intake::kJobBytes,
+        [this] { return store_.use([](CommitStore& store) { return store.checkpoints(); }); },
+        [session, request](Project& project, Result<std::vector<Checkpoint>> read) {
+            project.checkpointsRead(session, request, std::move(read));
+        });
+}
+
+void ServerHost::checkFile(const LayerId& layer) {
+    inBackground(
+        saver_, 0, 0, [this, layer] { return files_.layers.stamp(layer); },
+        [layer](Project& project, Result<std::optional<FileStamp>> file) {
+            project.fileChecked(layer, std::move(file));
+        });
+}
+
+void ServerHost::reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
+                             LayerDoc present) {
+    inBackground(
+        saver_, session, Intake::kJobBytes,
+        [this, layer, present = std::move(present)]() -> Result<ReloadedLayer> {
+            auto imported = files_.layers.import(layer);
+            if (!imported) return tl::unexpected(imported.error());
+            return makeReload(layer, present, imported->doc, imported->file);
+        },
+        [session, request, layer](Project& project, Result<ReloadedLayer> reloaded) {
+            project.layerReloaded(session, request, layer, std::move(reloaded));
+        });
+}
+
+void ServerHost::setSaved(const LayerId& layer, const SavedState& saved) {
+    asio::post(saver_, [this, layer, saved] {
+        const auto set =
+            store_.use([&](CommitStore& store) { return store.setSaved(layer, saved); });
+        if (!set)
+            log_.write(LogLevel::Warning, "the store does not know that a layer is saved",
+                       {{"layer", layer.value}, {"error", set.error().message}});
+    });
+}
+
+SaveOutcome ServerHost::save(const std::vector<SaveJob>& jobs) {
+    SaveOutcome outcome;
     for (const SaveJob& job : jobs) {
         outcome.revision = std::max(outcome.revision, job.revision);
-        auto work = [&]() -> Result<void> {
+        auto work = [&]() -> Result<FileStamp> {
             faultPoint("save-before");
-            const auto saved = files_.save(job.layer, job.doc);
+            std::vector<Hash> expected;
+            if (job.minds && job.saved.file) expected.push_back(job.saved.file->hash);
+            if (job.minds && job.saved.coming) expected.push_back(job.saved.coming->hash);
+            auto saved = files_.layers.save(job.layer, job.doc, expected, [&](const Hash& hash) {
+                SavedState state = job.saved;
+                state.coming = SavedState::Coming{job.revision, hash};
+                return store_.use(
+                    [&](CommitStore& store) { return store.setSaved(job.layer, state); });
+            });
             faultPoint("save-after");
             if (!saved) return saved;
-            return store_.use([&](CommitStore& store) {
-                return store.setSavedRevision(job.layer, job.revision);
-            });
+            return store_
+                .use([&](CommitStore& store) {
+                    return store.setSaved(job.layer, {job.revision, *saved});
+                })
+                .map([&] { return *saved; });
         };
-        if (const Result<void> saved = resultOf(work)) {
-            outcome.saved.push_back(job.layer);
+        if (const auto saved = resultOf(work)) {
+            outcome.saved.emplace_back(job.layer, *saved);
         } else {
             log_.write(LogLevel::Error, "layer not saved",
                        {{"layer", job.layer.value}, {"error", saved.error().message}});
@@ -418,7 +545,7 @@ std::uint64_t ServerHost::lastSequence(const ClientId& client) {
 void ServerHost::startAgain() {
     project_.reset();
     ++generation_;
-    server_->closeAll(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+    closeAll(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
     storage_.flush([this] {
         asio::post(network_, [this] {
             for (const auto& [revision, bytes] : std::exchange(appending_, {}))
@@ -450,21 +577,37 @@ void ServerHost::scanFilesIn(milliseconds pause) {
         if (error) return;
         asio::post(workers_, [this] {
             const auto begin = steady_clock::now();
-            auto layers = resultOf(files_.list);
+            auto files = resultOf(files_.list);
             const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
-            asio::post(network_, [this, time, layers = std::move(layers)]() mutable {
-                filesScanned(std::move(layers), time);
+            asio::post(network_, [this, time, files = std::move(files)]() mutable {
+                filesScanned(std::move(files), time);
             });
         });
     });
 }
 
-void ServerHost::filesScanned(Result<std::vector<LayerId>> layers, milliseconds time) {
+void ServerHost::sweepSoon() {
+    if (sweeping_ || !project_ || !project_->hasPresence()) return;
+    sweeping_ = true;
+    sweepTimer_.expires_after(milliseconds(Project::kSweepMs));
+    sweepTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        sweeping_ = false;
+        const auto now =
+            std::chrono::duration_cast<milliseconds>(steady_clock::now().time_since_epoch());
+        guarded([&] {
+            if (project_) project_->sweep(now.count());
+        });
+        sweepSoon();
+    });
+}
+
+void ServerHost::filesScanned(Result<std::vector<LayerFile>> files, milliseconds time) {
     scanFilesIn(std::max(kScanPause, time * kScanPart));
-    if (!layers || *layers == scanned_) return;
-    scanned_ = *layers;
+    if (!files || *files == scanned_) return;
+    scanned_ = std::move(*files);
     guarded([&] {
-        if (project_) project_->setLayers(std::move(*layers));
+        if (project_) project_->setFiles(scanned_);
     });
 }
 

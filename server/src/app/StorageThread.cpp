@@ -39,9 +39,9 @@ void StorageThread::append(CommitRecord commit) {
     if (waiting_.commits.size() == 1 || full) changed_.notify_all();
 }
 
-void StorageThread::goOn() {
+bool StorageThread::goOn() {
     const std::lock_guard lock(mutex_);
-    throwingAway_ = false;
+    return std::exchange(throwingAway_, false);
 }
 
 void StorageThread::flush(std::function<void()> done) {
@@ -93,6 +93,7 @@ void StorageThread::recover(const Error& error) {
     // A full disk leaves the store as it was. After anything else only a new opening knows what is
     // there: a failed sync is never tried again.
     if (error.code != ErrorCode::StorageFull) {
+        events_.closed();
         for (;;) {
             const auto opened = store_.open();
             if (opened) break;
@@ -109,8 +110,13 @@ void StorageThread::recover(const Error& error) {
 
 /// False: it is time to stop.
 bool StorageThread::pause(std::chrono::milliseconds time) {
+    const auto end = Clock::now() + time;
     std::unique_lock lock(mutex_);
-    return !changed_.wait_for(lock, time, [this] { return stopping_; });
+    while (!stopping_ && Clock::now() < end) {
+        for (const auto& done : std::exchange(waiting_.flushes, {})) done();  // all is thrown away
+        changed_.wait_until(lock, end, [this] { return stopping_ || !waiting_.flushes.empty(); });
+    }
+    return !stopping_;
 }
 
 }  // namespace usdlive::server

@@ -22,6 +22,7 @@
 #include "usdlive/server/project/Project.h"
 #include "usdlive/server/storage/BlobStore.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
+#include "usdlive/server/transport/DdsServer.h"
 #include "usdlive/server/transport/WebSocketServer.h"
 
 namespace {
@@ -47,14 +48,17 @@ std::int64_t wallClockMs() {
 }
 
 /// What is served: the files, and the layers that only the store holds by now.
-Result<std::vector<LayerId>> servedLayers(const LayerFiles& files, SharedStore& store) {
-    auto inFiles = files.list();
-    if (!inFiles) return inFiles;
+Result<std::vector<LayerFile>> servedLayers(const LayerFiles& files, SharedStore& store) {
+    auto listed = files.list();
+    if (!listed) return listed;
     const auto stored = store.use([](CommitStore& opened) { return opened.layers(); });
-    if (!stored) return stored;
-    std::set<LayerId> all(inFiles->begin(), inFiles->end());
-    all.insert(stored->begin(), stored->end());
-    return std::vector(all.begin(), all.end());
+    if (!stored) return tl::unexpected(stored.error());
+    std::map<LayerId, LayerFile> all;
+    for (LayerFile& file : *listed) all.emplace(file.layer, std::move(file));
+    for (const LayerId& layer : *stored) all.try_emplace(layer, LayerFile{layer});
+    std::vector<LayerFile> served;
+    for (auto& [layer, file] : all) served.push_back(std::move(file));
+    return served;
 }
 
 ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
@@ -64,15 +68,20 @@ ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
     project.maxFrameBytes = options.maxFrameMib * kMib;
     project.maxBlobBytes = options.maxBlobMib * kMib;
     project.maxSessions = options.maxSessions;
+    for (const std::string& user : options.administrators) project.administrators.insert({user});
+    project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;
     return [=, &store, &files](ProjectHost& host) -> Result<std::unique_ptr<Project>> {
-        auto layers = servedLayers(files, store);
-        if (!layers) return tl::unexpected(layers.error());
+        const auto served = servedLayers(files, store);
+        if (!served) return tl::unexpected(served.error());
+        std::vector<LayerId> layers;
+        for (const LayerFile& file : *served) layers.push_back(file.layer);
         return store.use([&](CommitStore& opened) -> Result<std::unique_ptr<Project>> {
             const auto head = opened.head();
             auto changes = opened.namespaceChanges(Project::firstNamespaceRevision(project, head));
             if (!changes) return tl::unexpected(changes.error());
-            return std::make_unique<Project>(project, host, head, std::move(*layers),
-                                             std::move(*changes));
+            auto made = std::make_unique<Project>(project, host, head, layers, std::move(*changes));
+            made->setFiles(*served);
+            return made;
         });
     };
 }
@@ -85,6 +94,19 @@ WebSocketServerOptions transportOptions(const ServerOptions& options) {
     transport.maxConnections = options.maxSessions + kMoreConnections;
     transport.slowReaderBytes = options.slowReaderMib * kMib;
     transport.allowedOrigins = options.allowedOrigins;
+    return transport;
+}
+
+DdsServerOptions ddsOptions(const ServerOptions& options, std::string url, Revision revision) {
+    DdsServerOptions transport;
+    transport.domain = {options.ddsInterface, std::uint32_t(options.ddsDomain), options.ddsConfig,
+                        options.ddsSecurity};
+    transport.project = std::filesystem::canonical(options.folder).filename().string();
+    transport.url = std::move(url);
+    transport.revision = revision;
+    transport.maxMessageBytes = options.maxFrameMib * kMib + kMessageSlack;
+    transport.maxSessions = options.maxSessions + kMoreConnections;
+    transport.slowReaderBytes = options.slowReaderMib * kMib;
     return transport;
 }
 
@@ -141,10 +163,8 @@ int serve(const ServerOptions& options) {
 
     // The project, and who carries its messages.
     LayerFiles& layerFiles = **files;
-    ProjectFiles projectFiles{
-        std::filesystem::canonical(options.folder), [&] { return servedLayers(layerFiles, store); },
-        [&](const LayerId& layer) { return layerFiles.import(layer); },
-        [&](const LayerId& layer, const LayerDoc& doc) { return layerFiles.save(layer, doc); }};
+    ProjectFiles projectFiles{std::filesystem::canonical(options.folder),
+                              [&] { return servedLayers(layerFiles, store); }, layerFiles};
     ServerHost host(network, workers, store, storage, **blobs, std::move(projectFiles), metrics,
                     wallClockMs, *log);
     if (const auto made = host.start(projectFactory(options, store, **files)); !made)
@@ -152,11 +172,27 @@ int serve(const ServerOptions& options) {
     HttpRoutes routes;
     routes["/healthz"] = [&] { return host.health(); };
     routes["/metrics"] = [&] { return host.metricsPage(); };
-    auto transport = createWebSocketServer(
-        network, transportOptions(options), host, std::move(routes),
-        [&](std::function<void()> job) { asio::post(workers, std::move(job)); }, *log);
+    const Background background = [&](std::function<void()> job) {
+        asio::post(workers, std::move(job));
+    };
+    auto transport = createWebSocketServer(network, transportOptions(options), host,
+                                           std::move(routes), background, *log);
     if (!transport) return failed(transport.error());
-    host.serve(**transport);
+    const std::uint16_t port = (*transport)->port();
+    std::unique_ptr<Transport> ddsTransport;
+    if (options.dds) {
+        dds::setDomainLog([&](bool isError, std::string_view message) {
+            log->write(isError ? LogLevel::Error : LogLevel::Warning, "DDS", {{"says", message}});
+        });
+        auto made = createDdsServer(network,
+                                    ddsOptions(options, url(options, port), host.durableRevision()),
+                                    host, background, *log);
+        if (!made) return failed(made.error());
+        ddsTransport = std::move(*made);
+    }
+    std::vector<Transport*> transports{transport->get()};
+    if (ddsTransport) transports.push_back(ddsTransport.get());
+    host.serve(std::move(transports));
 
     // Until somebody says stop.
     asio::signal_set signals(network, SIGINT, SIGTERM);
@@ -167,7 +203,6 @@ int serve(const ServerOptions& options) {
         host.stop([&] { network.stop(); });
     });
 
-    const std::uint16_t port = (*transport)->port();
     if (!(*transport)->isLoopback())
         log->write(LogLevel::Warning,
                    "anyone who reaches this address can read and edit: there is no "
@@ -181,6 +216,8 @@ int serve(const ServerOptions& options) {
               << " layers) at " << url(options, port) << std::endl;
 
     network.run();
+    ddsTransport.reset();
+    dds::setDomainLog(nullptr);
     transport->reset();
     workers.stop();
     workers.join();

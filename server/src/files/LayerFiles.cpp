@@ -9,6 +9,7 @@
 #include <mutex>
 
 #include "BlobBridge.h"
+#include "FileStamps.h"
 #include "SafeFile.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 #include "usdlive/common/usd/TfComplaints.h"
@@ -48,15 +49,16 @@ public:
 
     const fs::path& folder() const override { return folder_; }
 
-    Result<std::vector<LayerId>> list() const override {
-        std::vector<LayerId> layers;
+    Result<std::vector<LayerFile>> list() const override {
+        std::vector<LayerFile> layers;
         auto listed = forEachFile(folder_, [&](const fs::path& path) {
             if (isHidden(path)) return;
-            if (auto layer = parseLayerId(path.lexically_relative(folder_).native()))
-                layers.push_back(*std::move(layer));
+            auto layer = parseLayerId(path.lexically_relative(folder_).native());
+            if (!layer) return;
+            if (auto file = lookAt(path, *std::move(layer))) layers.push_back(*std::move(file));
         });
         if (!listed) return tl::unexpected(listed.error());
-        std::ranges::sort(layers);
+        std::ranges::sort(layers, {}, &LayerFile::layer);
         return layers;
     }
 
@@ -72,38 +74,64 @@ public:
         return path;
     }
 
-    Result<LayerDoc> import(const LayerId& layer) override {
+    Result<ImportedLayer> import(const LayerId& layer) override {
         const auto path = resolve(layer);
         if (!path) return tl::unexpected(path.error());
         std::error_code ignored;
         const auto type = fs::status(*path, ignored).type();
         if (type == fs::file_type::not_found)
             return fail(ErrorCode::LayerNotFound, "the project has no file " + layer.value);
-        const auto unreadable = [&](const std::string& reason) {
-            return fail(ErrorCode::LayerUnreadable, layer.value + " cannot be read: " + reason);
-        };
-        if (type != fs::file_type::regular) return unreadable("it is no file");
-        const usd::TfComplaints complaints;
-        const auto opened = pxr::SdfLayer::OpenAsAnonymous(path->string());
-        if (!opened) return unreadable(complaints.text("OpenUSD gives no reason"));
-        BlobKeeper keeper(blobs_, importing_);
-        auto doc = usd::readLayer(opened, keeper);
-        if (!keeper.kept()) return tl::unexpected(keeper.kept().error());
-        if (!doc) return unreadable(doc.error().message);
-        if (auto harmless = checkHarmless(*doc); !harmless)
-            return unreadable(harmless.error().message);
-        return doc;
+        if (type != fs::file_type::regular) return unreadable(layer, "it is no file");
+        const auto before = stampOf(*path);
+        if (!before) return tl::unexpected(before.error());
+        auto doc = read(layer, *path);
+        if (!doc) return tl::unexpected(doc.error());
+        const auto after = lookAt(*path, layer);
+        if (!*before || !after || after->trace != (*before)->trace)
+            return unreadable(layer, "it is being written at this moment");
+        return ImportedLayer{*std::move(doc), **before};
     }
 
-    Result<void> save(const LayerId& layer, const LayerDoc& doc) override {
-        auto saved =
-            resolve(layer).and_then([&](const fs::path& path) { return write(path, doc); });
-        if (saved || saved.error().code == ErrorCode::InvalidLayerName) return saved;
+    Result<std::optional<FileStamp>> stamp(const LayerId& layer) const override {
+        return resolve(layer).and_then([](const fs::path& path) { return stampOf(path); });
+    }
+
+    Result<FileStamp> save(const LayerId& layer, const LayerDoc& doc,
+                           const std::vector<Hash>& expected, const Ready& ready) override {
+        const auto path = resolve(layer);
+        if (!path) return tl::unexpected(path.error());
+        const auto objection = [&]() -> Result<void> {
+            if (expected.empty()) return {};
+            const auto found = stampOf(*path);
+            if (!found) return tl::unexpected(found.error());
+            if (!*found || std::ranges::find(expected, (*found)->hash) != expected.end()) return {};
+            return fail(ErrorCode::LayerOutdated,
+                        layer.value + " was changed on the disk: reload it, or force the save");
+        };
+        auto saved = objection().and_then([&] { return write(*path, doc, objection, ready); });
+        if (saved || saved.error().code == ErrorCode::LayerOutdated) return saved;
         return fail(ErrorCode::SaveFailed,
                     layer.value + " could not be saved: " + saved.error().message);
     }
 
 private:
+    static tl::unexpected<Error> unreadable(const LayerId& layer, const std::string& reason) {
+        return fail(ErrorCode::LayerUnreadable, layer.value + " cannot be read: " + reason);
+    }
+
+    Result<LayerDoc> read(const LayerId& layer, const fs::path& path) {
+        const usd::TfComplaints complaints;
+        const auto opened = pxr::SdfLayer::OpenAsAnonymous(path.string());
+        if (!opened) return unreadable(layer, complaints.text("OpenUSD gives no reason"));
+        BlobKeeper keeper(blobs_, importing_);
+        auto doc = usd::readLayer(opened, keeper);
+        if (!keeper.kept()) return tl::unexpected(keeper.kept().error());
+        if (!doc) return unreadable(layer, doc.error().message);
+        if (auto harmless = checkHarmless(*doc); !harmless)
+            return unreadable(layer, harmless.error().message);
+        return doc;
+    }
+
     [[nodiscard]] tl::unexpected<Error> isLink(const LayerId& layer, const fs::path& link) const {
         std::error_code problem;
         const fs::path real = fs::canonical(link, problem);
@@ -135,18 +163,39 @@ private:
         return isText ? "usda" : "usdc";
     }
 
-    Result<void> write(const fs::path& path, const LayerDoc& doc) {
+    Result<FileStamp> write(const fs::path& path, const LayerDoc& doc,
+                            const std::function<Result<void>()>& objection, const Ready& ready) {
         StoredBlobs blobs(blobs_);
         const std::string format = formatOf(path);
         const auto layer = usd::makeLayer(doc, blobs, format);
         if (!layer) return tl::unexpected(layer.error());
         return makeFolders(path.parent_path())
             .and_then([&] { return SafeFile::create(path, kTemporaryPrefix, format); })
-            .and_then([&](SafeFile file) -> Result<void> {
-                if (auto done = exportTo(file.temporary(), **layer); !done) return done;
-                if (auto same = compare(file.temporary(), **layer); !same) return same;
-                return file.replace();
+            .and_then([&](SafeFile file) -> Result<FileStamp> {
+                if (auto done = exportTo(file.temporary(), **layer); !done)
+                    return tl::unexpected(done.error());
+                if (auto same = compare(file.temporary(), **layer); !same)
+                    return tl::unexpected(same.error());
+                const auto written = stampOf(file.temporary());
+                if (!written || !*written)
+                    return fail(ErrorCode::SaveFailed, "what was written cannot be read back");
+                const auto last = [&] {
+                    return ready ? ready((*written)->hash).and_then(objection) : objection();
+                };
+                if (auto done = file.replace(last); !done) return tl::unexpected(done.error());
+                return stampInPlace(path, **written);
             });
+    }
+
+    // Renaming changed its trace. If another file stands there already, the trace of ours tells
+    // that it is not this one.
+    static FileStamp stampInPlace(const fs::path& path, FileStamp written) {
+        const auto present = lookAt(path, {});
+        if (!present) return written;
+        FileTrace trace = *present->trace;
+        trace.changedNs = written.trace.changedNs;
+        if (trace == written.trace) written.trace = *present->trace;
+        return written;
     }
 
     static Result<void> makeFolders(const fs::path& folder) {

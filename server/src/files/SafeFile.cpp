@@ -18,6 +18,7 @@ namespace {
 
 constexpr mode_t kPermissionBits = 07777;
 constexpr mode_t kNewFile = 0644;
+constexpr mode_t kWriteBits = 0222;
 
 tl::unexpected<Error> failedTo(const char* what) {
     return fail(ErrorCode::SaveFailed, std::string(what) + ": " + std::strerror(errno));
@@ -36,6 +37,10 @@ Result<void> syncPath(const fs::path& path, int flags) {
 
 }  // namespace
 
+bool isWritable(const fs::path& path, mode_t mode) {
+    return (mode & kWriteBits) != 0 && ::access(path.c_str(), W_OK) == 0;
+}
+
 SafeFile::SafeFile(fs::path target, fs::path temporary)
     : target_(std::move(target)), temporary_(std::move(temporary)) {}
 
@@ -51,7 +56,10 @@ Result<SafeFile> SafeFile::create(const fs::path& target, std::string_view prefi
                                   std::string_view extension) {
     struct stat present{};
     const bool exists = ::stat(target.c_str(), &present) == 0;
-    if (exists && ::access(target.c_str(), W_OK) != 0) return failedTo("may not be written to");
+    if (exists && !isWritable(target, present.st_mode)) {
+        errno = EACCES;
+        return failedTo("may not be written to");
+    }
     const std::string suffix = "." + std::string(extension);
     std::string name = target.parent_path() / (std::string(prefix) + "XXXXXX" + suffix);
     const int file = ::mkostemps(name.data(), int(suffix.size()), O_CLOEXEC);
@@ -64,8 +72,9 @@ Result<SafeFile> SafeFile::create(const fs::path& target, std::string_view prefi
     return safe;
 }
 
-Result<void> SafeFile::replace() {
+Result<void> SafeFile::replace(const std::function<Result<void>()>& objection) {
     if (auto synced = syncPath(temporary_, O_RDONLY); !synced) return synced;
+    if (auto objected = objection(); !objected) return objected;
     if (std::rename(temporary_.c_str(), target_.c_str()) != 0)
         return failedTo("cannot be put into place");
     temporary_.clear();

@@ -1,12 +1,19 @@
 #pragma once
 
+#include <sys/types.h>
+
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
 
 #include "usdlive/common/core/Result.h"
 
 namespace usdlive::server {
+
+/// May this process write the file, and does anybody have the permission? (Root may write anything,
+/// and means a file without write permission to be left alone all the same.)
+[[nodiscard]] bool isWritable(const std::filesystem::path& path, mode_t mode);
 
 /// A file that is written beside the one it is to replace, and takes its place in one step or not
 /// at all. Removes what was written when it goes without having replaced.
@@ -22,8 +29,8 @@ public:
 
     /// To be written to by its name.
     [[nodiscard]] const std::filesystem::path& temporary() const { return temporary_; }
-    /// Brings it to the disk, then into place.
-    Result<void> replace();
+    /// Brings it to the disk, then into place, unless `objection` has something against that.
+    Result<void> replace(const std::function<Result<void>()>& objection);
 
 private:
     SafeFile(std::filesystem::path target, std::filesystem::path temporary);

@@ -32,7 +32,7 @@ void Project::Impl::receiveBlob(Session& session, BlobFrame part) {
             send(session, BlobStored{part.hash});
         return;
     }
-    if (storeFailed_) return refuse(ErrorCode::StorageFailed, "the store has failed");
+    if (storeClosed_) return refuse(ErrorCode::StorageFailed, "the store has failed");
     if (!host_.hasSpace()) return refuse(ErrorCode::StorageFull, "the disk of the server is full");
     host_.writeBlob(session.id, std::move(part));
 }

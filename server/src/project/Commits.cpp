@@ -1,4 +1,5 @@
 // What was executed, until it is durable and everybody has been told.
+#include <algorithm>
 #include <stdexcept>
 
 #include "ProjectImpl.h"
@@ -14,17 +15,18 @@ ByteView withoutLength(const Bytes& frame) {
 
 }  // namespace
 
-/// Makes a commit of what was executed. False, and nothing done, when it does not fit into a frame.
-bool Project::Impl::commit(Session& session, Author& author, const Transaction& transaction,
-                           Executed executed, std::uint64_t mark) {
+/// Of what was executed, the next commit; nothing when it does not fit into a frame. `mark`: of the
+/// NamespaceLog before it.
+std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit(
+    const UserName& user, const TransactionId& id, std::uint64_t gesture, Executed executed,
+    std::uint64_t mark) {
     InFlightCommit made;
     CommitRecord record;
     record.revision = made.revision = executed_ + 1;
-    record.id = made.id = transaction.id;
+    record.id = made.id = id;
     record.changes = stateChanges(docs_, executed.edits);
     record.namespaceChanges = namespaceChanges(made.revision, executed.edits);
-    made.session = session.id;
-    made.gesture = transaction.gesture;
+    made.gesture = gesture;
     made.edits = executed.edits.size();
     made.dropped = executed.dropped.size();
     made.mark = mark;
@@ -33,24 +35,35 @@ bool Project::Impl::commit(Session& session, Author& author, const Transaction& 
     frame.commit = {made.revision,
                     epoch_,
                     made.id,
-                    session.user,
+                    user,
                     host_.wallClockMs(),
-                    transaction.gesture,
+                    gesture,
                     {},
                     {},
                     std::move(executed.dropped),
                     executedHash_};
     for (ExecutedEdit& edit : executed.edits) {
         made.layers.insert(edit.edit.layer);
+        if (touchesLayerData(edit.edit.action)) made.layerData.insert(edit.edit.layer);
         frame.commit.edits.push_back(std::move(edit.edit));
     }
     record.frame = std::make_shared<const Bytes>(encodeFrame(frame));
     const ByteView encoded = withoutLength(*record.frame);
-    if (encoded.size() > options_.maxFrameBytes) return false;
+    if (encoded.size() > options_.maxFrameBytes) return std::nullopt;
     record.hash = made.hash = chainHash(executedHash_, encoded);
     made.broadcast = record.frame;
-
     history_.executed(made.revision);
+    return std::pair(std::move(made), std::move(record));
+}
+
+/// False, and nothing done, when the commit does not fit into a frame.
+bool Project::Impl::commit(Session& session, Author& author, const Transaction& transaction,
+                           Executed executed, std::uint64_t mark) {
+    auto commit =
+        makeCommit(session.user, transaction.id, transaction.gesture, std::move(executed), mark);
+    if (!commit) return false;
+    auto& [made, record] = *commit;
+    made.session = session.id;
     author.inFlight[transaction.id.sequence] = made.revision;
     author.newest = made.revision;
     author.lastSequence = std::max(author.lastSequence.value_or(0), transaction.id.sequence);
@@ -59,7 +72,15 @@ bool Project::Impl::commit(Session& session, Author& author, const Transaction& 
 }
 
 void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
-    for (const LayerId& layer : commit.layers) layers_[layer].changed = commit.revision;
+    for (const LayerId& layer : commit.layers) {
+        LayerEntry& entry = layers_[layer];
+        entry.changed = commit.revision;
+        if (!entry.told.dirty) suspects_.insert(layer);
+    }
+    for (const LayerId& layer : commit.layerData) {
+        suspects_.insert(layer);
+        noteSpecLocks(layer);
+    }
     executed_ = commit.revision;
     executedHash_ = commit.hash;
     if (executed_ > options_.namespaceLogRevisions)
@@ -85,16 +106,31 @@ void Project::Impl::commitDurable(const InFlightCommit& commit) {
     counters_.edits += commit.edits;
     counters_.dropped += commit.dropped;
     if (commit.gesture != 0) previews_.end(commit.id.client, commit.gesture);
-    for (auto& [id, session] : sessions_) {
-        if (!session.isLive()) continue;
-        host_.send(id, commit.broadcast);
-        session.position = commit.revision;
-        ++counters_.delivered;
-        releaseAnswers(session);
-    }
+    if (commit.reloaded) fileIs(commit.reloaded->layer, commit.reloaded->state);
+    for (const LayerId& layer : commit.layerData)
+        if (std::ranges::none_of(inFlight_, [&](const InFlightCommit& later) {
+                return later.layerData.contains(layer);
+            }))
+            noteMutes(layer, layers_[layer]);
+    broadcast(commit);
     if (const auto author = authors_.find(commit.id.client); author != authors_.end()) {
         author->second.inFlight.erase(commit.id.sequence);
         forgetAuthor(commit.id.client);
+    }
+}
+
+void Project::Impl::broadcast(const InFlightCommit& commit) {
+    std::vector<SessionId> live;
+    for (auto& [id, session] : sessions_) {
+        if (session.isLive() && host_.lags(id)) session.stream = CatchingUp{};  // FR6
+        if (session.isLive()) live.push_back(id);
+    }
+    host_.sendCommit(live, commit.broadcast, commit.revision);
+    counters_.delivered += live.size();
+    for (const SessionId id : live) {
+        Session& session = *find(id);
+        session.position = commit.revision;
+        releaseAnswers(session);
     }
 }
 
@@ -109,21 +145,24 @@ void Project::Impl::settle() {
         sendSave(readySaves_.front());
         readySaves_.pop_front();
     }
+    while (!readyReloads_.empty() && readyReloads_.front().outcome.revision <= durable_) {
+        sendReloaded(readyReloads_.front());
+        readyReloads_.pop_front();
+    }
+    storeCheckpoints();
 }
 
 void Project::Impl::appendFailed(const Error& error, const CommitStore::Head& head) {
     appended(head.revision);
     if (head.revision != durable_ || head.hash != durableHash_)
         throw std::logic_error("the store's head is not a commit of this project");
-    if (head.epoch > epoch_)
-        storeFailed_ = false;  // it was opened anew
-    else if (error.code != ErrorCode::StorageFull)
-        storeFailed_ = true;
+    storeClosed_ = false;
     epoch_ = std::max(epoch_, head.epoch);
     const std::vector<InFlightCommit> lost(std::make_move_iterator(inFlight_.begin()),
                                            std::make_move_iterator(inFlight_.end()));
     inFlight_.clear();
     if (!lost.empty()) takeBack(error, lost);
+    workAll();
 }
 
 void Project::Impl::takeBack(const Error& error, const std::vector<InFlightCommit>& lost) {
@@ -147,8 +186,8 @@ void Project::Impl::takeBack(const Error& error, const std::vector<InFlightCommi
         releaseAnswers(session);
     }
     reloadLost(error, lost);
+    loseCheckpoints(error);
     settle();
-    workAll();
 }
 
 /// SE5: the refusals of what was lost take their place among the answers that waited for it. A
@@ -170,7 +209,7 @@ void Project::Impl::refuseLost(Session& session, const Error& error,
     for (const Answer& answer : waiting)
         if (answer.repeats) repeated.insert(answer.after);
     for (const InFlightCommit& commit : lost) {
-        if (commit.imported) continue;  // nobody's
+        if (commit.id.sequence == 0) continue;  // an import or a reload: nobody waits for it so
         if (commit.session != session.id && !repeated.contains(commit.revision)) continue;
         keepUntil(commit.revision);
         const RefusalFrame refusal{commit.id.sequence, 0, error};
@@ -189,7 +228,9 @@ void Project::Impl::reloadLost(const Error& error, const std::vector<InFlightCom
     }
     for (const LayerId& layer : changed) {
         docs_.erase(layer);
+        noteSpecLocks(layer);
         layers_[layer].state = NotLoaded{};
+        layers_[layer].changed = std::min(layers_[layer].changed, durable_);
     }
     std::deque<ReadyOpen> opens = std::move(readyOpens_);
     readyOpens_.clear();
@@ -205,9 +246,18 @@ void Project::Impl::reloadLost(const Error& error, const std::vector<InFlightCom
     }
     for (ReadySave& ready : readySaves_) saves_.push_back(std::move(ready.save));
     readySaves_.clear();
+    for (ReloadRequest& ready : readyReloads_) reloads_.push_back(std::move(ready));
+    readyReloads_.clear();
+    for (ReloadRequest& reload : reloads_) {
+        std::erase_if(reload.unchanged, [&](auto& one) { return changed.contains(one.first); });
+        std::erase_if(reload.outcome.reloaded, [&](const LayerId& layer) {
+            return changed.contains(layer) && reload.waiting.insert(layer).second;
+        });
+    }
     for (const LayerId& layer : changed)
         if (!imported.contains(layer)) load(layer);
     continueSaves();
+    continueReloads();
 }
 
 }  // namespace usdlive::server

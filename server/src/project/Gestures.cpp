@@ -21,6 +21,8 @@ void Project::Impl::receivePreview(Session& session, PreviewFrame preview, std::
             withdraw(session.client, preview.gesture);
         return;
     }
+    for (const Edit& edit : preview.edits)
+        if (docs_.contains(edit.layer) && lockObjection(session.user, edit.layer)) return;  // LK1
     preview.author = session.client;
     const auto frame = std::make_shared<const Bytes>(encodeFrame(preview));
     const std::uint64_t pushedOut = previews_.keep(session.client, preview.gesture, frame);

@@ -1,6 +1,5 @@
 // Layers: loaded on first use, imported if the store has none, opened by sessions.
 #include "ProjectImpl.h"
-#include "usdlive/server/project/StateChanges.h"
 
 namespace usdlive::server {
 
@@ -12,54 +11,13 @@ constexpr std::size_t kMaxImportBytes = 1 << 30;
 constexpr std::size_t kMaxHistoryReads = 16;  // of one session at once: each replays a layer
 constexpr std::size_t kMaxOpens = 10'000;     // that wait for one layer
 
-Result<std::vector<Edit>> editsOf(const LayerId& layer, const LayerDoc& doc) {
-    std::vector<Edit> edits;
-    std::size_t bytes = 0;
-    Bytes scratch;
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        if (bytes > kMaxImportBytes) return;
-        const Address address{std::string(spec.path), {}};
-        if (spec.kind != SpecKind::PseudoRoot)
-            edits.push_back({layer, address, CreateSpec{spec.kind}});
-        for (const auto& [name, value] : *spec.fields) {
-            scratch.clear();
-            encodeFieldValue(value, scratch);
-            bytes += scratch.size() + spec.path.size() + 128;
-            edits.push_back({layer, address, SetField{name, {}, value}});
-        }
-        bytes += spec.path.size() + 64;
-    });
-    if (bytes > kMaxImportBytes)
-        return fail(ErrorCode::LayerUnreadable, layer.value + " is too large to be imported");
-    return edits;
-}
-
 }  // namespace
 
 Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc) {
-    auto edits = editsOf(layer, doc);
-    if (!edits) return tl::unexpected(edits.error());
-    LayerImport import;
-    import.edits = edits->size();
-    import.changes = stateChanges(layer, doc);
-    CommitFrame frame;
-    frame.commit.imported = layer;
-    frame.commit.edits = std::move(*edits);
-    import.frame = encodeUnstamped(std::move(frame));
-    return import;
-}
-
-void Project::Impl::setLayers(const std::vector<LayerId>& layers) {
-    const std::set<LayerId> listed(layers.begin(), layers.end());
-    bool changed = std::erase_if(layers_, [&](const auto& entry) {
-                       return std::holds_alternative<NotLoaded>(entry.second.state) &&
-                              !listed.contains(entry.first);
-                   }) > 0;
-    for (const LayerId& layer : listed) changed |= layers_.try_emplace(layer).second;
-    if (!changed) return;
-    const ProjectLayers message{layerInfos()};
-    for (auto& [id, session] : sessions_)
-        if (std::holds_alternative<Greeted>(session.phase)) send(session, message);
+    auto frame = encodeImport(layer, doc, kMaxImportBytes);
+    if (!frame)
+        return fail(ErrorCode::LayerUnreadable, layer.value + " is too large to be imported");
+    return LayerImport{std::move(*frame)};
 }
 
 std::vector<LayerInfo> Project::Impl::layerInfos() const {
@@ -75,6 +33,7 @@ void Project::Impl::openLayer(Session& session, const OpenLayer& open) {
                          {ErrorCode::LayerNotFound, "the project has no layer " + open.layer.value},
                          open.request);
     if (open.revision != 0) return openHistory(session, open);
+    if (session.open.insert(open.layer).second) suspects_.insert(open.layer);
     const WaitingOpen waiting{session.id, open.request};
     if (std::holds_alternative<Loaded>(found->second.state)) return openLoaded(waiting, open.layer);
     if (found->second.opens.size() >= kMaxOpens)
@@ -119,6 +78,7 @@ void Project::Impl::sendOpened(const ReadyOpen& ready) {
     const auto& [open, layer, doc, revision] = ready;
     Session* session = find(open.session);
     if (!session || !session->isGreeted()) return;
+    if (revision > session->position) session->opened.insert(revision);
     send(*session, LayerOpened{open.request, layer, revision, doc.specCount()});
     host_.sendSnapshot(open.session, open.request, doc);
 }
@@ -134,6 +94,9 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     if (!loaded) return loadFailed(layer, loaded.error());
     docs_.insert_or_assign(layer, loaded->doc);
     found->second.state = Loaded{};
+    fileWas(layer, loaded->saved);
+    noteMutes(layer, found->second);
+    noteSpecLocks(layer);
     if (loaded->import) {
         if (const auto imported = import(layer, std::move(*loaded->import)); !imported) {
             docs_.erase(layer);
@@ -144,6 +107,7 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     for (const WaitingOpen& open : opens) openLoaded(open, layer);
     workAll();
     continueSaves();
+    continueReloads();
 }
 
 /// Whoever waits for it is told; whoever asks next makes another attempt.
@@ -152,10 +116,13 @@ void Project::Impl::loadFailed(const LayerId& layer, const Error& error) {
     entry.state = LoadFailed{error};
     const auto opens = std::exchange(entry.opens, {});
     for (const WaitingOpen& open : opens)
-        if (Session* session = find(open.session); session && session->isGreeted())
+        if (Session* session = find(open.session); session && session->isGreeted()) {
+            closeLayer(*session, layer);
             sendError(*session, error, open.request);
+        }
     workAll();
     continueSaves();
+    continueReloads();
     entry.state = NotLoaded{};
 }
 
@@ -166,30 +133,31 @@ void Project::Impl::workAll() {
 /// The layer came from its file: its whole content becomes a commit, so that the history holds all
 /// there is. Others are told by a stub (CH2).
 Result<void> Project::Impl::import(const LayerId& layer, LayerImport import) {
-    if (storeFailed_) return fail(ErrorCode::StorageFailed, "the store has failed");
+    if (storeClosed_) return fail(ErrorCode::StorageFailed, "the store has failed");
     if (!host_.hasSpace()) return fail(ErrorCode::StorageFull, "the disk of the server is full");
 
     InFlightCommit made;
     CommitRecord record;
     record.revision = made.revision = executed_ + 1;
-    record.imported = made.imported = layer;
-    record.changes = std::move(import.changes);
+    made.imported = layer;
+    record.saved = CommitRecord::Saved{layer, {made.revision, layers_[layer].saved.file}};
+    record.changes = {PutLayer{layer, docs_.at(layer)}};
     made.layers = {layer};
-    made.edits = import.edits;
+    made.edits = import.frame.edits;
     made.mark = history_.log().mark();
 
     CommitFrame stub;
     stub.commit = {made.revision, epoch_, {}, {},           host_.wallClockMs(), 0,
                    layer,         {},     {}, executedHash_};
-    stampCommit(import.frame, stub.commit);
+    stampCommit(import.frame.bytes, stub.commit);
     record.hash = made.hash =
-        chainHash(executedHash_, ByteView(import.frame).subspan(sizeof(std::uint32_t)));
-    record.frame = std::make_shared<const Bytes>(std::move(import.frame));
+        chainHash(executedHash_, ByteView(import.frame.bytes).subspan(sizeof(std::uint32_t)));
+    record.frame = std::make_shared<const Bytes>(std::move(import.frame.bytes));
     stub.hashAfter = made.hash;
     made.broadcast = std::make_shared<const Bytes>(encodeFrame(stub));
     const Revision revision = made.revision;
     append(std::move(made), std::move(record));
-    layers_[layer].saved = revision;
+    layers_[layer].saved.revision = revision;
     return {};
 }
 

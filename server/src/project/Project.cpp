@@ -1,6 +1,7 @@
 #include "usdlive/server/project/Project.h"
 
 #include "ProjectImpl.h"
+#include "usdlive/common/core/Overloaded.h"
 
 namespace usdlive::server {
 
@@ -9,18 +10,33 @@ Project::Impl::Impl(Options options, ProjectHost& host, CommitStore::Head head,
     : options_(std::move(options)),
       host_(host),
       epoch_(head.epoch),
+      startedMs_(host.wallClockMs()),
       history_(firstNamespaceRevision(options_, head), head.revision, changes),
       executed_(head.revision),
       executedHash_(head.hash),
       durable_(head.revision),
       durableHash_(head.hash),
       recent_(options_.recentCommitBytes) {
-    setLayers(layers);
+    std::vector<LayerFile> files;
+    for (const LayerId& layer : layers) files.push_back({layer});
+    setFiles(files);
+    for (const LayerId& layer : host_.unsavedLayers())
+        if (const auto found = layers_.find(layer); found != layers_.end())
+            found->second.unsaved = true;
 }
 
 const LayerDoc* Project::Impl::layer(const LayerId& layer) const {
     const auto found = docs_.find(layer);
     return found == docs_.end() ? nullptr : &found->second;
+}
+
+SharedBytes encodeNews(const News& news) {
+    const auto isEmpty = Overloaded{
+        [](const LayerStates& states) { return states.layers.empty(); },
+        [](const Presences& people) { return people.shown.empty() && people.gone.empty(); }};
+    if (std::visit(isEmpty, news)) return nullptr;
+    const auto json = std::visit([](const auto& message) { return encodeControl(message); }, news);
+    return std::make_shared<const Bytes>(encodeFrame(ControlFrame{json}));
 }
 
 Project::Project(Options options, ProjectHost& host, CommitStore::Head head,
@@ -30,15 +46,27 @@ Project::Project(Options options, ProjectHost& host, CommitStore::Head head,
 Project::~Project() = default;
 
 void Project::connected(SessionId session) { impl_->connected(session); }
-void Project::received(SessionId session, ByteView message) { impl_->received(session, message); }
-void Project::disconnected(SessionId session) { impl_->disconnected(session); }
+void Project::received(SessionId session, ByteView message) {
+    impl_->received(session, message);
+    impl_->tellStates();
+}
+void Project::disconnected(SessionId session) {
+    impl_->disconnected(session);
+    impl_->tellStates();
+}
 void Project::drained(SessionId session) { impl_->drained(session); }
-void Project::appended(Revision upTo) { impl_->appended(upTo); }
+void Project::appended(Revision upTo) {
+    impl_->appended(upTo);
+    impl_->tellStates();
+}
 void Project::appendFailed(Error error, CommitStore::Head head) {
     impl_->appendFailed(error, head);
+    impl_->tellStates();
 }
+void Project::storeClosed() { impl_->storeClosed(); }
 void Project::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded) {
     impl_->layerLoaded(layer, std::move(loaded));
+    impl_->tellStates();
 }
 void Project::commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits) {
     impl_->commitsRead(session, std::move(commits));
@@ -49,10 +77,33 @@ void Project::historyRead(SessionId session, std::uint64_t request, Result<Layer
 void Project::blobWritten(SessionId session, const Hash& hash, Result<bool> whole) {
     impl_->blobWritten(session, hash, whole);
 }
-void Project::layersSaved(SessionId session, std::uint64_t request, LayersSaved outcome) {
-    impl_->layersSaved(session, request, std::move(outcome));
+void Project::layersSaved(SessionId session, std::uint64_t request, SaveOutcome outcome) {
+    impl_->layersSaved(session, request, outcome);
+    impl_->tellStates();
 }
-void Project::setLayers(std::vector<LayerId> layers) { impl_->setLayers(layers); }
+void Project::fileChecked(const LayerId& layer, Result<std::optional<FileStamp>> file) {
+    impl_->fileChecked(layer, file);
+    impl_->tellStates();
+}
+void Project::layerReloaded(SessionId session, std::uint64_t request, const LayerId& layer,
+                            Result<ReloadedLayer> reloaded) {
+    impl_->layerReloaded(session, request, layer, std::move(reloaded));
+    impl_->tellStates();
+}
+void Project::checkpointAdded(SessionId session, std::uint64_t request,
+                              const Result<Checkpoint>& added) {
+    impl_->checkpointAdded(session, request, added);
+}
+void Project::checkpointsRead(SessionId session, std::uint64_t request,
+                              Result<std::vector<Checkpoint>> checkpoints) {
+    impl_->checkpointsRead(session, request, std::move(checkpoints));
+}
+void Project::setFiles(const std::vector<LayerFile>& files) {
+    impl_->setFiles(files);
+    impl_->tellStates();
+}
+void Project::sweep(std::int64_t nowMs) { impl_->sweep(nowMs); }
+bool Project::hasPresence() const { return impl_->hasPresence(); }
 Revision Project::durableRevision() const { return impl_->durableRevision(); }
 const ProjectCounters& Project::counters() const { return impl_->counters(); }
 std::size_t Project::sessionCount() const { return impl_->sessionCount(); }

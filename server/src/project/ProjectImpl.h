@@ -12,6 +12,8 @@
 #include "NamespaceHistory.h"
 #include "Previews.h"
 #include "RecentCommits.h"
+#include "usdlive/common/layer/LayerLock.h"
+#include "usdlive/common/layer/SpecLocks.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/server/project/Project.h"
 
@@ -71,8 +73,18 @@ struct Session {
     SessionPhase phase;
     ClientId client;
     UserName user;
-    Revision greetedAt = 0;  ///< the newest durable commit then
-    Revision position = 0;   ///< commits up to this one were sent
+    std::string application;
+    std::set<std::string> features;  ///< that both have
+    std::set<LayerId> open;
+    std::optional<Presence> presence;
+    bool heard = false;        ///< of its presence, since the last sweep
+    std::int64_t heardMs = 0;  ///< by then
+    bool shown = true;         ///< everybody was told of its presence as it is
+    Revision greetedAt = 0;    ///< the newest durable commit then
+    Revision position = 0;     ///< commits up to this one were sent
+    bool ahead = false;        ///< it may have later ones (DD6)
+    /// Layers were sent as of these revisions, at which what is conflated has to end (CF1).
+    std::set<Revision> opened;
     SessionStream stream;
     std::deque<RequestLog> logs;  ///< asked for and not begun
     std::deque<Read> reads;
@@ -110,12 +122,23 @@ struct Loaded {};
 struct LoadFailed {
     Error error;
 };
+/// A layer's file, as far as it is known.
+struct EntryFile {
+    LayerFile present;                ///< as the folder showed it last
+    std::optional<FileTrace> looked;  ///< how it looked when its content was asked for last
+    bool missing = false;             ///< it was there and is not any more
+    bool outdated = false;            ///< it holds something else than was written or read last
+};
 /// What is known of a layer beside its content.
 struct LayerEntry {
     std::variant<NotLoaded, Loading, Loaded, LoadFailed> state;
     std::vector<WaitingOpen> opens;  ///< until it is loaded
     Revision changed = 0;            ///< by which commit since the start, 0 none
-    Revision saved = 0;
+    SavedState saved;                ///< as far as known
+    bool unsaved = false;            ///< differed from its file when the server started
+    EntryFile file;
+    std::set<LayerId> mutes;  ///< on its stages, for everybody (MU1)
+    LayerState told;          ///< as everybody was told last
 };
 
 /// A copy of a layer that is sent once everything in it is durable.
@@ -129,6 +152,7 @@ struct ReadyOpen {
 struct SaveRequest {
     SessionId session = 0;
     std::uint64_t request = 0;
+    bool force = false;
     std::set<LayerId> layers;
     std::vector<LayersSaved::Failure> failed;
 };
@@ -136,6 +160,26 @@ struct ReadySave {
     SaveRequest save;
     std::vector<ProjectHost::SaveJob> jobs;
     Revision revision = 0;
+};
+
+struct ReloadRequest {
+    SessionId session = 0;
+    std::uint64_t request = 0;
+    std::set<LayerId> waiting;  ///< to be loaded
+    struct Reading {
+        Revision base = 0;  ///< the file is compared with the layer as it was then
+        int attempt = 0;
+    };
+    std::map<LayerId, Reading> reading;
+    /// Were found to be like their files, at the revision.
+    std::vector<std::pair<LayerId, SavedState>> unchanged;
+    LayersReloaded outcome;
+};
+
+struct ReadyCheckpoint {
+    SessionId session = 0;
+    std::uint64_t request = 0;
+    Checkpoint checkpoint;
 };
 
 // --- Commits
@@ -150,7 +194,9 @@ struct InFlightCommit {
     std::uint64_t gesture = 0;
     std::size_t edits = 0, dropped = 0;
     std::set<LayerId> layers;
+    std::set<LayerId> layerData;  ///< of them, whose custom layer data it changes
     std::optional<LayerId> imported;
+    std::optional<CommitRecord::Saved> reloaded;
     std::uint64_t mark = 0;  ///< of the NamespaceLog before it
 };
 
@@ -171,18 +217,37 @@ public:
     // Commits.cpp
     void appended(Revision upTo);
     void appendFailed(const Error& error, const CommitStore::Head& head);
+    void storeClosed() { storeClosed_ = true; }
+
+    // LayerStates.cpp
+    void tellStates();
+
+    // Presence.cpp
+    void sweep(std::int64_t nowMs);
+    [[nodiscard]] bool hasPresence() const { return presences_ > 0; }
 
     // Layers.cpp
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
     void historyRead(SessionId id, std::uint64_t request, Result<LayerDoc> doc);
-    void setLayers(const std::vector<LayerId>& layers);
     [[nodiscard]] std::vector<LayerInfo> layerInfos() const;
 
     // Blobs.cpp
     void blobWritten(SessionId id, const Hash& hash, const Result<bool>& whole);
 
+    // Files.cpp
+    void setFiles(const std::vector<LayerFile>& files);
+    void fileChecked(const LayerId& layer, const Result<std::optional<FileStamp>>& file);
+
     // Saves.cpp
-    void layersSaved(SessionId id, std::uint64_t request, LayersSaved outcome);
+    void layersSaved(SessionId id, std::uint64_t request, const SaveOutcome& outcome);
+
+    // Reloads.cpp
+    void layerReloaded(SessionId id, std::uint64_t request, const LayerId& layer,
+                       Result<ReloadedLayer> reloaded);
+
+    // Checkpoints.cpp
+    void checkpointAdded(SessionId id, std::uint64_t request, const Result<Checkpoint>& added);
+    void checkpointsRead(SessionId id, std::uint64_t request, Result<std::vector<Checkpoint>> read);
 
     [[nodiscard]] Revision durableRevision() const { return durable_; }
     [[nodiscard]] const ProjectCounters& counters() const { return counters_; }
@@ -200,6 +265,7 @@ private:
     void resumeChecked(Session& session, const Result<Hash>& hash);
     void welcome(Session& session, std::optional<Error> whyNotResumed);
     void send(Session& session, const ControlMessage& message);
+    void tellAll(const std::string& feature, const News& news);
     void sendError(Session& session, const Error& error, std::optional<std::uint64_t> request = {},
                    std::optional<Hash> blob = {});
     void supersede(const ClientId& client);
@@ -210,6 +276,10 @@ private:
     // Stream.cpp: commits of the past, until a session has caught up.
     void pump(Session& session);
     void sendPast(Session& session, const SharedBytes& frame);
+    bool sendRecent(Session& session, Revision last);
+    void sendRun(Session& session, const std::vector<StoredCommit>& commits);
+    [[nodiscard]] static std::optional<CommitFrame> conflatable(const Session& session,
+                                                                const StoredCommit& stored);
     void requestRead(Session& session, Read read);
     void streamRead(Session& session, Result<std::vector<StoredCommit>> commits);
     void requestLog(Session& session, const RequestLog& request);
@@ -223,6 +293,7 @@ private:
     void submit(Session& session, Transaction transaction, std::size_t bytes);
     void work(Session& session);
     bool workOff(Session& session, QueuedTransaction& queued);
+    [[nodiscard]] static bool isKnown(const Author& author, std::uint64_t sequence);
     std::optional<Revision> committed(Author& author, const TransactionId& id);
     [[nodiscard]] std::optional<Refused> objection(const Author& author,
                                                    const QueuedTransaction& queued) const;
@@ -237,10 +308,14 @@ private:
     void answer(Session& session, Answer answer);
 
     // Commits.cpp: what was executed, until it is durable and told.
+    [[nodiscard]] std::optional<std::pair<InFlightCommit, CommitRecord>> makeCommit(
+        const UserName& user, const TransactionId& id, std::uint64_t gesture, Executed executed,
+        std::uint64_t mark);
     bool commit(Session& session, Author& author, const Transaction& transaction, Executed executed,
                 std::uint64_t mark);
     void append(InFlightCommit commit, CommitRecord record);
     void commitDurable(const InFlightCommit& commit);
+    void broadcast(const InFlightCommit& commit);
     void settle();
     void takeBack(const Error& error, const std::vector<InFlightCommit>& lost);
     void refuseLost(Session& session, const Error& error, const std::vector<InFlightCommit>& lost);
@@ -260,11 +335,60 @@ private:
     void requestBlob(Session& session, const RequestBlob& request);
     void receiveBlob(Session& session, BlobFrame part);
 
+    void left(const UserName& user);
+
+    // LayerStates.cpp
+    void tellStatesTo(Session& session);
+    [[nodiscard]] LayerState stateOf(const LayerId& layer, const LayerEntry& entry) const;
+    [[nodiscard]] std::set<LayerId> mutedLayers() const;
+    void noteMutes(const LayerId& layer, LayerEntry& entry);
+    void closeLayer(Session& session, const LayerId& layer);
+
+    // Locks.cpp
+    [[nodiscard]] std::optional<Refused> lockObjection(const Session& session,
+                                                       const Transaction& transaction) const;
+    [[nodiscard]] std::optional<Error> lockObjection(const UserName& user,
+                                                     const LayerId& layer) const;
+    [[nodiscard]] bool holds(const UserName& user, const LayerLock& lock) const;
+    [[nodiscard]] bool isFree(const LayerLock& lock) const;
+
+    // SpecLocks.cpp
+    void noteSpecLocks(const LayerId& layer);
+    [[nodiscard]] bool mindsSpecLocks(const std::vector<Edit>& edits) const;
+    [[nodiscard]] SpecLocks specLocksIn(const LayerId& layer, const LayerDocs& before) const;
+    [[nodiscard]] std::optional<std::pair<std::size_t, Error>> specLockObjection(
+        const UserName& user, const std::vector<ExecutedEdit>& executed,
+        const LayerDocs& before) const;
+
+    // Presence.cpp
+    void showPresence(Session& session, Presence presence);
+    void tellPresencesTo(Session& session);
+    void presenceLeft(const ClientId& client);
+
     // Saves.cpp
     void saveLayers(Session& session, const SaveLayers& request);
     void continueSaves();
     bool continueSave(SaveRequest& save);
+    void leaveLocked(const Session& session, SaveRequest& save) const;
     void sendSave(const ReadySave& ready);
+
+    // Files.cpp
+    void checkFile(const LayerId& layer, LayerEntry& entry);
+    void fileWas(const LayerId& layer, const SavedState& saved);
+    void fileIs(const LayerId& layer, const SavedState& saved);
+
+    // Reloads.cpp
+    void reloadLayers(Session& session, const ReloadLayers& request);
+    void continueReloads();
+    void continueReload(ReloadRequest& reload);
+    void read(ReloadRequest& reload, const LayerId& layer, int attempt);
+    Result<void> takeFile(const Session& session, const LayerId& layer, ReloadedLayer reloaded);
+    void sendReloaded(const ReloadRequest& reload);
+
+    // Checkpoints.cpp
+    void createCheckpoint(Session& session, const CreateCheckpoint& request);
+    void storeCheckpoints();
+    void loseCheckpoints(const Error& error);
 
     // Gestures.cpp
     void receivePreview(Session& session, PreviewFrame preview, std::size_t bytes);
@@ -281,19 +405,28 @@ private:
 
     LayerDocs docs_;  ///< as executed, ahead of what is durable
     std::map<LayerId, LayerEntry> layers_;
+    std::set<LayerId> specLockers_;  ///< root layers that lock specs, as executed
+    std::set<LayerId> suspects_;     ///< whose state may be other than everybody was told
+    std::unordered_map<UserName, std::int64_t> leftMs_;  ///< of users without a session
+    const std::int64_t startedMs_;
+    std::size_t presences_ = 0;  ///< sessions that show where they are
     std::vector<SaveRequest> saves_;
+    std::vector<ReloadRequest> reloads_;
 
     NamespaceHistory history_;
     Revision executed_;
     Hash executedHash_;
     std::deque<InFlightCommit> inFlight_;
-    bool storeFailed_ = false;
+    bool storeClosed_ = false;
 
     Revision durable_;
     Hash durableHash_;
     RecentCommits recent_;
-    std::deque<ReadyOpen> readyOpens_;  ///< by revision
-    std::deque<ReadySave> readySaves_;  ///< by revision
+    // By revision:
+    std::deque<ReadyOpen> readyOpens_;
+    std::deque<ReadySave> readySaves_;
+    std::deque<ReloadRequest> readyReloads_;
+    std::deque<ReadyCheckpoint> readyCheckpoints_;
 
     Previews previews_;
 };

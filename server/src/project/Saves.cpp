@@ -12,7 +12,7 @@ constexpr std::size_t kMaxSaves = 1'000;  // not begun yet, of all sessions
 void Project::Impl::saveLayers(Session& session, const SaveLayers& request) {
     if (saves_.size() + readySaves_.size() >= kMaxSaves)
         return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
-    SaveRequest save{session.id, request.request, {}, {}};
+    SaveRequest save{session.id, request.request, request.force.value_or(false), {}, {}};
     for (const LayerId& layer : request.layers) {
         if (layers_.contains(layer))
             save.layers.insert(layer);
@@ -22,7 +22,8 @@ void Project::Impl::saveLayers(Session& session, const SaveLayers& request) {
     }
     if (request.layers.empty()) {
         for (const auto& [layer, entry] : layers_)
-            if (entry.changed > entry.saved) save.layers.insert(layer);
+            if (entry.changed > entry.saved.revision || entry.file.missing)
+                save.layers.insert(layer);
         for (const LayerId& layer : host_.unsavedLayers())
             if (layers_.contains(layer)) save.layers.insert(layer);
     }
@@ -47,14 +48,28 @@ bool Project::Impl::continueSave(SaveRequest& save) {
                 {*layer, std::string(errorName(failed->error.code)), failed->error.message});
         layer = failed ? save.layers.erase(layer) : std::next(layer);
     }
+    if (const Session* session = find(save.session)) leaveLocked(*session, save);
     ReadySave ready{std::move(save), {}, executed_};
-    for (const LayerId& layer : ready.save.layers)
-        ready.jobs.push_back({layer, docs_.at(layer), executed_});
+    for (const LayerId& layer : ready.save.layers) {
+        const SavedState& saved = layers_[layer].saved;
+        ready.jobs.push_back(
+            {layer, docs_.at(layer), executed_, saved, saved.file && !ready.save.force});
+    }
     if (ready.revision <= durable_)
         sendSave(ready);
     else
         readySaves_.push_back(std::move(ready));
     return true;
+}
+
+/// LK3
+void Project::Impl::leaveLocked(const Session& session, SaveRequest& save) const {
+    std::erase_if(save.layers, [&](const LayerId& layer) {
+        const auto locked = lockObjection(session.user, layer);
+        if (locked)
+            save.failed.push_back({layer, std::string(errorName(locked->code)), locked->message});
+        return locked.has_value();
+    });
 }
 
 void Project::Impl::sendSave(const ReadySave& ready) {
@@ -67,17 +82,18 @@ void Project::Impl::sendSave(const ReadySave& ready) {
     host_.saveLayers(session->id, request, ready.jobs);
 }
 
-void Project::Impl::layersSaved(SessionId id, std::uint64_t request, LayersSaved outcome) {
-    for (const LayerId& layer : outcome.saved)
-        if (const auto found = layers_.find(layer); found != layers_.end())
-            found->second.saved = std::max(found->second.saved, outcome.revision);
+void Project::Impl::layersSaved(SessionId id, std::uint64_t request, const SaveOutcome& outcome) {
+    LayersSaved message{request, outcome.revision, {}, outcome.failed};
+    for (const auto& [layer, file] : outcome.saved) {
+        message.saved.push_back(layer);
+        fileIs(layer, {outcome.revision, file});
+    }
     Session* session = find(id);
     if (!session || !session->isGreeted()) return;
     const auto failed = session->failedSaves.extract(request);
     if (!failed.empty())
-        outcome.failed.insert(outcome.failed.end(), failed.mapped().begin(), failed.mapped().end());
-    outcome.request = request;
-    send(*session, outcome);
+        message.failed.insert(message.failed.end(), failed.mapped().begin(), failed.mapped().end());
+    send(*session, message);
 }
 
 }  // namespace usdlive::server

@@ -10,7 +10,8 @@ namespace usdlive::server {
 namespace {
 
 // PR1: what a client may find out that the server has, beyond the basics.
-const std::vector<std::string> kFeatures{"history", "log", "previews"};
+const std::vector<std::string> kFeatures{"history", "log",      "previews",
+                                         "states",  "presence", "conflation"};
 
 // A client further behind than this joins anew: snapshots are then quicker than commits.
 constexpr Revision kMaxResumeCommits = 50'000;
@@ -104,11 +105,16 @@ void Project::Impl::receiveControl(Session& session, const std::string& json) {
 void Project::Impl::receive(Session& session, const ControlMessage& message) {
     std::visit(Overloaded{
                    [&](const OpenLayer& open) { openLayer(session, open); },
-                   // Every session gets every commit, so there is nothing to stop.
-                   [&](const CloseLayer&) {},
+                   [&](const CloseLayer& close) { closeLayer(session, close.layer); },
+                   [&](const ShowPresence& shown) { showPresence(session, shown.presence); },
                    [&](const RequestBlob& request) { requestBlob(session, request); },
                    [&](const SaveLayers& request) { saveLayers(session, request); },
+                   [&](const ReloadLayers& request) { reloadLayers(session, request); },
                    [&](const RequestLog& request) { requestLog(session, request); },
+                   [&](const CreateCheckpoint& request) { createCheckpoint(session, request); },
+                   [&](const ListCheckpoints& request) {
+                       host_.readCheckpoints(session.id, request.request);
+                   },
                    [&](const auto&) {
                        close(session, {ErrorCode::MalformedControl,
                                        "a message of a type that only the server sends"});
@@ -131,6 +137,8 @@ void Project::Impl::greet(Session& session, const Hello& hello) {
     supersede(hello.client);
     session.client = hello.client;
     session.user = hello.user;
+    session.application = hello.application;
+    for (std::string& feature : common(hello.features)) session.features.insert(std::move(feature));
     session.phase = CheckingResume{hello, {}, 0};
     if (hello.resume)
         checkResume(session);
@@ -173,6 +181,8 @@ void Project::Impl::checkResume(Session& session) {
 void Project::Impl::resumeChecked(Session& session, const Result<Hash>& hash) {
     const auto* checking = std::get_if<CheckingResume>(&session.phase);
     if (!checking) return;
+    // That the store cannot say it now does not make its history another one.
+    if (!hash && hash.error().code == ErrorCode::StorageFailed) return close(session, hash.error());
     if (!hash) return welcome(session, hash.error());
     const auto& resume = *checking->hello.resume;
     if (*hash == resume.hash) return welcome(session, std::nullopt);
@@ -189,6 +199,10 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     session.greetedAt = durable_;
     session.position = resumed ? hello.resume->revision : durable_;
     session.stream = CatchingUp{};
+    if (resumed && hello.open)
+        for (const LayerId& layer : *hello.open)
+            if (layers_.contains(layer) && session.open.insert(layer).second)
+                suspects_.insert(layer);
     if (whyNotResumed) sendError(session, *whyNotResumed);
 
     Welcome message;
@@ -203,6 +217,8 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     message.maxFrameBytes = options_.maxFrameBytes;
     message.maxBlobBytes = options_.maxBlobBytes;
     send(session, message);
+    tellStatesTo(session);
+    tellPresencesTo(session);
 
     pump(session);
     for (const Bytes& frame : waiting) receiveFrame(session, frame);
@@ -211,6 +227,14 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
 void Project::Impl::send(Session& session, const ControlMessage& message) {
     host_.send(session.id,
                std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)})));
+}
+
+/// To those that asked for the feature.
+void Project::Impl::tellAll(const std::string& feature, const News& news) {
+    std::vector<SessionId> listening;
+    for (const auto& [id, session] : sessions_)
+        if (session.isGreeted() && session.features.contains(feature)) listening.push_back(id);
+    host_.tell(listening, news);
 }
 
 void Project::Impl::sendError(Session& session, const Error& error,
@@ -231,10 +255,25 @@ void Project::Impl::disconnected(SessionId id) {
     const auto found = sessions_.find(id);
     if (found == sessions_.end()) return;
     const ClientId client = found->second.client;
+    const bool wasShown = found->second.presence.has_value();
+    for (const LayerId& layer : found->second.open) suspects_.insert(layer);
+    if (!found->second.user.empty()) left(found->second.user);
     sessions_.erase(found);
+    if (wasShown) presenceLeft(client);
     if (client.empty() || isConnected(client)) return;
     withdrawAll(client);
     forgetAuthor(client);
+}
+
+/// Who has been away for so long that his locks are free is as good as never seen.
+void Project::Impl::left(const UserName& user) {
+    constexpr std::size_t kMostKept = 1'000;
+    const std::int64_t now = host_.wallClockMs();
+    if (leftMs_.size() >= kMostKept)
+        std::erase_if(leftMs_, [&](const auto& entry) {
+            return now - entry.second >= options_.lockTakeoverMs;
+        });
+    leftMs_[user] = now;
 }
 
 bool Project::Impl::isConnected(const ClientId& client) const {

@@ -189,22 +189,6 @@ std::vector<StateChange> stateChanges(const LayerDocs& layers,
     return Collector(layers, edits).collect();
 }
 
-std::vector<StateChange> stateChanges(const LayerId& layer, const LayerDoc& doc) {
-    std::vector<StateChange> changes;
-    changes.reserve(2 * doc.specCount());
-    // As a store sorts them, which takes them in much faster so.
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        if (spec.kind != SpecKind::PseudoRoot)
-            changes.push_back(PutNode{layer, spec.node, spec.parent, spec.order, spec.kind,
-                                      std::string(spec.name)});
-    });
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [field, value] : *spec.fields)
-            changes.push_back(PutField{layer, spec.node, field, value, false});
-    });
-    return changes;
-}
-
 std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                               const std::vector<ExecutedEdit>& edits) {
     std::vector<NamespaceChange> changes;

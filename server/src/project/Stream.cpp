@@ -1,16 +1,45 @@
 // Commits of the past for sessions that resume or ask for the log, until they have caught up.
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
 #include "ProjectImpl.h"
+#include "usdlive/common/layer/Conflation.h"
 #include "usdlive/common/protocol/Frame.h"
 
 namespace usdlive::server {
 
 namespace {
 
-constexpr Revision kPageCommits = 256;  // read from the store at once
-constexpr std::size_t kMaxLogs = 16;    // asked for by one session and not begun
+constexpr Revision kPageCommits = 256;         // read from the store at once
+constexpr std::size_t kMaxLogs = 16;           // asked for by one session and not begun
+constexpr std::size_t kRunBytes = 512 * 1024;  // of commits of the past that are sent together
+
+const std::string kConflation = "conflation";
 
 ByteView withoutLength(const SharedBytes& frame) {
     return ByteView(*frame).subspan(sizeof(std::uint32_t));
+}
+
+/// CF1: one for all of them, or nothing when each register was written once. Precondition: they
+/// follow one another, and nobody waits for one of them.
+std::optional<Bytes> conflatedFrame(std::vector<CommitFrame>& frames, const Hash& hashAfter) {
+    std::vector<Edit> edits;
+    for (CommitFrame& frame : frames)
+        std::ranges::copy(frame.commit.edits, std::back_inserter(edits));
+    const std::size_t all = edits.size();
+    edits = conflated(std::move(edits));
+    if (edits.size() == all) return std::nullopt;
+    const Commit& last = frames.back().commit;
+    CommitFrame made;
+    made.commit.revision = last.revision;
+    made.commit.epoch = last.epoch;
+    made.commit.timeMs = last.timeMs;
+    made.commit.previous = frames.front().commit.previous;
+    made.commit.conflated = frames.size() - 1;
+    made.commit.edits = std::move(edits);
+    made.hashAfter = hashAfter;
+    return encodeFrame(made);
 }
 
 }  // namespace
@@ -31,12 +60,71 @@ void Project::Impl::pump(Session& session) {
         const Revision last = log ? log->to : durable_;
         if (next > last)
             log ? endLog(session) : becomeLive(session);
-        else if (const auto* recent = recent_.find(next))
-            sendPast(session, recent->frame);
-        else
+        else if (!log && next + options_.maxBehind < last)
+            return close(session, {ErrorCode::SlowReader, "too many commits behind"});
+        else if (!sendRecent(session, last))
             requestRead(session,
                         {ReadPurpose::Stream, next, std::min(last, next + kPageCommits - 1)});
     }
+}
+
+/// False: what comes next is not in memory any more.
+bool Project::Impl::sendRecent(Session& session, Revision last) {
+    const auto* log = std::get_if<SendingLog>(&session.stream);
+    std::vector<StoredCommit> run;
+    std::size_t bytes = 0;
+    for (Revision next = log ? log->next : session.position + 1;
+         next <= last && run.size() < kPageCommits && bytes < kRunBytes; ++next) {
+        const auto* recent = recent_.find(next);
+        if (!recent) break;
+        run.push_back({recent->revision, recent->frame, recent->hash});
+        bytes += recent->frame->size();
+    }
+    if (!run.empty()) sendRun(session, run);
+    return !run.empty();
+}
+
+/// Commits of the past as they are broadcast, in order; to who fell behind without what was written
+/// again (CF1).
+void Project::Impl::sendRun(Session& session, const std::vector<StoredCommit>& commits) {
+    std::vector<CommitFrame> run;              // what may become one
+    const auto flush = [&](std::size_t end) {  // the run's last is the one before `end`
+        const auto frame =
+            run.size() > 1 ? conflatedFrame(run, commits[end - 1].hash) : std::nullopt;
+        std::size_t first = end - std::exchange(run, {}).size();
+        if (frame) {
+            session.position = commits[end - 1].revision - 1;
+            return sendPast(session, std::make_shared<const Bytes>(*frame));
+        }
+        for (; first < end && session.isGreeted(); ++first) sendPast(session, commits[first].frame);
+    };
+    for (std::size_t index = 0; index < commits.size() && session.isGreeted(); ++index) {
+        auto frame = conflatable(session, commits[index]);
+        if (!frame) {
+            flush(index);
+            if (session.isGreeted()) sendPast(session, commits[index].frame);
+            continue;
+        }
+        run.push_back(std::move(*frame));
+        // A layer is sent as of this revision: what follows applies to that.
+        if (session.opened.contains(commits[index].revision)) flush(index + 1);
+    }
+    if (session.isGreeted()) flush(commits.size());
+}
+
+/// Nothing: it is sent as it is, because its author waits for it, because it does more than its
+/// edits, or because the session may have it already and not the ones around it.
+std::optional<CommitFrame> Project::Impl::conflatable(const Session& session,
+                                                      const StoredCommit& stored) {
+    if (!std::holds_alternative<CatchingUp>(session.stream) || session.ahead ||
+        !session.features.contains(kConflation))
+        return std::nullopt;
+    auto frame = decodeFrame(withoutLength(stored.frame));
+    auto* found = frame ? std::get_if<CommitFrame>(&*frame) : nullptr;
+    if (!found || found->commit.imported || found->commit.gesture != 0 ||
+        found->commit.id.client == session.client)
+        return std::nullopt;
+    return std::move(*found);
 }
 
 void Project::Impl::sendPast(Session& session, const SharedBytes& frame) {
@@ -47,12 +135,15 @@ void Project::Impl::sendPast(Session& session, const SharedBytes& frame) {
         return;
     }
     ++session.position;
+    session.opened.erase(session.opened.begin(), session.opened.upper_bound(session.position));
     releaseAnswers(session);
 }
 
 void Project::Impl::becomeLive(Session& session) {
     if (!session.logs.empty()) return beginLog(session);
     session.stream = Live{};
+    session.ahead = false;
+    host_.releaseCommits(session.id, session.position + 1);
     previews_.forEach([&](const ClientId& author, const SharedBytes& frame) {
         if (author != session.client) host_.send(session.id, frame);
     });
@@ -75,6 +166,7 @@ void Project::Impl::requestLog(Session& session, const RequestLog& request) {
 void Project::Impl::beginLog(Session& session) {
     const RequestLog request = session.logs.front();
     session.logs.pop_front();
+    if (session.isLive()) session.ahead = host_.holdCommits(session.id);
     session.stream = SendingLog{request.request, request.from, request.to};
     send(session, LogBegin{request.request});
 }
@@ -133,12 +225,12 @@ void Project::Impl::commitsRead(SessionId id, Result<std::vector<StoredCommit>> 
 void Project::Impl::streamRead(Session& session, Result<std::vector<StoredCommit>> commits) {
     if (!session.isGreeted()) return;
     if (!commits) return close(session, commits.error());
-    for (const StoredCommit& commit : *commits) {
-        if (!session.isGreeted()) return;  // an answer on the way closed it
+    for (StoredCommit& commit : *commits) {
         auto stub = importStub(withoutLength(commit.frame), commit.hash);
         if (!stub) return close(session, stub.error());
-        sendPast(session, *stub ? std::make_shared<const Bytes>(std::move(**stub)) : commit.frame);
+        if (*stub) commit.frame = std::make_shared<const Bytes>(std::move(**stub));
     }
+    sendRun(session, *commits);
     pump(session);
 }
 

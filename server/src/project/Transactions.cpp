@@ -40,6 +40,14 @@ bool changesNamespace(const Edit& edit) {
                                    move->name) != edit.address.path;
 }
 
+/// Which edit of the transaction an executed one was.
+std::uint32_t submittedIndex(const Executed& executed, std::size_t index) {
+    auto submitted = std::uint32_t(index);
+    for (const DroppedEdit& dropped : executed.dropped)
+        if (dropped.index <= submitted) ++submitted;
+    return submitted;
+}
+
 }  // namespace
 
 void Project::Impl::submit(Session& session, Transaction transaction, std::size_t bytes) {
@@ -68,6 +76,7 @@ void Project::Impl::work(Session& session) {
 bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
     const Transaction& transaction = queued.transaction;
     Author& author = authors_[session.client];
+    if (storeClosed_ && !isKnown(author, transaction.id.sequence)) return false;
     const auto known = committed(author, transaction.id);
     if (known) {
         ++counters_.duplicates;
@@ -85,8 +94,18 @@ bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
         return true;
     }
     if (!std::get<bool>(ready) || !creationsKnown(session, author, queued)) return false;
+    if (const auto locked = lockObjection(session, transaction)) {
+        refuse(session, transaction, *locked);
+        return true;
+    }
     execute(session, author, queued);
     return true;
+}
+
+/// Can it be told without the store whether it was committed before?
+bool Project::Impl::isKnown(const Author& author, std::uint64_t sequence) {
+    if (author.inFlight.contains(sequence)) return true;
+    return author.lastSequence && sequence > *author.lastSequence;
 }
 
 /// M9. The store is asked only about numbers that it may have seen.
@@ -100,7 +119,7 @@ std::optional<Revision> Project::Impl::committed(Author& author, const Transacti
 std::optional<Refused> Project::Impl::objection(const Author& author,
                                                 const QueuedTransaction& queued) const {
     const Transaction& transaction = queued.transaction;
-    if (storeFailed_)
+    if (storeClosed_)
         return Refused{{ErrorCode::StorageFailed, "the store has failed and is not opened yet"}};
     if (transaction.edits.size() > options_.maxEditsPerTransaction ||
         expandedBytes(author, transaction) + queued.bytes > options_.maxFrameBytes)
@@ -218,13 +237,15 @@ void Project::Impl::learnCreations(Author& author, std::uint64_t sequence,
 
 void Project::Impl::execute(Session& session, Author& author, const QueuedTransaction& queued) {
     // A commit repeats its transaction with every path written out. Where that might not fit into a
-    // frame, the layers are kept as they are until it is known to.
+    // frame, or a locked spec might be among them, the layers are kept as they are until it is
+    // known.
     constexpr std::size_t kMaxPathBytes = 16 * 1024;
     const Transaction& transaction = queued.transaction;
     LayerDocs before;
     const bool mayNotFit =
         queued.bytes + (transaction.edits.size() + 1) * kMaxPathBytes > options_.maxFrameBytes;
-    if (mayNotFit)
+    const bool mindsLocks = mindsSpecLocks(transaction.edits);
+    if (mayNotFit || mindsLocks)
         for (const Edit& edit : transaction.edits)
             before.try_emplace(edit.layer, docs_.at(edit.layer));
 
@@ -234,13 +255,20 @@ void Project::Impl::execute(Session& session, Author& author, const QueuedTransa
         usdlive::execute(docs_, history_.log(), author.creations, transaction, executed_ + 1);
     if (const auto* refused = std::get_if<Refused>(&outcome))
         return refuse(session, transaction, *refused);
-    if (commit(session, author, transaction, std::move(std::get<Executed>(outcome)), mark)) return;
+    auto& executed = std::get<Executed>(outcome);
+    Refused why{{ErrorCode::TransactionTooLarge, "the commit would be larger than a frame may be"},
+                0};
+    const auto locked =
+        mindsLocks ? specLockObjection(session.user, executed.edits, before) : std::nullopt;
+    if (locked)
+        why = {locked->second, submittedIndex(executed, locked->first)};
+    else if (commit(session, author, transaction, std::move(executed), mark))
+        return;
 
     for (auto& [layer, doc] : before) docs_[layer] = std::move(doc);
     history_.truncate(mark);
     author.creations.forget(transaction.id.sequence);
-    refuse(session, transaction,
-           {{ErrorCode::TransactionTooLarge, "the commit would be larger than a frame may be"}, 0});
+    refuse(session, transaction, why);
 }
 
 /// M6. The preview its gesture left with others goes, too.

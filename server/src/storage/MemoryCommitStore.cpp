@@ -5,6 +5,7 @@
 #include <mutex>
 #include <utility>
 
+#include "CheckpointRules.h"
 #include "usdlive/common/protocol/Frame.h"
 
 namespace usdlive::server {
@@ -24,7 +25,8 @@ struct StoredNode {
 /// The records of a layer.
 class StoredLayer {
 public:
-    Revision changed = 0, saved = 0;
+    Revision changed = 0;
+    SavedState saved;
 
     void apply(const PutNode& change) {
         nodes_[change.node] = {change.parent, change.order, change.kind, change.name};
@@ -57,6 +59,14 @@ public:
         if (at == samples.end() || at->first != change.time) return;
         samples.erase(at);
         if (samples.empty()) fields.erase(field);
+    }
+
+    void apply(const PutLayer& change) {
+        change.doc.visit([this](const LayerDoc::SpecView& spec) {
+            if (spec.kind != SpecKind::PseudoRoot)
+                nodes_[spec.node] = {spec.parent, spec.order, spec.kind, std::string(spec.name)};
+            for (const auto& [field, value] : *spec.fields) fields_[spec.node][field] = value;
+        });
     }
 
     [[nodiscard]] Result<LayerDoc> load() const {
@@ -104,7 +114,7 @@ public:
     std::vector<NamespaceChange> namespaceChanges;
     std::map<LayerId, StoredLayer> layers;
     std::map<ClientId, std::map<std::uint64_t, Revision>> clients;
-    std::map<std::string, Revision> checkpoints;
+    std::map<std::string, Checkpoint> checkpoints;
 };
 
 namespace {
@@ -144,7 +154,8 @@ public:
         return layersThat([](const StoredLayer&) { return true; });
     }
     [[nodiscard]] Result<std::vector<LayerId>> unsavedLayers() const override {
-        return layersThat([](const StoredLayer& layer) { return layer.changed > layer.saved; });
+        return layersThat(
+            [](const StoredLayer& layer) { return layer.changed > layer.saved.revision; });
     }
     [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) const override {
         const std::lock_guard lock(disk_->mutex);
@@ -153,17 +164,17 @@ public:
         return known->second.load().map(
             [](LayerDoc&& doc) { return std::optional(std::move(doc)); });
     }
-    [[nodiscard]] Result<Revision> savedRevision(const LayerId& layer) const override {
+    [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override {
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
-        return known == disk_->layers.end() ? 0 : known->second.saved;
+        return known == disk_->layers.end() ? SavedState() : known->second.saved;
     }
-    Result<void> setSavedRevision(const LayerId& layer, Revision revision) override {
+    Result<void> setSaved(const LayerId& layer, const SavedState& saved) override {
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end())
             return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
-        known->second.saved = revision;
+        known->second.saved = saved;
         return {};
     }
     [[nodiscard]] Result<std::vector<NamespaceChange>> namespaceChanges(
@@ -188,16 +199,18 @@ public:
         if (client == disk_->clients.end() || client->second.empty()) return 0;
         return client->second.rbegin()->first;
     }
-    Result<void> setCheckpoint(const std::string& name, Revision revision) override {
+    Result<void> addCheckpoint(const Checkpoint& checkpoint) override {
         const std::lock_guard lock(disk_->mutex);
-        disk_->checkpoints[name] = revision;
+        const bool known = disk_->checkpoints.contains(checkpoint.name);
+        if (auto may = mayAdd(checkpoint, disk_->head.revision, known); !may) return may;
+        disk_->checkpoints.emplace(checkpoint.name, checkpoint);
         return {};
     }
-    [[nodiscard]] Result<std::vector<std::pair<std::string, Revision>>> checkpoints()
-        const override {
+    [[nodiscard]] Result<std::vector<Checkpoint>> checkpoints() const override {
         const std::lock_guard lock(disk_->mutex);
-        return std::vector<std::pair<std::string, Revision>>(disk_->checkpoints.begin(),
-                                                             disk_->checkpoints.end());
+        std::vector<Checkpoint> all;
+        for (const auto& [name, checkpoint] : disk_->checkpoints) all.push_back(checkpoint);
+        return all;
     }
     [[nodiscard]] bool hasSpace() const override { return true; }
 
@@ -244,7 +257,10 @@ private:
                     layer.changed = commit.revision;
                 },
                 change);
-        if (commit.imported) disk_->layers[*commit.imported].saved = commit.revision;
+        if (commit.saved) {
+            SavedState& saved = disk_->layers[commit.saved->layer].saved;
+            if (commit.saved->state.revision >= saved.revision) saved = commit.saved->state;
+        }
         auto& numbers = disk_->clients[commit.id.client];
         numbers[commit.id.sequence] = commit.revision;
         const std::uint64_t last = numbers.rbegin()->first;

@@ -9,8 +9,10 @@
 #include <cstring>
 #include <map>
 #include <mutex>
+#include <set>
 #include <shared_mutex>
 
+#include "CheckpointRules.h"
 #include "FreeSpace.h"
 #include "RocksSupport.h"
 #include "RocksTuning.h"
@@ -44,9 +46,9 @@ constexpr std::uint64_t kLongLogBytes = 4 * kMib;
 constexpr const char* kHeadKey = "head";    // revision, hash
 constexpr const char* kEpochKey = "epoch";  // u64
 constexpr char kLayerPrefix = 'L';          // name -> number
-constexpr char kChangedPrefix = 'C';        // number -> revision
-constexpr char kSavedPrefix = 'S';          // number -> revision
-constexpr char kCheckpointPrefix = 'K';     // name -> revision
+constexpr char kChangedPrefix = 'C';        // number -> revision, file
+constexpr char kSavedPrefix = 'S';          // number -> revision, file
+constexpr char kCheckpointPrefix = 'K';     // name -> revision, time, user
 constexpr char kNamespacePrefix = 'N';      // revision -> its moves and deletes
 // In `state`, in front of all layers: the revision that the state is of.
 const std::string kStateRevisionKey(storekeys::kLayerBytes, '\0');
@@ -76,6 +78,64 @@ Hash hashOf(ByteView bytes) {
     Hash hash;
     std::ranges::copy(bytes.first(kHashBytes), hash.bytes.begin());
     return hash;
+}
+
+constexpr std::uint8_t kHasFile = 1, kHasComing = 2;
+
+Bytes encodedSaved(const SavedState& saved) {
+    Bytes bytes = encoded<Revision>(saved.revision);
+    appendNumber<std::uint8_t>(bytes,
+                               (saved.file ? kHasFile : 0) | (saved.coming ? kHasComing : 0));
+    if (saved.file) {
+        const auto& [trace, hash] = *saved.file;
+        appendNumber<std::uint64_t>(bytes, trace.size);
+        appendNumber<std::uint64_t>(bytes, trace.inode);
+        appendNumber<std::int64_t>(bytes, trace.modifiedNs);
+        appendNumber<std::int64_t>(bytes, trace.changedNs);
+        appendBytes(bytes, hash.bytes);
+    }
+    if (saved.coming) {
+        appendNumber<Revision>(bytes, saved.coming->revision);
+        appendBytes(bytes, saved.coming->hash.bytes);
+    }
+    return bytes;
+}
+std::optional<SavedState> decodedSaved(ByteView bytes) {
+    ByteReader in(bytes);
+    SavedState saved;
+    saved.revision = in.u64();
+    const std::uint8_t has = in.left() > 0 ? in.u8() : 0;  // a store of before has no more
+    const auto hash = [&] {
+        const ByteView bytes = in.take(kHashBytes);
+        return bytes.empty() ? Hash() : hashOf(bytes);
+    };
+    if (has & kHasFile) {
+        FileStamp& file = saved.file.emplace();
+        file.trace.size = in.u64();
+        file.trace.inode = in.u64();
+        file.trace.modifiedNs = in.i64();
+        file.trace.changedNs = in.i64();
+        file.hash = hash();
+    }
+    if (has & kHasComing) {
+        const Revision revision = in.u64();
+        saved.coming = SavedState::Coming{revision, hash()};
+    }
+    return in.finished() ? std::optional(saved) : std::nullopt;
+}
+
+Bytes encodedCheckpoint(const Checkpoint& checkpoint) {
+    Bytes bytes = encoded<Revision>(checkpoint.revision);
+    appendNumber<std::uint64_t>(bytes, checkpoint.timeMs);
+    appendText(bytes, checkpoint.user.value);
+    return bytes;
+}
+std::optional<Checkpoint> decodedCheckpoint(std::string_view name, ByteView bytes) {
+    ByteReader in(bytes);
+    Checkpoint checkpoint{std::string(name), in.u64(), {}, 0};
+    checkpoint.timeMs = in.u64();
+    checkpoint.user.value = in.text();
+    return in.finished() ? std::optional(std::move(checkpoint)) : std::nullopt;
 }
 
 ByteView withoutLength(ByteView frame) { return frame.subspan(kFrameLengthBytes); }
@@ -126,23 +186,23 @@ public:
     [[nodiscard]] Result<Hash> hashAt(Revision revision) const override;
     [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
     [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) const override;
-    [[nodiscard]] Result<Revision> savedRevision(const LayerId& layer) const override;
-    Result<void> setSavedRevision(const LayerId& layer, Revision revision) override;
+    [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override;
+    Result<void> setSaved(const LayerId& layer, const SavedState& saved) override;
     [[nodiscard]] Result<std::vector<LayerId>> unsavedLayers() const override;
     [[nodiscard]] Result<std::vector<NamespaceChange>> namespaceChanges(
         Revision revision) const override;
     [[nodiscard]] Result<std::optional<Revision>> committed(
         const TransactionId& transaction) const override;
     [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const override;
-    Result<void> setCheckpoint(const std::string& name, Revision revision) override;
-    [[nodiscard]] Result<std::vector<std::pair<std::string, Revision>>> checkpoints()
-        const override;
+    Result<void> addCheckpoint(const Checkpoint& checkpoint) override;
+    [[nodiscard]] Result<std::vector<Checkpoint>> checkpoints() const override;
     [[nodiscard]] bool hasSpace() const override;
 
 private:
     struct Layer {
         std::uint32_t number = 0;
-        Revision changed = 0, saved = 0;
+        Revision changed = 0;
+        SavedState saved;
     };
     using Layers = std::map<LayerId, Layer>;
     /// What one append() writes, and what it makes of the values in memory.
@@ -151,6 +211,7 @@ private:
         rocksdb::WriteBatch batch;
         Head head;
         Layers layers;                              // those that the group touches
+        std::set<LayerId> saved;                    // those that it brings in from their files
         std::map<ClientId, std::uint64_t> clients;  // the highest numbers of their transactions
     };
 
@@ -159,6 +220,7 @@ private:
     Result<void> openDatabase();
     Result<void> readHead();
     Result<void> readLayers();
+    [[nodiscard]] Result<SavedState> readSaved(std::uint32_t layer) const;
     Result<void> verify() const;
     Result<void> verifyMark() const;
     Result<void> verifyChain() const;
@@ -296,13 +358,24 @@ Result<void> RocksCommitStore::readLayers() {
     if (!read) return read;
     for (auto& [name, layer] : layers_) {
         const auto changed = number<Revision>(Family::Meta, key(kChangedPrefix, layer.number));
-        const auto saved = number<Revision>(Family::Meta, key(kSavedPrefix, layer.number));
+        auto saved = readSaved(layer.number);
         if (!changed) return tl::unexpected(changed.error());
         if (!saved) return tl::unexpected(saved.error());
         layer.changed = changed->value_or(0);
-        layer.saved = saved->value_or(0);
+        layer.saved = std::move(*saved);
     }
     return {};
+}
+
+Result<SavedState> RocksCommitStore::readSaved(std::uint32_t layer) const {
+    std::string value;
+    const auto status =
+        db_->Get(rocksdb::ReadOptions(), family(Family::Meta), key(kSavedPrefix, layer), &value);
+    if (status.IsNotFound()) return SavedState();
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    auto saved = decodedSaved(asBytes(value));
+    if (!saved) return damaged("what it says of a saved layer cannot be read");
+    return std::move(*saved);
 }
 
 Result<void> RocksCommitStore::verify() const {
@@ -409,8 +482,10 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
     head_ = group.head;
     for (auto& [name, layer] : group.layers) {
         // Somebody may have saved it meanwhile.
-        const Revision saved = std::max(layers_[name].saved, layer.saved);
-        layers_[name] = {layer.number, layer.changed, saved};
+        Layer& known = layers_[name];
+        const bool isNew = group.saved.contains(name);
+        if (!isNew || known.saved.revision > layer.saved.revision) layer.saved = known.saved;
+        known = layer;
     }
     if (group.batch.GetDataSize() > kLongLogBytes) flushSoon();
     return {};
@@ -451,7 +526,11 @@ Result<void> RocksCommitStore::addTo(Group& group, StateWriter& state, const Com
         state.add(layer.number, !layers_.contains(name), change);
         layer.changed = commit.revision;
     }
-    if (commit.imported) layerOf(group, *commit.imported).saved = commit.revision;
+    if (commit.saved) {
+        Layer& layer = layerOf(group, commit.saved->layer);
+        if (commit.saved->state.revision >= layer.saved.revision) layer.saved = commit.saved->state;
+        group.saved.insert(commit.saved->layer);
+    }
     if (!commit.namespaceChanges.empty())
         group.batch.Put(family(Family::Meta), key(kNamespacePrefix, commit.revision),
                         slice(encoded(commit.namespaceChanges)));
@@ -472,7 +551,7 @@ RocksCommitStore::Layer& RocksCommitStore::layerOf(Group& group, const LayerId& 
     const auto [entry, added] = group.layers.try_emplace(name);
     if (!added) return entry->second;
     if (const auto known = layers_.find(name); known != layers_.end()) {
-        const std::shared_lock lock(mutex_);  // of setSavedRevision()
+        const std::shared_lock lock(mutex_);  // of setSaved()
         return entry->second = known->second;
     }
     // No layer is ever taken out, so their count is the highest number.
@@ -510,16 +589,16 @@ void RocksCommitStore::finish(Group& group) {
     for (const auto& [client, end] : group.clients)
         group.batch.Put(family(Family::Clients), storekeys::transaction(client, 0),
                         slice(encoded<std::uint64_t>(end)));
-    const std::shared_lock lock(mutex_);  // of setSavedRevision()
+    const std::shared_lock lock(mutex_);  // of setSaved()
     for (const auto& [name, layer] : group.layers) {
         const auto known = layers_.find(name);
         const Layer before = known == layers_.end() ? Layer() : known->second;
         if (layer.changed != before.changed)
             group.batch.Put(family(Family::Meta), key(kChangedPrefix, layer.number),
                             slice(encoded<Revision>(layer.changed)));
-        if (layer.saved > before.saved)
+        if (group.saved.contains(name) && layer.saved.revision >= before.saved.revision)
             group.batch.Put(family(Family::Meta), key(kSavedPrefix, layer.number),
-                            slice(encoded<Revision>(layer.saved)));
+                            slice(encodedSaved(layer.saved)));
     }
     Bytes head = encoded<Revision>(group.head.revision);
     appendBytes(head, group.head.hash.bytes);
@@ -683,13 +762,13 @@ Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer
     });
 }
 
-Result<Revision> RocksCommitStore::savedRevision(const LayerId& layer) const {
+Result<SavedState> RocksCommitStore::saved(const LayerId& layer) const {
     const std::shared_lock lock(mutex_);
     const auto known = layers_.find(layer);
-    return known == layers_.end() ? 0 : known->second.saved;
+    return known == layers_.end() ? SavedState() : known->second.saved;
 }
 
-Result<void> RocksCommitStore::setSavedRevision(const LayerId& layer, Revision revision) {
+Result<void> RocksCommitStore::setSaved(const LayerId& layer, const SavedState& saved) {
     std::uint32_t number = 0;
     {
         const std::shared_lock lock(mutex_);
@@ -699,14 +778,14 @@ Result<void> RocksCommitStore::setSavedRevision(const LayerId& layer, Revision r
         number = known->second.number;
     }
     rocksdb::WriteBatch batch;
-    batch.Put(family(Family::Meta), key(kSavedPrefix, number), slice(encoded<Revision>(revision)));
+    batch.Put(family(Family::Meta), key(kSavedPrefix, number), slice(encodedSaved(saved)));
     const auto written =
         checkFailed().and_then([&] { return checkSpace(batch.GetDataSize()); }).and_then([&] {
             return write(batch);
         });
     if (!written) return written;
     const std::unique_lock lock(mutex_);
-    layers_[layer].saved = revision;
+    layers_[layer].saved = saved;
     return {};
 }
 
@@ -714,7 +793,7 @@ Result<std::vector<LayerId>> RocksCommitStore::unsavedLayers() const {
     const std::shared_lock lock(mutex_);
     std::vector<LayerId> names;
     for (const auto& [name, layer] : layers_)
-        if (layer.changed > layer.saved) names.push_back(name);
+        if (layer.changed > layer.saved.revision) names.push_back(name);
     return names;
 }
 
@@ -741,21 +820,25 @@ Result<std::uint64_t> RocksCommitStore::lastSequence(const ClientId& client) con
         .map([](const auto& last) { return last.value_or(0); });
 }
 
-Result<void> RocksCommitStore::setCheckpoint(const std::string& name, Revision revision) {
+Result<void> RocksCommitStore::addCheckpoint(const Checkpoint& checkpoint) {
+    const std::string at = key(kCheckpointPrefix, checkpoint.name);
+    std::string known;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Meta), at, &known);
+    if (!status.ok() && !status.IsNotFound()) return tl::unexpected(error(status, "read"));
+    if (auto may = mayAdd(checkpoint, head().revision, status.ok()); !may) return may;
     rocksdb::WriteBatch batch;
-    batch.Put(family(Family::Meta), key(kCheckpointPrefix, name),
-              slice(encoded<Revision>(revision)));
+    batch.Put(family(Family::Meta), at, slice(encodedCheckpoint(checkpoint)));
     return checkFailed().and_then([&] { return checkSpace(batch.GetDataSize()); }).and_then([&] {
         return write(batch);
     });
 }
 
-Result<std::vector<std::pair<std::string, Revision>>> RocksCommitStore::checkpoints() const {
-    std::vector<std::pair<std::string, Revision>> all;
+Result<std::vector<Checkpoint>> RocksCommitStore::checkpoints() const {
+    std::vector<Checkpoint> all;
     const auto read = each(kCheckpointPrefix, {}, [&](std::string_view name, ByteView value) {
-        const auto revision = decoded<Revision>(value);
-        if (revision) all.emplace_back(name, *revision);
-        return revision.has_value();
+        auto checkpoint = decodedCheckpoint(name, value);
+        if (checkpoint) all.push_back(std::move(*checkpoint));
+        return checkpoint.has_value();
     });
     if (!read) return tl::unexpected(read.error());
     return all;

@@ -29,6 +29,8 @@ rocksdb::ColumnFamilyOptions familyOptions(const std::shared_ptr<rocksdb::Cache>
     rocksdb::ColumnFamilyOptions options;
     options.table_factory.reset(rocksdb::NewBlockBasedTableFactory(table));
     options.write_buffer_size = kWriteBufferBytes;
+    // Writing goes on while the tables of a large import are written, which takes seconds.
+    options.max_write_buffer_number = 8;
     options.compression = rocksdb::kLZ4Compression;
     options.bottommost_compression = rocksdb::kZSTD;
     // Bounds the disk that one compaction needs beside what is there.

@@ -5,6 +5,7 @@
 
 #include <memory>
 #include <string>
+#include <string_view>
 #include <unordered_map>
 #include <unordered_set>
 #include <vector>
@@ -37,7 +38,11 @@ private:
     void put(std::uint32_t layer, const EraseField& change);
     void put(std::uint32_t layer, const PutSample& change);
     void put(std::uint32_t layer, const EraseSample& change);
+    void put(std::uint32_t layer, const PutLayer& change);
 
+    void putNode(std::uint32_t layer, NodeId node, NodeId parent, std::uint64_t order,
+                 SpecKind kind, std::string_view name);
+    void putField(const std::string& key, const FieldValue& value);
     void putSamples(const std::string& field, const TimeSamples& samples);
     void eraseSamples(const std::string& field);
     void eraseFields(std::uint32_t layer, NodeId first, NodeId last);
@@ -48,6 +53,7 @@ private:
     rocksdb::ColumnFamilyHandle* state_;
     rocksdb::WriteBatch& batch_;
     std::unordered_map<std::uint32_t, Written> written_;
+    Bytes value_;                                    // of the record being made
     std::unordered_set<std::string> sampledFields_;  // those of which the batch holds samples
     std::unique_ptr<rocksdb::Iterator> iterator_;    // over what was there before the batch
     rocksdb::Status status_;

@@ -26,12 +26,31 @@ void StateWriter::add(std::uint32_t layer, bool fresh, const StateChange& change
 }
 
 void StateWriter::put(std::uint32_t layer, const PutNode& change) {
-    Bytes value;
-    appendNumber<NodeId>(value, change.parent);
-    appendNumber<std::uint64_t>(value, change.order);
-    appendNumber<std::uint8_t>(value, std::uint8_t(change.kind));
-    appendText(value, change.name);
-    batch_.Put(state_, storekeys::node(layer, change.node), slice(value));
+    putNode(layer, change.node, change.parent, change.order, change.kind, change.name);
+}
+
+void StateWriter::putNode(std::uint32_t layer, NodeId node, NodeId parent, std::uint64_t order,
+                          SpecKind kind, std::string_view name) {
+    value_.clear();
+    appendNumber<NodeId>(value_, parent);
+    appendNumber<std::uint64_t>(value_, order);
+    appendNumber<std::uint8_t>(value_, std::uint8_t(kind));
+    appendText(value_, name);
+    batch_.Put(state_, storekeys::node(layer, node), slice(value_));
+}
+
+// As RocksDB sorts the records, which takes them in much faster so.
+void StateWriter::put(std::uint32_t layer, const PutLayer& change) {
+    LayerDoc::Walk nodes(change.doc);
+    while (const auto* spec = nodes.next())
+        if (spec->kind != SpecKind::PseudoRoot)
+            putNode(layer, spec->node, spec->parent, spec->order, spec->kind, spec->name);
+    LayerDoc::Walk fields(change.doc);
+    while (const auto* spec = fields.next()) {
+        if (!spec->fields->empty()) noteFields(layer, spec->node);
+        for (const auto& [field, value] : *spec->fields)
+            putField(storekeys::field(layer, spec->node, field), value);
+    }
 }
 
 void StateWriter::put(std::uint32_t layer, const EraseNodes& change) {
@@ -51,10 +70,14 @@ void StateWriter::put(std::uint32_t layer, const PutField& change) {
     const std::string field = storekeys::field(layer, change.node, change.field);
     if (change.hadSamples) eraseSamples(field);
     noteFields(layer, change.node);
-    if (const auto* samples = change.value.as<TimeSamples>()) return putSamples(field, *samples);
-    Bytes value{std::uint8_t(FieldTag::Whole)};
-    encodeFieldValue(change.value, value);
-    batch_.Put(state_, field, slice(value));
+    putField(field, change.value);
+}
+
+void StateWriter::putField(const std::string& key, const FieldValue& value) {
+    if (const auto* samples = value.as<TimeSamples>()) return putSamples(key, *samples);
+    value_.assign(1, std::uint8_t(FieldTag::Whole));
+    encodeFieldValue(value, value_);
+    batch_.Put(state_, key, slice(value_));
 }
 
 void StateWriter::put(std::uint32_t layer, const EraseField& change) {
@@ -78,11 +101,10 @@ void StateWriter::putSamples(const std::string& field, const TimeSamples& sample
     batch_.Put(state_, field,
                tag(samples.samples.empty() ? FieldTag::NoSamples : FieldTag::Samples));
     if (!samples.samples.empty()) sampledFields_.insert(field);
-    Bytes value;
     for (const auto& [time, content] : samples.samples) {
-        value.clear();
-        encodeFieldValue(content, value);
-        batch_.Put(state_, storekeys::sample(field, time), slice(value));
+        value_.clear();
+        encodeFieldValue(content, value_);
+        batch_.Put(state_, storekeys::sample(field, time), slice(value_));
     }
 }
 

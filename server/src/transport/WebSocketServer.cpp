@@ -57,6 +57,7 @@ public:
 
     std::uint16_t port() const override { return endpoint_.port(); }
     bool isLoopback() const override { return endpoint_.address().is_loopback(); }
+    std::string_view name() const override { return "websocket"; }
     const TransportCounters& counters() const override { return Hub::counters; }
 
     void send(SessionId session, SharedBytes frames) override {

@@ -176,15 +176,14 @@ public:
     }
 
     bool congested() override {
-        if (state_ != State::Open || queuedBytes() <= WebSocketServer::kCongestedBytes)
-            return false;
+        if (state_ != State::Open || queuedBytes() <= Transport::kCongestedBytes) return false;
         tellDrained_ = true;
         return true;
     }
 
     void sendBeside(FrameSource source) override {
         if (state_ != State::Open) return;
-        if (sources_.size() >= WebSocketServer::kMaxSources)
+        if (sources_.size() >= Transport::kMaxSources)
             return tooSlow("more was asked for at once than a connection may have");
         sources_.push_back(std::make_shared<FrameSource>(std::move(source)));
         produce();
@@ -334,7 +333,7 @@ private:
         hub_.counters.bytesOut += batch_.bytes();
         hub_.counters.queuedBytes -= batch_.bytes();
         batch_.clear();
-        if (tellDrained_ && queuedBytes() <= WebSocketServer::kCongestedBytes) {
+        if (tellDrained_ && queuedBytes() <= Transport::kCongestedBytes) {
             tellDrained_ = false;
             guarded([this] { hub_.handler.drained(id_); });
         }
@@ -344,7 +343,7 @@ private:
 
     void produce() {
         if (state_ != State::Open || producing_ || sources_.empty()) return;
-        if (queuedBytes() > WebSocketServer::kBesideBytes) return;  // onWritten() comes back
+        if (queuedBytes() > Transport::kBesideBytes) return;  // onWritten() comes back
         producing_ = true;
         auto source = std::move(sources_.front());
         sources_.pop_front();

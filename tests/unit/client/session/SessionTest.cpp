@@ -416,6 +416,40 @@ TEST_F(SessionTest, M9AnEditThatIsLostMeanwhileKeepsThePlaceOfTheOthers) {
     EXPECT_TRUE(peer.agrees());
 }
 
+TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
+    joinShot();
+    peer.author({authored("/A", setText("comment", "in vain")), authored("/B", createPrim())});
+    peer.advance();
+    const Transaction own = peer.takeTransaction();
+    peer.commit(peer.foreign({edit("/A", DeleteSpec{})}));
+    const Revision revision = peer.commit(own).revision;
+    for (int times = 0; times < 2; ++times) {  // the line breaks once more before the log comes
+        peer.session.disconnected({ErrorCode::NotConnected, "away"});
+        peer.session.connected();
+        peer.deliver(peer.welcomeMessage(false));
+        peer.advance();
+        peer.sendSnapshot(*peer.takeControl<OpenLayer>());
+        peer.advance();
+        if (times == 0) peer.deliver(AlreadyCommitted{own.id.sequence, revision});
+        peer.advance();
+        EXPECT_EQ(peer.session.pendingTransactions(), 1u);
+    }
+    const auto request = peer.takeControl<RequestLog>();
+    ASSERT_TRUE(request);
+    EXPECT_EQ(request->from, revision);
+    EXPECT_EQ(request->to, revision);
+    peer.deliver(LogBegin{request->request});
+    peer.tell(revision);
+    peer.deliver(LogEnd{request->request});
+    peer.advance();
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    ASSERT_EQ(lost[0].work.edits.size(), 1u);
+    EXPECT_EQ(lost[0].work.edits[0].path, "/A");
+    EXPECT_TRUE(peer.agrees());
+}
+
 TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
     joinShot();
     authorComment("/A", "mine");
@@ -467,6 +501,58 @@ TEST_F(SessionTest, ACommitThatDoesNotFollowEndsTheConnection) {
     ASSERT_EQ(errors.size(), 1u);
     EXPECT_TRUE(errors[0].message.closing);
     EXPECT_FALSE(peer.session.isConnected());
+}
+
+TEST_F(SessionTest, WhatWasOnItsWayThenIsAskedForAgain) {
+    peer.connect();
+    peer.session.openLayer(kShot);
+    peer.advance();
+    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
+    Commit stray = peer.commit(peer.foreign({edit("/A", createPrim())}));
+    stray.previous = sha256(asBytes("another history"));
+    peer.deliver(CommitFrame{stray});
+    peer.advance();
+    EXPECT_FALSE(peer.session.isConnected());
+    EXPECT_FALSE(peer.session.isJoined(kShot)) << "as of a revision that nothing follows";
+    peer.session.disconnected({ErrorCode::NotConnected, "it was closed"});
+    peer.connect();
+    peer.advance();
+    const auto open = peer.takeControl<OpenLayer>();
+    ASSERT_TRUE(open);
+    peer.sendSnapshot(*open);
+    peer.advance();
+    EXPECT_TRUE(peer.session.isJoined(kShot));
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_TRUE(peer.editor.at(kShot).has("/A"));
+}
+
+TEST_F(SessionTest, CP1ACheckpointIsAnsweredOrItIsSaidWhyNot) {
+    const auto offline = peer.session.createCheckpoint("lunch");
+    peer.advance();
+    EXPECT_EQ(peer.eventsOf<event::ServerError>().at(0).message.request, offline);
+    joinShot();
+    const auto first = peer.session.createCheckpoint("lunch");
+    EXPECT_EQ(*peer.takeControl<CreateCheckpoint>(), (CreateCheckpoint{first, "lunch"}));
+    const Checkpoint lunch{"lunch", 1, {"ada"}, 7};
+    peer.deliver(CheckpointCreated{first, lunch});
+    peer.advance();
+    const auto made = peer.eventsOf<event::CheckpointMade>();
+    ASSERT_EQ(made.size(), 1u);
+    EXPECT_EQ(made[0].answer, (CheckpointCreated{first, lunch}));
+    const auto listing = peer.session.listCheckpoints();
+    peer.deliver(Checkpoints{listing, {lunch}});
+    const auto again = peer.session.createCheckpoint("lunch");
+    peer.deliver(ErrorMessage{"checkpointExists", "there is one", false, again, {}});
+    const auto cut = peer.session.createCheckpoint("dinner");
+    peer.advance();
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.advance();
+    EXPECT_EQ(peer.eventsOf<event::CheckpointsListed>().at(0).answer.checkpoints,
+              std::vector{lunch});
+    std::vector<std::uint64_t> failed;
+    for (const auto& error : peer.eventsOf<event::ServerError>())
+        failed.push_back(error.message.request.value_or(0));
+    EXPECT_EQ(failed, (std::vector{again, cut})) << "each once";
 }
 
 TEST_F(SessionTest, AnOlderEpochIsNotBelieved) {

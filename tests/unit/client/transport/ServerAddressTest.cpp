@@ -39,12 +39,41 @@ TEST(ServerAddress, DecodesPercentsBothWays) {
     EXPECT_EQ(address->url(), "ws://h:7447/my%20shot/100%25.usda");
 }
 
+TEST(ServerAddress, ReadsProjectsOverDds) {
+    const auto all = parseServerAddress("dds://");
+    ASSERT_TRUE(all);
+    EXPECT_TRUE(all->dds && all->project.empty());
+    const auto layer = parseServerAddress("dds://my%20shot/sets/a.usda");
+    ASSERT_TRUE(layer);
+    EXPECT_TRUE(layer->dds);
+    EXPECT_EQ(layer->project, "my shot");
+    EXPECT_EQ(layer->layer, "sets/a.usda");
+    EXPECT_EQ(layer->url(), "dds://my%20shot/sets/a.usda");
+    EXPECT_FALSE(parseServerAddress("ws://h")->dds);
+}
+
 TEST(ServerAddress, SaysWhatIsWrong) {
-    for (const std::string text :
-         {"", "127.0.0.1:7447", "http://h", "ws://", "ws://:7447", "ws://h:", "ws://h:0",
-          "ws://h:65536", "ws://h:12x", "ws://[::1", "ws://[::1]7", "ws://a b/", "ws://u@h/",
-          "ws://h/../a.usda", "ws://h//a.usda", "ws://h/notes.txt", "ws://h/%zz.usda",
-          "ws://h/a%2"}) {
+    for (const std::string text : {"",
+                                   "127.0.0.1:7447",
+                                   "http://h",
+                                   "ws://",
+                                   "ws://:7447",
+                                   "ws://h:",
+                                   "ws://h:0",
+                                   "ws://h:65536",
+                                   "ws://h:12x",
+                                   "ws://[::1",
+                                   "ws://[::1]7",
+                                   "ws://a b/",
+                                   "ws://u@h/",
+                                   "ws://h/../a.usda",
+                                   "ws://h//a.usda",
+                                   "ws://h/notes.txt",
+                                   "ws://h/%zz.usda",
+                                   "ws://h/a%2",
+                                   "dds:///a.usda",
+                                   "dds://p/../a.usda",
+                                   "dds://%zz"}) {
         const auto address = parseServerAddress(text);
         ASSERT_FALSE(address) << text;
         EXPECT_EQ(address.error().code, ErrorCode::InvalidArgument) << text;

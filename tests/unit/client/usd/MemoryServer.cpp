@@ -174,10 +174,9 @@ void MemoryServer::writeBlob(server::SessionId session, BlobFrame part) {
 
 void MemoryServer::saveLayers(server::SessionId session, std::uint64_t request,
                               std::vector<SaveJob> jobs) {
-    LayersSaved outcome;
-    outcome.request = request;
+    server::SaveOutcome outcome;
     for (auto& job : jobs) {
-        outcome.saved.push_back(job.layer);
+        outcome.saved.emplace_back(job.layer, server::FileStamp());
         saved.push_back(job.layer);
         files[job.layer] = std::move(job.doc);
     }

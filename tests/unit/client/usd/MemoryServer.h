@@ -28,7 +28,7 @@ public:
         return *project_->layer(layer);
     }
     [[nodiscard]] Revision head() const { return commits_.size(); }
-    void setLayers(std::vector<LayerId> layers) { project_->setLayers(std::move(layers)); }
+    void setFiles(const std::vector<server::LayerFile>& files) { project_->setFiles(files); }
 
     std::map<LayerId, LayerDoc> files;
     std::map<Hash, Bytes> blobs;

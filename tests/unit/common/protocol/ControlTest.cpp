@@ -14,7 +14,7 @@ void expectRoundTrip(const ControlMessage& message) {
 }
 
 TEST(Control, EveryMessageComesBackAsItWas) {
-    Hello hello{2, 1, {"a", "b"}, {"0123456789abcdef0123456789abcdef"}, {"Zoë"}, "usdview", {}};
+    Hello hello{2, 1, {"a", "b"}, {"0123456789abcdef0123456789abcdef"}, {"Zoë"}, "usdview", {}, {}};
     expectRoundTrip(hello);
     hello.resume = Hello::Resume{3, 1ull << 60, kHash};
     expectRoundTrip(hello);
@@ -27,11 +27,41 @@ TEST(Control, EveryMessageComesBackAsItWas) {
     expectRoundTrip(RequestBlob{kHash, 1ull << 33});
     expectRoundTrip(BlobStored{kHash});
     expectRoundTrip(AlreadyCommitted{4, 9});
-    expectRoundTrip(SaveLayers{6, {{"a.usda"}}});
+    expectRoundTrip(SaveLayers{6, {{"a.usda"}}, {}});
+    expectRoundTrip(SaveLayers{6, {}, true});
+    const Checkpoint lunch{"before lunch", 7, {"Zoë"}, 1'700'000'000'000};
+    expectRoundTrip(CreateCheckpoint{8, "before lunch"});
+    expectRoundTrip(CheckpointCreated{8, lunch});
+    expectRoundTrip(ListCheckpoints{9});
+    expectRoundTrip(Checkpoints{9, {lunch, {"later", 8, {}, 0}}});
+    expectRoundTrip(ReloadLayers{8, {{"a.usda"}}});
+    expectRoundTrip(LayersReloaded{8, 9, {{"a.usda"}}, {{{"b.usda"}, "locked", "by Zoë"}}});
     expectRoundTrip(LayersSaved{6, 9, {{"a.usda"}}, {{{"b.usda"}, "saveFailed", "no space"}}});
     expectRoundTrip(RequestLog{7, 1, 0});
     expectRoundTrip(LogBegin{7});
     expectRoundTrip(LogEnd{7});
+    hello.open = {{{"a.usda"}, {"s/b.usdc"}}};
+    expectRoundTrip(hello);
+    LayerState plain;
+    plain.layer = {"b.usda"};
+    expectRoundTrip(LayerStates{{{{"a.usda"},
+                                  9,
+                                  7,
+                                  true,
+                                  true,
+                                  true,
+                                  false,
+                                  "ada",
+                                  true,
+                                  {"Zoë"},
+                                  1'700'000'000'000,
+                                  {{"a"}, {"b"}}},
+                                 plain}});
+    const std::vector<double> camera(16, 0.1);
+    const Presence presence{{"c"},  {"ada"}, "usdview", {"/A", "/B.x"},
+                            camera, 24.5,    "a.usda",  "{}"};
+    expectRoundTrip(ShowPresence{presence});
+    expectRoundTrip(Presences{{presence, Presence()}, {{"gone"}}});
     expectRoundTrip(ErrorMessage{"internal", "fault", true, {}, {}});
     expectRoundTrip(ErrorMessage{"blobNotFound", "gone", false, 7, kHash});
 }
@@ -85,7 +115,7 @@ TEST(Control, LN1NamesThatLeadOutAreTold) {
 }
 
 TEST(Control, LengthsAreBounded) {
-    Hello hello{1, 1, {}, {"c"}, {std::string(300, 'u')}, "", {}};
+    Hello hello{1, 1, {}, {"c"}, {std::string(300, 'u')}, "", {}, {}};
     EXPECT_FALSE(decodeControl(encodeControl(hello)));
     ErrorMessage error{"internal", std::string(1'000'000, 'x'), false, {}, {}};
     const auto decoded = decodeControl(encodeControl(error));  // cut when it is written

@@ -70,21 +70,42 @@ TEST(Frame, CH2ImportStubDropsTheEditsOfAnImportOnly) {
     EXPECT_FALSE(importStub(asBytes("nonsense nonsense"), {}));
 }
 
-TEST(Frame, ACommitIsStampedAsIfEncodedWhenItsTurnHadCome) {
+TEST(Frame, AnImportMakesTheWholeLayer) {
+    LayerDoc doc;
+    std::string path = "/" + std::string(150, 'L');  // of those that are not shared (FR7)
+    for (const std::string& prim : {std::string("/A"), path}) {
+        ASSERT_TRUE(doc.apply(prim, CreateSpec{SpecKind::Prim}));
+        for (int number = 0; number < 20; ++number) {
+            const std::string attribute = prim + ".a" + std::to_string(number);
+            ASSERT_TRUE(doc.apply(attribute, CreateSpec{SpecKind::Attribute}));
+            ASSERT_TRUE(doc.apply(attribute, SetField{"default", {}, doubleValue(number)}));
+            ASSERT_TRUE(
+                doc.apply(attribute, SetField{"timeSamples", SampleTime{1}, doubleValue(number)}));
+        }
+    }
+    ASSERT_TRUE(doc.apply("/", SetField{"comment", {}, stringValue("whole")}));
+    const LayerId layer{"shot/a.usda"};
+    auto import = encodeImport(layer, doc, 1 << 20);
+    ASSERT_TRUE(import);
     CommitFrame frame{sampleCommit()};
     frame.commit.timeMs = 1'700'000'000'000;
-    const Bytes direct = encodeFrame(frame);
-    CommitFrame ahead = frame;
-    ahead.commit.revision = 77;
-    ahead.commit.epoch = 0;
-    ahead.commit.timeMs = 0;
-    ahead.commit.previous = {};
-    Bytes stamped = encodeUnstamped(ahead);
-    EXPECT_NE(stamped, direct);
-    stampCommit(stamped, frame.commit);
-    EXPECT_EQ(stamped, direct);
+    stampCommit(import->bytes, frame.commit);
+    const auto decoded = decodeFrame(withoutLength(import->bytes));
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    const Commit& commit = std::get<CommitFrame>(*decoded).commit;
+    EXPECT_EQ(commit.imported, layer);
+    EXPECT_EQ(commit.revision, frame.commit.revision);
+    EXPECT_EQ(commit.epoch, frame.commit.epoch);
+    EXPECT_EQ(commit.timeMs, frame.commit.timeMs);
+    EXPECT_EQ(commit.previous, frame.commit.previous);
+    EXPECT_EQ(commit.edits.size(), import->edits);
+    LayerDoc made;
+    for (const Edit& edit : commit.edits)
+        ASSERT_TRUE(made.apply(edit.address.path, edit.action)) << edit.address.path;
+    EXPECT_EQ(made, doc);
 
-    Bytes unprepared = encodeFrame(ahead);
+    EXPECT_FALSE(encodeImport(layer, doc, 1000));
+    Bytes unprepared = encodeFrame(CommitFrame{Commit()});
     EXPECT_THROW(stampCommit(unprepared, frame.commit), std::logic_error);
 }
 

@@ -66,10 +66,17 @@ inline Commit sampleCommit() {
     return commit;
 }
 
+inline CommitFrame sampleConflated() {
+    CommitFrame frame{sampleCommit(), sha256(asBytes("after"))};
+    frame.commit.conflated = 7;
+    return frame;
+}
+
 /// One of each kind.
 inline std::vector<Frame> sampleFrames() {
     return {SubmitFrame{{{{"client"}, 4}, 17, 5, everyKindOfEdit()}},
             CommitFrame{sampleCommit()},
+            sampleConflated(),
             RefusalFrame{4, 2, {ErrorCode::Locked, "x"}},
             PreviewFrame{{"someone"}, 3, 17, everyKindOfEdit()},
             BlobFrame{{}, 10, 0, 3, deflate(Bytes{1, 2, 3})},

@@ -360,6 +360,10 @@ TEST(ValueCodec, WhatThisOpenUsdCannotHoldIsRefusedSilently) {
     EXPECT_EQ(decodeError(Value(ValueType(999), Bytes{})), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(Value(ValueType::Spline, Bytes{2, 0, 0, 0, 9, 9, 0, 0, 0, 0})),
               ErrorCode::InvalidValue);
+    // Custom data at a time, and no knots.
+    EXPECT_EQ(decodeError(Value(ValueType::Spline,
+                                Bytes{0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0})),
+              ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(FieldValue(ListOp{ValueType::Double, false, {}})),
               ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(FieldValue(Map{ValueType::Token, {}})), ErrorCode::InvalidValue);

@@ -27,13 +27,17 @@ public:
     };
 
     StorageThread::Events events() {
-        return {[this](Revision upTo) {
+        return {
+            .appended =
+                [this](Revision upTo) {
                     const std::lock_guard lock(mutex_);
                     groups_.push_back({upTo, Clock::now()});
                     changed_.notify_all();
                 },
-                [](const Error& error, const CommitStore::Head&) { FAIL() << error.message; },
-                [](std::size_t, std::chrono::nanoseconds) {}};
+            .failed = [](const Error& error, const CommitStore::Head&) { FAIL() << error.message; },
+            .closed = [] { FAIL() << "closed"; },
+            .measured = [](std::size_t, std::chrono::nanoseconds) {},
+        };
     }
     std::vector<Group> waitFor(std::size_t count) {
         std::unique_lock lock(mutex_);

@@ -151,8 +151,10 @@ TEST_F(LayerFilesTest, ListsLayersAndNothingElse) {
     fs::create_symlink(folder, folder / "loop");
     const auto listed = files->list();
     ASSERT_TRUE(listed) << listed.error().message;
-    EXPECT_THAT(*listed, ElementsAre(LayerId{"a.usd"}, LayerId{"b.usda"}, LayerId{"shot/c.usdc"},
-                                     LayerId{"shot/deep/d.usda"}));
+    std::vector<LayerId> names;
+    for (const LayerFile& file : *listed) names.push_back(file.layer);
+    EXPECT_THAT(names, ElementsAre(LayerId{"a.usd"}, LayerId{"b.usda"}, LayerId{"shot/c.usdc"},
+                                   LayerId{"shot/deep/d.usda"}));
 }
 
 TEST_F(LayerFilesTest, LN1NeverLeavesTheProject) {
@@ -195,9 +197,9 @@ TEST_F(LayerFilesTest, ImportsWhatIsInTheFileNow) {
     open->SetField(SdfPath("/A.x"), SdfFieldKeys->Default, 2.0);  // in memory only
     const auto doc = files->import(LayerId{"a.usda"});
     ASSERT_TRUE(doc) << doc.error().message;
-    EXPECT_EQ(*doc->field("/A.x", "default"), FieldValue(doubleValue(1)));
+    EXPECT_EQ(*doc->doc.field("/A.x", "default"), FieldValue(doubleValue(1)));
     put("a.usda", "#usda 1.0\ndef \"Changed\" {\n}\n");
-    EXPECT_TRUE(files->import(LayerId{"a.usda"})->has("/Changed"));
+    EXPECT_TRUE(files->import(LayerId{"a.usda"})->doc.has("/Changed"));
 }
 
 TEST_F(LayerFilesTest, ImportTellsWhyAFileCannotBeRead) {
@@ -223,10 +225,10 @@ TEST_F(LayerFilesTest, V9BigValuesGoToTheBlobStoreAndComeBack) {
     blobs.all.clear();
     const auto doc = files->import(LayerId{"big.usdc"});
     ASSERT_TRUE(doc);
-    EXPECT_TRUE(*doc == bigDoc());
+    EXPECT_TRUE(doc->doc == bigDoc());
     EXPECT_EQ(blobs.all.size(), 1U);
 
-    const LayerDoc kept = *doc;
+    const LayerDoc kept = doc->doc;
     blobs.all.clear();
     EXPECT_EQ(saveError("big.usdc", kept), ErrorCode::SaveFailed);
     blobs.isFull = true;
@@ -245,7 +247,7 @@ TEST_F(LayerFilesTest, SavesInTheFormatTheFileHas) {
     EXPECT_TRUE(isCrate(folder / "new.usdc"));
     EXPECT_TRUE(isCrate(binary));
     for (const char* name : {"text.usd", "new.usda", "new.usdc", "binary.usd"})
-        EXPECT_TRUE(*files->import(LayerId{name}) == someDoc()) << name;
+        EXPECT_TRUE(files->import(LayerId{name})->doc == someDoc()) << name;
 }
 
 TEST_F(LayerFilesTest, SavesIntoFoldersThatAreNew) {
@@ -333,8 +335,8 @@ TEST_F(LayerFilesTest, SavedFilesAreReadAsTheyWere) {
     const std::string before = textOf(folder / "a.usda");
     const auto doc = files->import(LayerId{"a.usda"});
     ASSERT_TRUE(doc);
-    ASSERT_TRUE(files->save(LayerId{"a.usda"}, *doc));
+    ASSERT_TRUE(files->save(LayerId{"a.usda"}, doc->doc));
     EXPECT_EQ(contentOf(folder / "a.usda"), before);
-    ASSERT_TRUE(files->save(LayerId{"b.usdc"}, *doc));
+    ASSERT_TRUE(files->save(LayerId{"b.usdc"}, doc->doc));
     EXPECT_EQ(textOf(folder / "b.usdc"), before);
 }

@@ -36,15 +36,33 @@ public:
         std::vector<SaveJob> jobs;
     };
 
+    struct Reload {
+        SessionId session;
+        std::uint64_t request;
+        LayerId layer;
+        LayerDoc present;
+    };
+
+    struct Naming {
+        SessionId session;
+        std::uint64_t request;
+        Checkpoint checkpoint;
+    };
+
     std::map<SessionId, std::deque<Bytes>> sent;  ///< frames without their length
     std::set<SessionId> closed;
     std::set<SessionId> congestedSessions;
+    bool sendsToAll = false;  ///< commits, as over DDS
     std::deque<CommitRecord> appending;
     std::deque<LayerId> loading;
     std::deque<CommitsRead> reading;
     std::deque<HistoryRead> readingHistory;
     std::vector<Snapshot> snapshots;
     std::vector<Save> saves;
+    std::vector<LayerId> checking;
+    std::deque<Reload> reloading;
+    std::map<LayerId, SavedState> savedStates;
+    std::deque<Naming> naming;
     std::vector<std::pair<SessionId, BlobFrame>> blobParts;
     std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
     std::set<Hash> blobs;
@@ -57,6 +75,7 @@ public:
         const auto split = splitMessage(*frames);
         for (const ByteView frame : *split) sent[session].emplace_back(frame.begin(), frame.end());
     }
+    bool holdCommits(SessionId) override { return sendsToAll; }
     bool congested(SessionId session) override { return congestedSessions.contains(session); }
     void close(SessionId session) override { closed.insert(session); }
     void append(CommitRecord commit) override { appending.push_back(std::move(commit)); }
@@ -82,12 +101,31 @@ public:
     void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override {
         saves.push_back({session, request, std::move(jobs)});
     }
+    void addCheckpoint(SessionId session, std::uint64_t request,
+                       const Checkpoint& checkpoint) override {
+        naming.push_back({session, request, checkpoint});
+    }
+    void checkFile(const LayerId& layer) override { checking.push_back(layer); }
+    void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
+                     LayerDoc present) override {
+        reloading.push_back({session, request, layer, std::move(present)});
+    }
+    void setSaved(const LayerId& layer, const SavedState& saved) override {
+        savedStates[layer] = saved;
+    }
     std::vector<LayerId> unsavedLayers() override { return unsaved; }
     std::optional<Revision> committed(const TransactionId& transaction) override {
         const auto found = stored.find(transaction);
         return found == stored.end() ? std::nullopt : std::optional(found->second);
     }
-    std::int64_t wallClockMs() override { return 1'700'000'000'000; }
+    std::uint64_t lastSequence(const ClientId& client) override {
+        std::uint64_t last = 0;
+        for (const auto& [id, revision] : stored)
+            if (id.client == client) last = std::max(last, id.sequence);
+        return last;
+    }
+    std::int64_t wallClockMs() override { return nowMs; }
+    std::int64_t nowMs = 1'700'000'000'000;
 };
 
 /// A project, what its host is asked, and how clients see it.
@@ -165,6 +203,7 @@ public:
                 client(session),
                 {"user" + std::to_string(session)},
                 "test",
+                {},
                 {}};
     }
     void connect(SessionId session, std::optional<Hello> greeting = {}) {

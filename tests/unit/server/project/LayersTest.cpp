@@ -32,7 +32,7 @@ TEST(ProjectLayers, AnImportIsACommitToldByAStub) {
     EXPECT_TRUE(stub.commit.edits.empty());
     EXPECT_EQ(stub.hashAfter, world.records[0].hash);
     EXPECT_EQ(world.lastHash, world.records[0].hash);
-    EXPECT_EQ(world.records[0].imported, LayerId{"a.usda"});
+    EXPECT_EQ(world.records[0].saved->layer, LayerId{"a.usda"});
     EXPECT_EQ(world.nextFrame<CommitFrame>(1), stub);
     EXPECT_EQ(world.nextControl<LayerOpened>(1).revision, 1u);
 
@@ -56,9 +56,9 @@ TEST(ProjectLayers, AnImportIsACommitToldByAStub) {
 TEST(ProjectLayers, SE9WhoIsThereIsToldOfOtherLayers) {
     World world;
     world.join(1);
-    world.project->setLayers(world.layers);
+    world.project->setFiles({{{"a.usda"}}, {{"b.usda"}}});
     EXPECT_TRUE(world.silent(1));
-    world.project->setLayers({{"b.usda"}, {"late.usda"}});
+    world.project->setFiles({{{"b.usda"}}, {{"late.usda"}}});
     EXPECT_EQ(world.nextControl<usdlive::ProjectLayers>(1),
               (usdlive::ProjectLayers{{{{"b.usda"}}, {{"late.usda"}}}}));
 }
@@ -172,7 +172,7 @@ TEST(ProjectSaves, AllThatDiffersIsSavedOnceDurable) {
     EXPECT_EQ(world.host.saves[0].jobs[0].revision, 1u);
     world.host.sent.clear();
     world.host.unsaved.clear();
-    world.project->layersSaved(1, 9, {0, 1, {{"a.usda"}, {"b.usda"}}, {}});
+    world.project->layersSaved(1, 9, {1, {{{"a.usda"}, {}}, {{"b.usda"}, {}}}, {}});
     EXPECT_EQ(world.nextControl<LayersSaved>(1).request, 9u);
     world.receive(1, ControlMessage(SaveLayers{10, {}}));
     EXPECT_EQ(world.nextControl<LayersSaved>(1), (LayersSaved{10, 1, {}, {}}));
@@ -186,7 +186,7 @@ TEST(ProjectSaves, WhatCannotBeSavedIsNamed) {
     world.project->layerLoaded({"b.usda"}, LoadedLayer{World::sample()});
     ASSERT_EQ(world.host.saves.size(), 1u);
     EXPECT_EQ(world.host.saves[0].jobs.size(), 1u);
-    world.project->layersSaved(1, 9, {0, 0, {{"b.usda"}}, {}});
+    world.project->layersSaved(1, 9, {0, {{{"b.usda"}, {}}}, {}});
     const auto saved = world.nextControl<LayersSaved>(1);
     EXPECT_EQ(saved.failed.size(), 2u);
 }

@@ -404,13 +404,37 @@ TEST_F(ProjectTransactions, AfterAFailureItGoesOnWithTheStoreThatWasOpenedAnew) 
     EXPECT_EQ(commit.epoch, 2u);
 }
 
-TEST_F(ProjectTransactions, AfterAFailureTheProjectTakesNoMoreWhileTheStoreIsNotOpenedAnew) {
+// SE8
+TEST_F(ProjectTransactions, WhileTheStoreIsClosedWhatItCannotKnowIsRefusedAndTheRestWaits) {
     world.submit(1, 1, {create("/C")});
-    world.project->appendFailed({ErrorCode::StorageFailed, "sync"}, {});
-    expectRefusal(1, 1, ErrorCode::StorageFailed);
-    world.load();
-    world.submit(1, 2, {create("/C")});
+    world.store();
+    world.host.sent.clear();
+    const auto head = CommitStore::Head{1, world.host.log.back().hash, 2};
+    world.submit(1, 2, {create("/D")}, 1);
+    world.host.appending.clear();
+    world.project->storeClosed();
+    world.submit(1, 3, {create("/E")}, 1);  // refused, which is told after what becomes of 2
+    world.submit(2, 1, {create("/F")}, 1);  // of this client nothing is known here
+    EXPECT_TRUE(world.silent(1));
+    EXPECT_TRUE(world.silent(2));
+
+    world.project->appendFailed({ErrorCode::StorageFailed, "sync"}, head);
     expectRefusal(1, 2, ErrorCode::StorageFailed);
+    expectRefusal(1, 3, ErrorCode::StorageFailed);
+    world.load();
+    world.store();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.edits.front().address.path, "/F");
+}
+
+TEST_F(ProjectTransactions, WhoHasNothingOnTheWayIsRefusedAtOnceWhileTheStoreIsClosed) {
+    world.submit(1, 1, {create("/C")});
+    world.store();
+    world.host.sent.clear();
+    world.project->storeClosed();
+    world.submit(1, 2, {create("/D")}, 1);
+    expectRefusal(1, 2, ErrorCode::StorageFailed);
+    world.submit(1, 1, {create("/C")});  // again: it may be in the store
+    EXPECT_TRUE(world.silent(1));
 }
 
 }  // namespace

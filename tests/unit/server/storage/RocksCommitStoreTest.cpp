@@ -269,7 +269,7 @@ TEST(RocksCommitStore, ReadersWorkWhileItAppends) {
                 EXPECT_TRUE(
                     store->read(1, head.revision, [](const StoredCommit&) { return true; }));
                 EXPECT_TRUE(store->loadLayer(kLayer));
-                EXPECT_TRUE(store->setSavedRevision(kLayer, head.revision));
+                EXPECT_TRUE(store->setSaved(kLayer, {head.revision, test::kFile}));
                 EXPECT_TRUE(store->unsavedLayers());
                 EXPECT_TRUE(store->hasSpace());
             }
@@ -328,7 +328,7 @@ TEST(RocksCommitStore, AFailedWriteIsNotTriedAgain) {
         EXPECT_EQ(store->append({&commit, 1}).error().code, ErrorCode::StorageFailed);
     }
     EXPECT_EQ(store->append({&commit, 1}).error().code, ErrorCode::StorageFailed);
-    EXPECT_EQ(store->setSavedRevision(kLayer, 1).error().code, ErrorCode::StorageFailed);
+    EXPECT_EQ(store->setSaved(kLayer, {1, {}}).error().code, ErrorCode::StorageFailed);
     EXPECT_EQ(store->head().revision, 1u);
     store.reset();
     store = open(folder.path);

@@ -13,6 +13,9 @@
 
 namespace usdlive::server::test {
 
+/// Of what is imported.
+inline const FileStamp kFile{{1, 2, 3, 4}, {}};
+
 /// Makes the commits of a project, one after the other, as Project would, and holds the layers that
 /// a store has to give back.
 class TestCommits {
@@ -41,8 +44,8 @@ public:
         for (auto& [path, action] : difference(LayerDoc(), doc))
             commit.edits.push_back({layer, {path, {}}, std::move(action)});
         CommitRecord record = finish(commit);
-        record.changes = stateChanges(layer, doc);
-        record.imported = layer;
+        record.changes = {PutLayer{layer, doc}};
+        record.saved = CommitRecord::Saved{layer, {head.revision, kFile}};
         layers[layer] = doc;
         return record;
     }

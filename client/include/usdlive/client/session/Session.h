@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -103,13 +104,33 @@ struct PreviewChanged {
 struct Saved {
     LayersSaved outcome;
 };
+struct Reloaded {
+    LayersReloaded outcome;
+};
+struct CheckpointMade {
+    CheckpointCreated answer;
+};
+struct CheckpointsListed {
+    Checkpoints answer;
+};
 struct ServerError {
     ErrorMessage message;
+};
+/// These layers are in another state than before; Session::layerStates() has all.
+struct LayerStatesChanged {
+    std::vector<LayerState> layers;
+};
+/// Others are elsewhere, or gone; Session::presences() has all.
+struct PresenceChanged {
+    std::vector<Presence> shown;
+    std::vector<ClientId> gone;
 };
 }  // namespace event
 using Event = std::variant<event::Connected, event::Disconnected, event::LayersChanged,
                            event::Joining, event::Joined, event::JoinFailed, event::Committed,
-                           event::Lost, event::PreviewChanged, event::Saved, event::ServerError>;
+                           event::Lost, event::PreviewChanged, event::Saved, event::Reloaded,
+                           event::CheckpointMade, event::CheckpointsListed, event::ServerError,
+                           event::LayerStatesChanged, event::PresenceChanged>;
 
 /// One client's side of the protocol: the confirmed layers, its pending transactions on top, and
 /// what the editor is to see of both (M7). Decides without I/O, threads or USD; used by one thread.
@@ -126,6 +147,8 @@ public:
         UserName user;
         std::string application;
         std::size_t maxUnsentTransactions = 100'000;  ///< offline work kept; then author() refuses
+        std::vector<std::string> features{"history", "log",      "previews",
+                                          "states",  "presence", "conflation"};
         std::size_t uploadWindowChunks = 4;  ///< blob chunks handed to the host in one advance()
         /// Milliseconds of a steady clock, by which advance() keeps its budget. Unset: the
         /// machine's.
@@ -156,7 +179,28 @@ public:
               std::function<void(Result<LayerDoc>, Revision)> done);
     void requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
                     std::function<void(Result<void>)> done);
-    void save(std::vector<LayerId> layers);
+    /// Answered by event::Saved; `force`: over what somebody else has put into the files, too.
+    void save(std::vector<LayerId> layers, bool force = false);
+    /// Has the server take the layers' files (none: all that are outdated) as commits; answered by
+    /// event::Reloaded.
+    void reload(std::vector<LayerId> layers);
+
+    /// Names what the project is now, with all that was acknowledged to this session. The answer is
+    /// event::CheckpointMade, or event::ServerError, with the number that this returns.
+    std::uint64_t createCheckpoint(std::string name);
+    /// Likewise event::CheckpointsListed.
+    std::uint64_t listCheckpoints();
+
+    /// What the server says of layers beside their content; none of layers that are saved,
+    /// unlocked and open nowhere.
+    [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
+
+    // Presence (PS1-PS4): others see it within a tenth of a second, as long as there is a
+    // connection.
+    void showPresence(Presence presence);
+    void hidePresence();
+    /// Where the others are.
+    [[nodiscard]] const std::map<ClientId, Presence>& presences() const;
 
     // Editing.
     /// What the editor has written since the last call, as one transaction. The editor's layers

@@ -9,15 +9,18 @@
 
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
+#include "usdlive/common/dds/Domain.h"
 
 namespace usdlive::client {
 
-/// Where a project is: `ws://host:port`, `usdlive://host:port` (the same), later `dds://`. A path
-/// after it names a layer: `ws://127.0.0.1:7447/shot.usda`.
+/// Where a project is: `ws://host:port`, `usdlive://host:port` (the same), or `dds://project`. A
+/// path after it names a layer: `ws://127.0.0.1:7447/shot.usda`.
 struct ServerAddress {
     std::string host;
     std::uint16_t port = 7447;
-    std::string layer;  ///< empty: none named
+    std::string layer;         ///< empty: none named
+    std::string project = {};  ///< of dds://, which has no host
+    bool dds = false;          ///< with an empty project: all that are there
 
     [[nodiscard]] std::string url() const;
 };
@@ -51,7 +54,27 @@ public:
     virtual void reset() = 0;
 };
 
+/// Of the address's kind. InvalidConfiguration: this process cannot use DDS as it is told to.
+[[nodiscard]] Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address);
+
 /// WebSocket at `/live`. A dead peer is noticed within 15 s by pings.
 [[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(const ServerAddress& address);
+
+/// DDS, to the project of that name. Several servers of the name: the one started last.
+[[nodiscard]] Result<std::unique_ptr<Connection>> createDdsConnection(
+    const ServerAddress& address, const dds::DomainSettings& settings);
+/// What the environment says: USDLIVE_DDS_INTERFACE, USDLIVE_DDS_DOMAIN, USDLIVE_DDS_CONFIG (a
+/// file) and USDLIVE_DDS_SECURITY (a folder). InvalidConfiguration: the domain is no number.
+[[nodiscard]] Result<dds::DomainSettings> ddsSettings();
+
+/// A project that is served over DDS.
+struct DdsProject {
+    std::string name;
+    std::string url;  ///< of the same by WebSocket
+    std::uint64_t revision = 0;
+};
+/// Looks around for so long. Sorted by name.
+[[nodiscard]] Result<std::vector<DdsProject>> listDdsProjects(const dds::DomainSettings& settings,
+                                                              std::chrono::milliseconds time);
 
 }  // namespace usdlive::client

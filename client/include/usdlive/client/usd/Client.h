@@ -5,8 +5,10 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -73,8 +75,41 @@ public:
     void beginGesture();
     void endGesture();
 
-    /// Asks the server to write layers (none: all changed) to their files; answered by onSaved.
-    void save(std::vector<LayerId> layers = {});
+    /// Locks a live layer in one's own name, or ends its lock: edits of the layer itself (LK1),
+    /// sent with the next tick. What the server refuses comes back as lost work, with the holder's
+    /// name. LayerNotOpen; InvalidArgument for a root layer that holds Kit's map of locks.
+    Result<void> setLocked(const LayerId& layer, bool locked);
+    /// Mutes a layer for everybody on the stages of `root`, a live layer, or ends that: edits of
+    /// the root layer (MU1), sent with the next tick. LayerNotOpen; InvalidArgument for the root
+    /// layer itself.
+    Result<void> setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted);
+    /// What is muted for everybody on the stages of `root`, as the layer says now; nothing of one
+    /// that is not live. A stage is to be told by its owner (Usd.Stage.MuteAndUnmuteLayers).
+    [[nodiscard]] std::set<LayerId> globallyMuted(const LayerId& root) const;
+
+    /// What the server says of layers beside their content: dirty, locked and by whom, who has them
+    /// open. Layers that are saved, unlocked and open nowhere are left out.
+    [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
+
+    /// Where one is; shown to the others until hidePresence(). A client begins with user and
+    /// application alone, which the server fills in.
+    void showPresence(Presence presence);
+    void hidePresence();
+    /// Where the others are, by client.
+    [[nodiscard]] const std::map<ClientId, Presence>& presences() const;
+
+    /// Asks the server to write layers (none: all changed) to their files; answered by
+    /// event::Saved. One whose file somebody else has changed fails (LayerOutdated), unless
+    /// `force`.
+    void save(std::vector<LayerId> layers = {}, bool force = false);
+    /// Asks the server to take the files of layers (none: of all that are outdated) as commits, so
+    /// that everybody has what is in them; answered by event::Reloaded.
+    void reload(std::vector<LayerId> layers = {});
+    /// Has the server name what the project is now; flush() first what has to be in it. Answered by
+    /// event::CheckpointMade, or event::ServerError, with the number that this returns.
+    std::uint64_t createCheckpoint(std::string name);
+    /// Likewise event::CheckpointsListed.
+    std::uint64_t listCheckpoints();
     /// Ticks until what was authored is committed, or the time is over (false).
     bool flush(double timeoutMs = 10'000);
 
@@ -92,6 +127,7 @@ public:
     [[nodiscard]] Revision revision() const;
     [[nodiscard]] std::size_t pendingTransactions() const;
     [[nodiscard]] ClientId id() const;
+    [[nodiscard]] const std::string& user() const;  ///< as the others see
     [[nodiscard]] std::filesystem::path cacheFolder() const;
     /// The live layer's name, if it is one of ours.
     [[nodiscard]] std::optional<LayerId> layerId(const pxr::SdfLayerHandle& layer) const;

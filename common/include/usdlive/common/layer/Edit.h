@@ -155,6 +155,10 @@ struct Commit {
     std::vector<Edit> edits;  ///< as executed: absolute paths, each valid after the ones before
     std::vector<DroppedEdit> dropped;
     Hash previous;  ///< chain hash of the commit before; zero for the first
+    /// So many commits before this one it stands for as well, all of them together without what was
+    /// written again (CF1); `previous` is then that of the first. Only on the way to who fell
+    /// behind, never in the history.
+    Revision conflated = 0;
     bool operator==(const Commit&) const = default;
 };
 

@@ -137,6 +137,11 @@ using Outcome = std::variant<Executed, Refused>;
 [[nodiscard]] Outcome execute(LayerDocs& layers, NamespaceLog& log, OwnCreations& creations,
                               const Transaction& transaction, Revision revision);
 
+/// Executes edits whose paths are absolute, each valid after the ones before, as difference() gives
+/// them. Nothing is changed on an error, which is that of LayerDoc::apply(), or LayerNotFound.
+[[nodiscard]] Result<Executed> executeInOrder(LayerDocs& layers, NamespaceLog& log,
+                                              std::vector<Edit> edits, Revision revision);
+
 /// Applies what the server committed to the confirmed layers and records its moves and deletes.
 /// Layers that are not in `layers` are passed over. An error means the replica has diverged: the
 /// layer named in it has to be joined again; the others have got all that is theirs.

@@ -13,7 +13,7 @@
 namespace usdlive {
 
 // Control messages: JSON objects with a member "type" (the struct's name in camelCase) and members
-// named as below. Unknown members are ignored; unknown types are answered with malformedControl.
+// named as below. Unknown members are ignored; unknown types are answered with `malformedControl`.
 
 /// Client's first message.
 struct Hello {
@@ -31,6 +31,8 @@ struct Hello {
         bool operator==(const Resume&) const = default;
     };
     std::optional<Resume> resume;
+    /// When resuming: the layers it has open.
+    std::optional<std::vector<LayerId>> open;
     bool operator==(const Hello&) const = default;
 };
 struct LayerInfo {
@@ -96,10 +98,12 @@ struct AlreadyCommitted {
     Revision revision = 0;
     bool operator==(const AlreadyCommitted&) const = default;
 };
-/// Client: write these layers (none named: all that differ) to their files.
+/// Client: write these layers (none named: all that differ) to their files. `force`: also over what
+/// somebody else has put there meanwhile.
 struct SaveLayers {
     std::uint64_t request = 0;
     std::vector<LayerId> layers;
+    std::optional<bool> force = {};
     bool operator==(const SaveLayers&) const = default;
 };
 struct LayersSaved {
@@ -114,6 +118,19 @@ struct LayersSaved {
     };
     std::vector<Failure> failed;
     bool operator==(const LayersSaved&) const = default;
+};
+/// Client: take the files of these layers (none named: of all that are outdated) as a commit.
+struct ReloadLayers {
+    std::uint64_t request = 0;
+    std::vector<LayerId> layers;
+    bool operator==(const ReloadLayers&) const = default;
+};
+struct LayersReloaded {
+    std::uint64_t request = 0;
+    Revision revision = 0;
+    std::vector<LayerId> reloaded;
+    std::vector<LayersSaved::Failure> failed;
+    bool operator==(const LayersReloaded&) const = default;
 };
 /// Client: commits from `from` to `to` (0: newest) again, as commit frames between LogBegin and
 /// LogEnd; for `usdlive log`.
@@ -131,6 +148,87 @@ struct LogEnd {
     std::uint64_t request = 0;
     bool operator==(const LogEnd&) const = default;
 };
+/// A named revision of the project.
+struct Checkpoint {
+    std::string name;  ///< unique in the project; 1 to 200 bytes of UTF-8, no control characters
+    Revision revision = 0;
+    UserName user;             ///< who made it
+    std::uint64_t timeMs = 0;  ///< since 1970, when the server did
+    bool operator==(const Checkpoint&) const = default;
+};
+/// Client: name what the project is now, with all that was acknowledged to this session (CP1).
+struct CreateCheckpoint {
+    std::uint64_t request = 0;
+    std::string name;
+    bool operator==(const CreateCheckpoint&) const = default;
+};
+/// Server: it is stored.
+struct CheckpointCreated {
+    std::uint64_t request = 0;
+    Checkpoint checkpoint;
+    bool operator==(const CheckpointCreated&) const = default;
+};
+/// Client: which are there?
+struct ListCheckpoints {
+    std::uint64_t request = 0;
+    bool operator==(const ListCheckpoints&) const = default;
+};
+/// Server: by revision, then by name.
+struct Checkpoints {
+    std::uint64_t request = 0;
+    std::vector<Checkpoint> checkpoints;
+    bool operator==(const Checkpoints&) const = default;
+};
+/// What is known of a layer beside its content. Feature `states`.
+struct LayerState {
+    LayerId layer;
+    Revision revision = 0;  ///< the newest that had changed it when this was told; 0: not known
+    Revision saved = 0;     ///< the revision in its file; 0: not known
+    bool dirty = false;     ///< differs from its file
+    bool outdated = false;  ///< its file was changed behind the server
+    bool globallyMuted = false;  ///< on the stages of a layer that somebody has opened
+    bool writable = true;        ///< its file, for the server
+    std::string owner;           ///< of its file; empty: not known
+    bool locked = false;
+    UserName holder;                ///< of the lock; empty: nobody is named
+    std::uint64_t lockedAtMs = 0;   ///< since 1970, as the holder's clock said; 0: not known
+    std::vector<UserName> editors;  ///< who has it open, sorted, each once
+    bool operator==(const LayerState&) const = default;
+};
+/// Server: the states that changed; after the welcome all that are not as a LayerState is made.
+struct LayerStates {
+    std::vector<LayerState> layers;
+    bool operator==(const LayerStates&) const = default;
+};
+
+/// Where somebody is. Feature `presence`. Never stored.
+struct Presence {
+    ClientId client;  ///< filled in by the server, as the next two
+    UserName user;
+    std::string application;
+    std::vector<std::string> selection;  ///< paths
+    std::vector<double> camera;          ///< a matrix of 16, by rows, or nothing
+    std::optional<double> time;          ///< time code
+    std::string editTarget;              ///< a layer, or nothing
+    std::string data;                    ///< free: JSON for those who know what is meant
+    bool operator==(const Presence&) const = default;
+};
+/// Client: where I am now, at most kPresencesPerSecond; an unchanged one is said again every
+/// kPresenceRepeatMs, and who is not heard of for kPresenceTimeMs is gone.
+struct ShowPresence {
+    Presence presence;
+    bool operator==(const ShowPresence&) const = default;
+};
+inline constexpr int kPresencesPerSecond = 20;
+inline constexpr std::int64_t kPresenceRepeatMs = 1'000;
+inline constexpr std::int64_t kPresenceTimeMs = 3'000;
+/// Server: those of others that changed, and who is gone.
+struct Presences {
+    std::vector<Presence> shown;
+    std::vector<ClientId> gone;
+    bool operator==(const Presences&) const = default;
+};
+
 /// Server: what went wrong. `closing`: the connection ends with it. `request`: the one it answers.
 struct ErrorMessage {
     std::string code;  ///< of errors.json
@@ -143,8 +241,9 @@ struct ErrorMessage {
 
 using ControlMessage =
     std::variant<Hello, Welcome, ProjectLayers, OpenLayer, LayerOpened, CloseLayer, RequestBlob,
-                 BlobStored, AlreadyCommitted, SaveLayers, LayersSaved, RequestLog, LogBegin,
-                 LogEnd, ErrorMessage>;
+                 BlobStored, AlreadyCommitted, SaveLayers, LayersSaved, ReloadLayers,
+                 LayersReloaded, RequestLog, LogBegin, LogEnd, CreateCheckpoint, CheckpointCreated,
+                 ListCheckpoints, Checkpoints, LayerStates, ShowPresence, Presences, ErrorMessage>;
 
 [[nodiscard]] std::string encodeControl(const ControlMessage& message);
 /// MalformedControl with what is missing or wrong. Nesting and lengths are bounded.

@@ -7,6 +7,7 @@
 
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/layer/Edit.h"
+#include "usdlive/common/layer/LayerDoc.h"
 
 namespace usdlive {
 
@@ -37,7 +38,8 @@ struct SubmitFrame {
 /// instead.
 struct CommitFrame {
     Commit commit;
-    std::optional<Hash> hashAfter = std::nullopt;  ///< set in a stub only (CH2)
+    std::optional<Hash> hashAfter =
+        std::nullopt;  ///< in a stub (CH2) and a conflated one (CF1) only
     bool operator==(const CommitFrame&) const = default;
 };
 /// Server to author (M6).
@@ -82,10 +84,16 @@ using Frame = std::variant<ControlFrame, SubmitFrame, CommitFrame, RefusalFrame,
 /// message is one or more of them.
 [[nodiscard]] Bytes encodeFrame(const Frame& frame);
 
-/// A commit's frame before its turn in the history has come, and its turn: stampCommit() writes the
-/// revision, epoch, time and previous hash of `place` over what there is. A large commit is thus
-/// encoded beside the thread that orders.
-[[nodiscard]] Bytes encodeUnstamped(CommitFrame frame);
+/// The frame of the commit that brings in a whole layer (creates its specs and sets their fields,
+/// parents before children) before its turn in the history has come: it is encoded beside the
+/// thread that orders. Nothing when it takes about more than `maxBytes` (at most 1 GiB).
+struct ImportFrame {
+    Bytes bytes;
+    std::size_t edits = 0;
+};
+[[nodiscard]] std::optional<ImportFrame> encodeImport(const LayerId& layer, const LayerDoc& doc,
+                                                      std::size_t maxBytes);
+/// Its turn: writes the revision, epoch, time and previous hash of `place` into it.
 void stampCommit(Bytes& frame, const Commit& place);
 
 /// Verifies everything it hands out (FlatBuffers, then enums, names of layers and fields, values;

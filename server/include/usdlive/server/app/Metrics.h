@@ -4,6 +4,9 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include "usdlive/server/project/Project.h"
 #include "usdlive/server/transport/WebSocketServer.h"
@@ -13,7 +16,8 @@ namespace usdlive::server {
 /// What the moment looks like, asked of those who know.
 struct Figures {
     ProjectCounters project;
-    TransportCounters transport;
+    /// By name.
+    std::vector<std::pair<std::string_view, TransportCounters>> transports;
     std::size_t sessions = 0;
     Revision durableRevision = 0;
     std::size_t appendQueueBytes = 0;

@@ -19,6 +19,11 @@ struct ServerOptions {
     std::uint16_t port = 7447;
     std::filesystem::path portFile;
     std::vector<std::string> allowedOrigins;
+    bool dds = false;
+    std::string ddsInterface = "lo";
+    std::uint64_t ddsDomain = 74;
+    std::string ddsConfig;                    ///< a file
+    std::string ddsSecurity;                  ///< a folder
     std::string durability = "sync";          ///< or "os"
     std::optional<std::uint64_t> minFreeMib;  ///< else the store's own choice
     std::uint64_t maxFrameMib = 64;
@@ -26,6 +31,8 @@ struct ServerOptions {
     std::uint64_t maxSessions = 1000;
     std::uint64_t slowReaderMib = 16;
     std::uint64_t flushIntervalMs = 0;
+    std::vector<std::string> administrators;
+    std::uint64_t lockTakeoverMinutes = 15;
     std::string logLevel = "info";
     LogFormat logFormat = LogFormat::Text;
 };

@@ -13,9 +13,11 @@
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/StorageThread.h"
+#include "usdlive/server/files/LayerFiles.h"
 #include "usdlive/server/project/Project.h"
 #include "usdlive/server/transport/Log.h"
-#include "usdlive/server/transport/WebSocketServer.h"
+#include "usdlive/server/transport/Transport.h"
+#include "usdlive/server/transport/WebSocketServer.h"  // HttpReply
 
 namespace usdlive::server {
 
@@ -27,9 +29,8 @@ using ProjectFactory = std::function<Result<std::unique_ptr<Project>>(ProjectHos
 struct ProjectFiles {
     std::filesystem::path folder;
     /// What is served: the files, and the layers that only the store holds by now.
-    std::function<Result<std::vector<LayerId>>()> list;
-    std::function<Result<LayerDoc>(const LayerId&)> import;
-    std::function<Result<void>(const LayerId&, const LayerDoc&)> save;
+    std::function<Result<std::vector<LayerFile>>()> list;
+    LayerFiles& layers;
 };
 
 /// The process around a project: passes between it and sockets, store, files and disk. The
@@ -44,11 +45,15 @@ public:
 
     // Network thread, as all that is not said otherwise.
     Result<void> start(ProjectFactory factory);
-    /// Who carries the messages; from now on new files are noticed, too.
-    void serve(WebSocketServer& server);
+    /// Who carries the messages, number n of them the sessions of Transport::kSessions * n and on;
+    /// from now on new files are noticed, too.
+    void serve(std::vector<Transport*> transports);
     /// Sends what is acknowledged, says goodbye, appends the rest; then `done`.
     void stop(std::function<void()> done);
 
+    [[nodiscard]] Revision durableRevision() const {
+        return project_ ? project_->durableRevision() : 0;
+    }
     [[nodiscard]] HttpReply health();
     [[nodiscard]] HttpReply metricsPage();
 
@@ -61,7 +66,14 @@ private:
 
     // ProjectHost
     void send(SessionId session, SharedBytes frames) override;
+    void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
+                    Revision revision) override;
+    bool holdCommits(SessionId session) override;
+    void releaseCommits(SessionId session, Revision next) override;
+    void tell(std::span<const SessionId> sessions, const News& news) override;
+    void tellFirst(SessionId session, const News& all) override;
     bool congested(SessionId session) override;
+    bool lags(SessionId session) override;
     void close(SessionId session) override;
     void append(CommitRecord commit) override;
     void loadLayer(const LayerId& layer) override;
@@ -74,15 +86,27 @@ private:
     bool hasBlob(const Hash& hash) override;
     bool hasSpace() override;
     void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override;
+    void addCheckpoint(SessionId session, std::uint64_t request,
+                       const Checkpoint& checkpoint) override;
+    void readCheckpoints(SessionId session, std::uint64_t request) override;
+    void checkFile(const LayerId& layer) override;
+    void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
+                     LayerDoc present) override;
+    void setSaved(const LayerId& layer, const SavedState& saved) override;
     std::vector<LayerId> unsavedLayers() override;
     std::optional<Revision> committed(const TransactionId& transaction) override;
     std::uint64_t lastSequence(const ClientId& client) override;
     std::int64_t wallClockMs() override { return clock_(); }
 
+    Transport& transportOf(SessionId session);
+    template <class Each>
+    void forTransports(std::span<const SessionId> sessions, Each each);
+    void closeAll(const Error& why);
+
     // What workers do.
     Result<LoadedLayer> loadOrImport(const LayerId& layer);
     Result<LayerDoc> layerInHistory(const LayerId& layer, Revision revision);
-    LayersSaved save(const std::vector<SaveJob>& jobs);
+    SaveOutcome save(const std::vector<SaveJob>& jobs);
     Result<bool> write(SessionId session, const BlobFrame& part);
 
     template <class Executor, class Work, class Tell>
@@ -95,7 +119,8 @@ private:
     void startAgain();
     void makeProject();
     void scanFilesIn(std::chrono::milliseconds pause);
-    void filesScanned(Result<std::vector<LayerId>> layers, std::chrono::milliseconds time);
+    void sweepSoon();
+    void filesScanned(Result<std::vector<LayerFile>> files, std::chrono::milliseconds time);
 
     boost::asio::io_context& network_;
     boost::asio::thread_pool& workers_;
@@ -108,16 +133,17 @@ private:
     Metrics& metrics_;
     const WallClock clock_;
     Log& log_;
-    boost::asio::steady_timer retryTimer_, scanTimer_;
+    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_;
 
     ProjectFactory factory_;
     std::unique_ptr<Project> project_;  ///< missing while it is made again
     std::uint64_t generation_ = 0;      ///< answers to a project before are dropped
-    WebSocketServer* server_ = nullptr;
+    std::vector<Transport*> transports_;
+    bool sweeping_ = false;
     Intake intake_;
     std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store
     std::map<Hash, SessionId> uploads_;          ///< blobWriter_: who writes which value
-    std::vector<LayerId> scanned_;               ///< the last time
+    std::vector<LayerFile> scanned_;             ///< the last time
 };
 
 }  // namespace usdlive::server

@@ -25,6 +25,8 @@ public:
     struct Events {
         std::function<void(Revision upTo)> appended;
         std::function<void(Error error, CommitStore::Head head)> failed;
+        /// Before it: the store has failed and is closed until it can be opened again.
+        std::function<void()> closed;
         std::function<void(std::size_t commits, std::chrono::nanoseconds time)> measured;
     };
 
@@ -37,8 +39,10 @@ public:
 
     // Any thread.
     void append(CommitRecord commit);
-    void goOn();
-    /// Calls `done` on this thread, when all commits so far are in the store or thrown away.
+    /// False: nothing was thrown away since the last call.
+    bool goOn();
+    /// Calls `done` on this thread, when all commits so far are in the store or thrown away. It may
+    /// not call anything of this class.
     void flush(std::function<void()> done);
 
 private:

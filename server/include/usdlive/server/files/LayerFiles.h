@@ -1,7 +1,9 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "usdlive/common/core/LayerPath.h"
@@ -9,6 +11,12 @@
 #include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
+
+/// A layer as it was in its file.
+struct ImportedLayer {
+    LayerDoc doc;
+    FileStamp file;
+};
 
 /// The `.usd`, `.usda` and `.usdc` files of a project's folder. Any thread; one at a time saves a
 /// layer.
@@ -21,7 +29,7 @@ public:
 
     /// All layers in the folder and below, sorted. Hidden files and folders, `.usdlive` among them,
     /// links and names that are no layer's (LN1) are passed over.
-    [[nodiscard]] virtual Result<std::vector<LayerId>> list() const = 0;
+    [[nodiscard]] virtual Result<std::vector<LayerFile>> list() const = 0;
 
     /// Where the layer's file is or would be. InvalidLayerName: a link leads out of the project, or
     /// to a file that has a name of its own in it (two layers would be saved over each other).
@@ -29,13 +37,21 @@ public:
 
     /// Reads a file, whatever other parts of the process hold of it. Its big values go to the blob
     /// store. LayerNotFound; LayerUnreadable with OpenUSD's own reason, also for what no layer may
-    /// hold (D1) or the protocol cannot carry; StorageFull.
-    [[nodiscard]] virtual Result<LayerDoc> import(const LayerId& layer) = 0;
+    /// hold (D1), the protocol cannot carry, or is being written at this moment; StorageFull.
+    [[nodiscard]] virtual Result<ImportedLayer> import(const LayerId& layer) = 0;
+
+    /// What the file holds now; nothing: there is none.
+    [[nodiscard]] virtual Result<std::optional<FileStamp>> stamp(const LayerId& layer) const = 0;
 
     /// Writes a file, or leaves the one there is as it is: SaveFailed names the file and the
     /// reason. The file is in the format it had; a new `.usd` is in binary. What was written has
-    /// been read back and is on the disk.
-    [[nodiscard]] virtual Result<void> save(const LayerId& layer, const LayerDoc& doc) = 0;
+    /// been read back and is on the disk. A file of other content than those `expected` is left,
+    /// too (LayerOutdated); none expected: any is replaced. `ready` is called with the hash of the
+    /// new file right before it takes its place, and may say no.
+    using Ready = std::function<Result<void>(const Hash&)>;
+    [[nodiscard]] virtual Result<FileStamp> save(const LayerId& layer, const LayerDoc& doc,
+                                                 const std::vector<Hash>& expected = {},
+                                                 const Ready& ready = {}) = 0;
 };
 
 /// Removes what saves that were cut short have left behind. InvalidConfiguration: no such folder.

@@ -11,6 +11,7 @@
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/protocol/Control.h"
 
 namespace usdlive::server {
 
@@ -56,7 +57,13 @@ struct EraseSample {
     std::string field;
     double time = 0;
 };
-using StateChange = std::variant<PutNode, EraseNodes, PutField, EraseField, PutSample, EraseSample>;
+/// Everything of a layer that is not there yet.
+struct PutLayer {
+    LayerId layer;
+    LayerDoc doc;
+};
+using StateChange =
+    std::variant<PutNode, EraseNodes, PutField, EraseField, PutSample, EraseSample, PutLayer>;
 
 /// A move or delete that a commit made, kept so that addresses can be carried forward over it (M3)
 /// also after the server was started again.
@@ -68,6 +75,42 @@ struct NamespaceChange {
     bool operator==(const NamespaceChange&) const = default;
 };
 
+/// How a file looks from outside: when that is other than it was, its content may be, too.
+struct FileTrace {
+    std::uint64_t size = 0, inode = 0;
+    std::int64_t modifiedNs = 0, changedNs = 0;  ///< mtime and ctime, since 1970
+    bool operator==(const FileTrace&) const = default;
+};
+/// What a file held when it was looked at.
+struct FileStamp {
+    FileTrace trace;
+    Hash hash;  ///< SHA-256 of its bytes
+    bool operator==(const FileStamp&) const = default;
+};
+/// A layer that is served, as the project's folder shows it.
+struct LayerFile {
+    LayerId layer;
+    std::optional<FileTrace> trace = std::nullopt;  ///< nothing: only the store has the layer
+    bool writable = true;    ///< the server's process may write it, and somebody may at all
+    std::string owner = {};  ///< of the file; empty: not known
+    bool operator==(const LayerFile&) const = default;
+};
+
+/// Which of a layer's states its file has.
+struct SavedState {
+    Revision revision = 0;          ///< 0: it was never saved
+    std::optional<FileStamp> file;  ///< the file then; nothing: not known
+    /// What a save is about to put in its place. After a crash between the two it tells that the
+    /// file is ours.
+    struct Coming {
+        Revision revision = 0;
+        Hash hash;
+        bool operator==(const Coming&) const = default;
+    };
+    std::optional<Coming> coming = std::nullopt;
+    bool operator==(const SavedState&) const = default;
+};
+
 /// A commit as it is appended.
 struct CommitRecord {
     Revision revision = 0;
@@ -76,8 +119,12 @@ struct CommitRecord {
     Hash hash;          ///< chain hash after it
     std::vector<StateChange> changes;
     std::vector<NamespaceChange> namespaceChanges = {};
-    /// The layer it brought in from its file: that counts as saved.
-    std::optional<LayerId> imported = std::nullopt;
+    /// Of the layer it brought in from its file, now or anew.
+    struct Saved {
+        LayerId layer;
+        SavedState state;
+    };
+    std::optional<Saved> saved = std::nullopt;
 };
 
 struct StoredCommit {
@@ -117,9 +164,9 @@ public:
     [[nodiscard]] virtual Result<std::vector<LayerId>> layers() const = 0;
     /// Nothing: never imported.
     [[nodiscard]] virtual Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) const = 0;
-    /// The revision at which a layer was last saved to its file, 0 never.
-    [[nodiscard]] virtual Result<Revision> savedRevision(const LayerId& layer) const = 0;
-    virtual Result<void> setSavedRevision(const LayerId& layer, Revision revision) = 0;
+    /// LayerNotFound for setSaved() of a layer without state.
+    [[nodiscard]] virtual Result<SavedState> saved(const LayerId& layer) const = 0;
+    virtual Result<void> setSaved(const LayerId& layer, const SavedState& saved) = 0;
     /// Layers that commits have changed since they were last saved.
     [[nodiscard]] virtual Result<std::vector<LayerId>> unsavedLayers() const = 0;
     /// The moves and deletes of the commits after `revision`, in order: what Project is made with.
@@ -131,9 +178,10 @@ public:
     /// The highest number of a client's committed transactions, 0 none.
     [[nodiscard]] virtual Result<std::uint64_t> lastSequence(const ClientId& client) const = 0;
 
-    virtual Result<void> setCheckpoint(const std::string& name, Revision revision) = 0;
-    [[nodiscard]] virtual Result<std::vector<std::pair<std::string, Revision>>> checkpoints()
-        const = 0;
+    /// Durable when it returns. CheckpointExists; FutureRevision. One call at a time.
+    virtual Result<void> addCheckpoint(const Checkpoint& checkpoint) = 0;
+    /// By name.
+    [[nodiscard]] virtual Result<std::vector<Checkpoint>> checkpoints() const = 0;
 
     /// Is there room for more? Cheap; asked before edits are accepted. False makes the project
     /// refuse edits with StorageFull until it is true again.

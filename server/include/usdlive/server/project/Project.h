@@ -4,7 +4,10 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <set>
+#include <span>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "usdlive/common/core/Bytes.h"
@@ -18,6 +21,11 @@ namespace usdlive::server {
 /// One connection, as long as it lasts.
 using SessionId = std::uint64_t;
 
+/// What is told to all alike, and is worth nothing once something newer was told.
+using News = std::variant<LayerStates, Presences>;
+/// A frame of it; nullptr: there is nothing to say.
+[[nodiscard]] SharedBytes encodeNews(const News& news);
+
 /// What a project asks of the process around it. Calls come from the project's strand and return at
 /// once; answers come back as calls of Project on the same strand. The server's app implements it
 /// with threads and sockets, the simulation with a queue and a seed.
@@ -28,10 +36,34 @@ public:
     /// Sends encoded frames to a session, in order. Bounded by the host: who does not read is cut
     /// with SlowReader and reported by Project::disconnected().
     virtual void send(SessionId session, SharedBytes frames) = 0;
+    /// Sends the commit `revision` to all of `sessions`, which are live and ascending, in order
+    /// with the rest that each is sent. A host that can sends it once for many.
+    virtual void sendCommit(std::span<const SessionId> sessions, SharedBytes frame, Revision) {
+        for (const SessionId session : sessions) send(session, frame);
+    }
+    /// A live session gets something else than live commits for a while, which must not stand
+    /// between it: until releaseCommits(). True: it may have got later commits than those sent to
+    /// it, as the host sends them to all.
+    virtual bool holdCommits(SessionId) { return false; }
+    /// The session is live: from here on it gets the commits from `next` on, as they are sent.
+    virtual void releaseCommits(SessionId, Revision /*next*/) {}
+    /// Tells `news` to all of `sessions`, ascending, each of which has been told what was so far. A
+    /// host that can tells it once for many, and to more than these.
+    virtual void tell(std::span<const SessionId> sessions, const News& news) {
+        const SharedBytes frame = encodeNews(news);
+        for (const SessionId session : sessions)
+            if (frame) send(session, frame);
+    }
+    /// Tells a session what is so far, in order with the rest that it is sent.
+    virtual void tellFirst(SessionId session, const News& all) {
+        if (SharedBytes frame = encodeNews(all)) send(session, std::move(frame));
+    }
     /// Is so much queued for the session that history should wait? Then no more commits of the past
-    /// are sent to it until Project::drained(). Who sends live commits too slowly is not asked, but
-    /// cut.
+    /// are sent to it until Project::drained().
     [[nodiscard]] virtual bool congested(SessionId) { return false; }
+    /// The same, of a session whose live commits queue up for it: it gets no more of them until
+    /// drained(), and then those of the past.
+    [[nodiscard]] virtual bool lags(SessionId session) { return congested(session); }
     /// Sends what is queued, then closes.
     virtual void close(SessionId session) = 0;
 
@@ -52,14 +84,30 @@ public:
     virtual void writeBlob(SessionId session, BlobFrame part) = 0;
     [[nodiscard]] virtual bool hasBlob(const Hash& hash) = 0;
     [[nodiscard]] virtual bool hasSpace() = 0;
-    /// Writes layers to their files; answered by layersSaved().
+    /// Writes layers to their files, in the order asked; answered by layersSaved().
     struct SaveJob {
         LayerId layer;
         LayerDoc doc;
         Revision revision = 0;
+        SavedState saved = {};  ///< as far as known
+        /// A file that holds neither what was saved nor what was about to be is left as it is.
+        bool minds = false;
     };
     virtual void saveLayers(SessionId session, std::uint64_t request,
                             std::vector<SaveJob> jobs) = 0;
+    /// CommitStore::addCheckpoint(), in the order asked; answered by checkpointAdded().
+    virtual void addCheckpoint(SessionId, std::uint64_t /*request*/, const Checkpoint&) {}
+    /// CommitStore::checkpoints(), after those added so far; answered by checkpointsRead().
+    virtual void readCheckpoints(SessionId, std::uint64_t /*request*/) {}
+    /// Looks what the layer's file holds, after the saves asked for so far; answered by
+    /// fileChecked().
+    virtual void checkFile(const LayerId&) {}
+    /// Reads the layer's file and compares it with `present`, as makeReload() does; answered by
+    /// layerReloaded().
+    virtual void reloadLayer(SessionId, std::uint64_t /*request*/, const LayerId&,
+                             LayerDoc /*present*/) {}
+    /// CommitStore::setSaved(); nothing waits for it.
+    virtual void setSaved(const LayerId&, const SavedState&) {}
     /// Layers whose stored state is newer than their file (CommitStore::unsavedLayers).
     [[nodiscard]] virtual std::vector<LayerId> unsavedLayers() { return {}; }
     /// M9; from the store.
@@ -72,9 +120,7 @@ public:
 
 /// The commit that brings a whole layer in from its file, but for its place in the history.
 struct LayerImport {
-    Bytes frame;  ///< encodeFrame() of a CommitFrame; stampCommit() says where it stands
-    std::vector<StateChange> changes;
-    std::size_t edits = 0;
+    ImportFrame frame;  ///< stampCommit() says where it stands
 };
 /// Any thread; takes time. LayerUnreadable: larger than one commit can be.
 [[nodiscard]] Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc);
@@ -82,6 +128,25 @@ struct LayerImport {
 struct LoadedLayer {
     LayerDoc doc;
     std::optional<LayerImport> import = std::nullopt;  ///< it came from its file
+    SavedState saved = {};  ///< what its file has; of an import without a revision yet
+};
+
+/// A layer's file, as edits that make the layer be like it.
+struct ReloadedLayer {
+    std::vector<Edit> edits;  ///< paths absolute, each valid after the ones before
+    LayerDoc doc;             ///< the file's content, with the node ids of `present`
+    FileStamp file;
+};
+/// Any thread; takes time. `content` is what the file holds, `present` what the layer does. Specs
+/// of one path and kind are taken to be the same.
+[[nodiscard]] ReloadedLayer makeReload(const LayerId& layer, const LayerDoc& present,
+                                       const LayerDoc& content, const FileStamp& file);
+
+/// What became of a SaveJob each.
+struct SaveOutcome {
+    Revision revision = 0;
+    std::vector<std::pair<LayerId, FileStamp>> saved;
+    std::vector<LayersSaved::Failure> failed;
 };
 
 /// Counts for /metrics, all since the start.
@@ -102,6 +167,10 @@ public:
         std::size_t maxSessions = 1'000;
         std::size_t recentCommitBytes = 64ull << 20;  ///< kept in memory for who resumes
         std::size_t namespaceLogRevisions = 100'000;  ///< how far back a base may lie
+        Revision maxBehind = 100'000;  ///< commits that a session may lag by; then it is cut
+        std::set<UserName> administrators = {};  ///< who may edit and unlock what others lock
+        /// When nobody of a lock's holder has been connected for so long, others may take it.
+        std::int64_t lockTakeoverMs = 15 * 60'000;
     };
 
     /// `head`: what the store says; `layers`: the files served and those with state in the store
@@ -131,18 +200,35 @@ public:
     void appended(Revision upTo);
     /// Everything after the store's head is taken back: authors are told (refusals with `error`),
     /// the layers concerned are loaded anew, sessions go on. What was handed to append() before
-    /// this call must not be appended after it. StorageFull: goes on when there is space.
-    /// Otherwise, if `head` has a higher epoch, the store was opened anew and the project goes on
-    /// with it; if not, it takes no more transactions.
+    /// this call must not be appended after it. If `head` has a higher epoch, the store was
+    /// opened anew.
     void appendFailed(Error error, CommitStore::Head head);
+    /// An append has failed so that only a new opening of the store tells what is in it, as
+    /// appendFailed() will. Until then nothing is asked of the store; new transactions are refused
+    /// (SE8), and those that it may know wait.
+    void storeClosed();
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
     void commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits);
     void historyRead(SessionId session, std::uint64_t request, Result<LayerDoc> doc);
     void blobWritten(SessionId session, const Hash& hash, Result<bool> whole);
-    void layersSaved(SessionId session, std::uint64_t request, LayersSaved outcome);
+    void layersSaved(SessionId session, std::uint64_t request, SaveOutcome outcome);
+    void fileChecked(const LayerId& layer, Result<std::optional<FileStamp>> file);
+    void layerReloaded(SessionId session, std::uint64_t request, const LayerId& layer,
+                       Result<ReloadedLayer> reloaded);
 
-    /// Layers on disk have changed (a file was added or taken away).
-    void setLayers(std::vector<LayerId> layers);
+    void checkpointAdded(SessionId session, std::uint64_t request, const Result<Checkpoint>& added);
+    void checkpointsRead(SessionId session, std::uint64_t request,
+                         Result<std::vector<Checkpoint>> checkpoints);
+
+    /// How the project's folder looks: to be told when that has changed. Layers that only the store
+    /// has are among them.
+    void setFiles(const std::vector<LayerFile>& files);
+
+    /// Tells everybody what changed in where the others are, and who is gone. To be called every
+    /// kSweepMs while hasPresence(); `nowMs`: any steady clock.
+    void sweep(std::int64_t nowMs);
+    static constexpr std::int64_t kSweepMs = 1'000 / kPresencesPerSecond;
+    [[nodiscard]] bool hasPresence() const;
 
     [[nodiscard]] Revision durableRevision() const;
     [[nodiscard]] const ProjectCounters& counters() const;

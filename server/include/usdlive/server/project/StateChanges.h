@@ -12,9 +12,6 @@ namespace usdlive::server {
 [[nodiscard]] std::vector<StateChange> stateChanges(const LayerDocs& layers,
                                                     const std::vector<ExecutedEdit>& edits);
 
-/// The whole of a layer that has no state yet.
-[[nodiscard]] std::vector<StateChange> stateChanges(const LayerId& layer, const LayerDoc& doc);
-
 /// The moves and deletes among the executed edits.
 [[nodiscard]] std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                                             const std::vector<ExecutedEdit>& edits);

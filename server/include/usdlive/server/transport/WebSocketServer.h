@@ -8,10 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
-#include "usdlive/server/project/Project.h"  // SessionId
 #include "usdlive/server/transport/Log.h"
+#include "usdlive/server/transport/Transport.h"
 
 namespace boost::asio {
 class io_context;
@@ -19,33 +18,12 @@ class io_context;
 
 namespace usdlive::server {
 
-/// Who is told what sessions do. Called on the network thread and never from inside a call of
-/// WebSocketServer. What it throws closes the session with ErrorCode::Internal.
-class SessionHandler {
-public:
-    virtual ~SessionHandler() = default;
-    virtual void opened(SessionId session) = 0;
-    /// One message as it came; the bytes are valid during the call.
-    virtual void received(SessionId session, ByteView message) = 0;
-    /// Once for every opened(): nothing more comes from it and nothing reaches it, whoever ended
-    /// it.
-    virtual void closed(SessionId session) = 0;
-    /// After WebSocketServer::congested() was true: it is no longer.
-    virtual void drained(SessionId session) = 0;
-};
-
 struct HttpReply {
     std::string contentType;
     std::string body;
 };
 /// What `GET path` answers, computed on the network thread.
 using HttpRoutes = std::map<std::string, std::function<HttpReply()>, std::less<>>;
-
-/// Makes the frames of something big one after the other, nullptr after the last. Called in the
-/// background, one call at a time, when the connection has room for more.
-using FrameSource = std::function<SharedBytes()>;
-/// Runs a function on another thread.
-using Background = std::function<void(std::function<void()>)>;
 
 struct WebSocketServerOptions {
     std::string host = "127.0.0.1";
@@ -67,49 +45,13 @@ struct WebSocketServerOptions {
     std::vector<std::string> allowedOrigins;
 };
 
-/// All since the start, but for `connections` and `queuedBytes`.
-struct TransportCounters {
-    std::uint64_t accepted = 0, turnedAway = 0, slowReaders = 0;
-    std::uint64_t messagesIn = 0, bytesIn = 0;
-    std::uint64_t messagesOut = 0, framesOut = 0, bytesOut = 0;  ///< handed to the system
-    std::uint64_t connections = 0;
-    std::uint64_t queuedBytes = 0;  ///< waiting or on their way, of all sessions
-};
-
 /// Listens for HTTP, serves `routes`, and takes WebSocket sessions at `/live`. Belongs to the
 /// network thread, the one that runs the io_context, as does every call.
-class WebSocketServer {
+class WebSocketServer : public Transport {
 public:
-    virtual ~WebSocketServer() = default;
-
     /// As it was chosen when the options say 0.
     [[nodiscard]] virtual std::uint16_t port() const = 0;
     [[nodiscard]] virtual bool isLoopback() const = 0;
-
-    /// Sends whole frames, in order. The bytes are shared, not copied. Nothing happens for a
-    /// session that is closed or closing.
-    virtual void send(SessionId session, SharedBytes frames) = 0;
-    /// Is more than kCongestedBytes waiting for the session? Then drained() follows.
-    [[nodiscard]] virtual bool congested(SessionId session) = 0;
-    static constexpr std::size_t kCongestedBytes = 1024 * 1024;
-    /// Sends what the source makes, between that which send() sends: several sources of a session
-    /// take turns, and none is asked while more than kBesideBytes wait.
-    virtual void sendBeside(SessionId session, FrameSource source) = 0;
-    static constexpr std::size_t kBesideBytes = 256 * 1024;
-    static constexpr std::size_t kMaxSources = 65'536;  ///< of a session; then it is cut
-    /// Sends what is queued, and the error if there is one, then closes. Sources are dropped.
-    virtual void close(SessionId session) = 0;
-    virtual void close(SessionId session, const Error& why) = 0;
-    virtual void closeAll(const Error& why) = 0;
-    /// Stops or goes on reading from a session that sends faster than its work is done.
-    virtual void setReading(SessionId session, bool reading) = 0;
-
-    /// No more connections, and all sessions closed with the error. `done` when the last has gone,
-    /// or when the time is over and they were cut.
-    virtual void stop(const Error& why, std::chrono::milliseconds time,
-                      std::function<void()> done) = 0;
-
-    [[nodiscard]] virtual const TransportCounters& counters() const = 0;
 };
 
 /// Errors: InvalidConfiguration names the address and what the system says of it.

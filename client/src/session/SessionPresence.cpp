@@ -1,0 +1,45 @@
+// Where one is oneself, and where the others are (PS1-PS4).
+#include <algorithm>
+
+#include "SessionImpl.h"
+
+namespace usdlive::client {
+
+void Session::Impl::showPresence(Presence presence) { presence_ = std::move(presence); }
+
+void Session::Impl::hidePresence() { presence_.reset(); }
+
+void Session::Impl::sendPresence() {
+    const auto& features = welcome_->features;
+    if (!presence_ || std::find(features.begin(), features.end(), "presence") == features.end())
+        return;
+    const bool changed = presenceSent_ != presence_;
+    const std::int64_t pause = changed ? 1'000 / kPresencesPerSecond : kPresenceRepeatMs;
+    if (presenceSent_ && nowMs_ - presenceSentMs_ < pause) return;
+    presenceSentMs_ = nowMs_;
+    presenceSent_ = presence_;
+    sendControl(ShowPresence{*presence_});
+}
+
+void Session::Impl::on(const Presences& message) {
+    event::PresenceChanged changed;
+    for (const Presence& shown : message.shown) {
+        if (shown.client == options_.client) continue;
+        presences_[shown.client] = shown;
+        changed.shown.push_back(shown);
+    }
+    for (const ClientId& gone : message.gone)
+        if (presences_.erase(gone) > 0) changed.gone.push_back(gone);
+    if (!changed.shown.empty() || !changed.gone.empty()) events_.push_back(std::move(changed));
+}
+
+/// Without a connection nobody knows where they are.
+void Session::Impl::forgetOthers() {
+    presenceSent_.reset();
+    event::PresenceChanged changed;
+    for (const auto& [client, presence] : std::exchange(presences_, {}))
+        changed.gone.push_back(client);
+    if (!changed.gone.empty()) events_.push_back(std::move(changed));
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,481 @@
+#include <algorithm>
+#include <atomic>
+#include <mutex>
+#include <thread>
+
+#include "DdsProjects.h"
+#include "Mailbox.h"
+#include "RetryDelay.h"
+#include "usdlive/client/transport/CommitOrder.h"
+#include "usdlive/client/transport/Connection.h"
+#include "usdlive/client/transport/NewsOrder.h"
+#include "usdlive/common/dds/NewsSamples.h"
+#include "usdlive/common/dds/SegmentReceiver.h"
+#include "usdlive/common/dds/SegmentSender.h"
+#include "usdlive/common/dds/Topics.h"
+#include "usdlive/common/protocol/Frame.h"
+
+namespace usdlive::client {
+
+namespace {
+
+using dds::TimePoint;
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using std::chrono::steady_clock;
+
+constexpr auto kConnectTimeout = seconds(5);
+// A server says something every 2 s.
+constexpr auto kPeerTime = seconds(14);
+constexpr auto kKeepAlive = seconds(2);
+// Of a server that DDS takes for dead: on a busy machine it may only be late.
+constexpr auto kDoubtTime = seconds(3);
+// Until the server answers the first sample, which it may not have heard.
+constexpr auto kAskPause = milliseconds(20);
+// How long a connection that is let go may take to send what is queued and to say goodbye.
+constexpr auto kGoodbye = milliseconds(500);
+// A message of the server is one or more frames; the slack is for those beside the largest.
+constexpr std::size_t kMaxMessageBytes = kMaxFrameBytes + 8 * 1024 * 1024;
+// Taken from the mailbox in advance.
+constexpr std::size_t kWaitingBytes = 1024 * 1024;
+
+std::uint64_t positionOf(const dds::CommitSample& sample, std::uint64_t client) {
+    for (std::uint32_t index = 0; index < sample.marks._length; ++index)
+        if (sample.marks._buffer[index].client == client)
+            return sample.marks._buffer[index].position;
+    return 0;
+}
+
+template <class Sample>
+dds::Segment segmentOf(const Sample& sample) {
+    dds::Segment segment;
+    segment.sequence = sample.number;
+    segment.more = (sample.flags & dds::kMore) != 0;
+    segment.end = (sample.flags & dds::kEnd) != 0;
+    segment.owner = dds::copyOf(sample.frames);
+    segment.bytes = *segment.owner;
+    return segment;
+}
+
+SharedBytes encoded(const ControlMessage& message) {
+    return std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)}));
+}
+
+/// What the stream says of presences, alone in its message; none if it is nothing of the kind.
+Presences presencesIn(const SharedBytes& message) {
+    const auto frames = message ? splitMessage(*message) : std::vector<ByteView>{};
+    if (!frames || frames->empty()) return {};
+    const auto frame = decodeFrame(frames->front());
+    const auto* control = frame ? std::get_if<ControlFrame>(&*frame) : nullptr;
+    const auto decoded = control ? decodeControl(control->json) : ControlMessage{};
+    const auto* presences = decoded ? std::get_if<Presences>(&*decoded) : nullptr;
+    return presences ? *presences : Presences{};
+}
+
+/// One connection from its first sample to its end. Belongs to the connection's thread.
+class Line {
+public:
+    /// `participant`: who speaks for the server. What others say in its name is ignored (DD13).
+    Line(const dds::Domain& domain, dds::WaitSet& waitSet, Mailbox& mailbox, std::uint64_t server,
+         const dds::ParticipantId& participant, std::uint64_t client, std::uint64_t connection)
+        : mailbox_(mailbox),
+          client_(client),
+          connection_(connection),
+          server_(server),
+          participant_(participant),
+          commits_(domain, dds::partitionOf(server)),
+          replies_(domain, dds::partitionOf(server, client)),
+          beside_(domain, dds::partitionOf(server, client)),
+          states_(domain, dds::partitionOf(server)),
+          presences_(domain, dds::partitionOf(server)),
+          writer_(domain, dds::partitionOf(server)),
+          order_(kMaxMessageBytes),
+          besideIn_(kMaxMessageBytes) {
+        for (const dds_entity_t reader :
+             {commits_.get(), replies_.get(), beside_.get(), states_.get(), presences_.get()})
+            waitSet.attach(reader);
+    }
+
+    [[nodiscard]] std::uint64_t server() const { return server_; }
+    /// Of the mailbox; 0: the server has not answered.
+    [[nodiscard]] std::uint64_t generation() const { return generation_; }
+    [[nodiscard]] const std::optional<Error>& reason() const { return reason_; }
+    /// The first reason given stands.
+    void end(std::string message) {
+        if (!reason_) reason_ = Error{ErrorCode::NotConnected, std::move(message)};
+    }
+
+    /// DDS says that the server has gone, and there may be another one in its place.
+    void doubt(TimePoint now, bool replaced) {
+        if (replaced || now - heard_ >= kDoubtTime) end("the server has gone");
+    }
+
+    /// From here on only what is queued leaves, then the goodbye.
+    void leave(TimePoint now) {
+        if (generation_ == 0) return end("left");
+        queue(true);
+        out_.pushEnd();
+        leaveBy_ = now + kGoodbye;
+    }
+
+    /// Takes what has come and writes what is due.
+    void work(TimePoint now) {
+        takeReplies(now);
+        takeBeside(now);
+        takeCommits();
+        takeNews(now);
+        deliver(now);
+        if (now - heard_ >= (generation_ == 0 ? seconds(kConnectTimeout) : seconds(kPeerTime)))
+            end("nothing is heard of the server");
+        if (leaveBy_ && (out_.isEmpty() || now >= *leaveBy_)) end("left");
+        if (reason_) return acknowledgeGoodbye(now);
+        if (generation_ == 0) return ask(now);
+        queue(false);
+        speak(now);
+    }
+
+    /// When work() is due again, if nothing comes.
+    [[nodiscard]] TimePoint deadline() const {
+        TimePoint earliest = spoke_ + (generation_ == 0 ? milliseconds(kAskPause) : kKeepAlive);
+        for (const auto& due : {out_.deadline(), order_.deadline(), leaveBy_, order_.ackDue(),
+                                besideIn_.ackDue(), news_.deadline()})
+            if (due) earliest = std::min(earliest, *due);
+        return earliest;
+    }
+
+private:
+    // --- What comes
+
+    template <class Sample>
+    [[nodiscard]] bool isOurs(const Sample& sample, const dds::SampleInfo& info) const {
+        return info.isOf(participant_) && sample.connection == connection_;
+    }
+
+    void takeReplies(TimePoint now) {
+        replies_.take([&](const dds::ReplySample& sample, const dds::SampleInfo& info) {
+            if (!isOurs(sample, info)) return;
+            heard_ = now;
+            if (generation_ == 0) generation_ = mailbox_.opened();
+            if (out_.acknowledged(sample.ackSubmit, now)) noteAcknowledged();
+            order_.sent(sample.afterCommit);
+            if (sample.resent != 0)
+                return order_.commit(sample.resent, sample.mark, dds::copyOf(sample.frames));
+            if (sample.number == 0) {
+                if ((sample.flags & dds::kEnd) != 0) end("the server has ended the session");
+                return;
+            }
+            dds::Segment segment = segmentOf(sample);
+            segment.mark = {sample.afterCommit, (sample.flags & dds::kHold) != 0, sample.liveFrom,
+                            sample.statesFrom, sample.presencesFrom};
+            order_.replies().received(std::move(segment), now);
+        });
+    }
+
+    void takeBeside(TimePoint now) {
+        beside_.take([&](const dds::BesideSample& sample, const dds::SampleInfo& info) {
+            if (!isOurs(sample, info) || sample.number == 0) return;
+            heard_ = now;
+            besideIn_.received(segmentOf(sample), now);
+        });
+    }
+
+    void takeCommits() {
+        commits_.take([&](const dds::CommitSample& sample, const dds::SampleInfo& info) {
+            if (!info.isOf(participant_)) return;
+            order_.commit(sample.revision, positionOf(sample, client_), dds::copyOf(sample.frame));
+        });
+    }
+
+    void takeNews(TimePoint now) {
+        states_.take([&](const dds::LayerStateSample& sample, const dds::SampleInfo& info) {
+            if (!info.alive || !info.isOf(participant_) || sample.server != server_) return;
+            if (auto state = dds::layerStateOf(sample))
+                news_.state(sample.number, sample.afterCommit, std::move(*state));
+        });
+        presences_.take([&](const dds::PresenceSample& sample, const dds::SampleInfo& info) {
+            if (!info.isOf(participant_) || sample.server != server_) return;
+            if (!info.alive) return news_.gone({sample.client ? sample.client : ""});
+            if (auto presence = dds::presenceOf(sample))
+                news_.presence(sample.number, std::move(*presence), now);
+        });
+    }
+
+    void deliver(TimePoint now) {
+        while (const auto message = order_.take(now)) {
+            deliver(message->bytes);
+            if (message->mark.statesFrom != 0) news_.statesFrom(message->mark.statesFrom);
+            if (message->mark.presencesFrom != 0)
+                news_.presencesFrom(message->mark.presencesFrom, presencesIn(message->bytes), now);
+            if (message->end) end("the server has closed the session");
+        }
+        while (const auto message = besideIn_.take(now)) deliver(message->bytes);
+        if (auto states = news_.takeStates(order_); !states.layers.empty())
+            deliver(encoded(std::move(states)));
+        if (auto people = news_.takePresences(now); !people.shown.empty() || !people.gone.empty())
+            deliver(encoded(std::move(people)));
+        if (order_.replies().isTooLarge() || besideIn_.isTooLarge())
+            end("the server sent a message that is too large");
+    }
+
+    void deliver(const SharedBytes& bytes) {
+        if (!bytes || bytes->empty()) return;
+        // The session resumes with what it has not fetched.
+        if (!mailbox_.message(bytes)) end("too much has come that nobody has fetched");
+    }
+
+    // --- What leaves
+
+    void queue(bool all) {
+        while (all || out_.waitingBytes() < kWaitingBytes) {
+            const auto batch = mailbox_.takeBatch();
+            if (batch.empty()) return;
+            for (const SharedBytes& frames : batch) {
+                unacknowledged_ += frames->size();
+                out_.push(frames);
+            }
+        }
+    }
+
+    void noteAcknowledged() {
+        const std::size_t left = out_.queuedBytes();
+        mailbox_.written(unacknowledged_ - left);
+        unacknowledged_ = left;
+    }
+
+    void ask(TimePoint now) {
+        if (now < spoke_ + kAskPause) return;
+        dds::SubmitSample sample{};
+        sample.flags = dds::kAnswer;
+        write(sample, now);
+    }
+
+    void speak(TimePoint now) {
+        for (const dds::Segment& segment : out_.take(now)) {
+            dds::SubmitSample sample{};
+            sample.number = segment.sequence;
+            sample.flags =
+                std::uint8_t((segment.more ? dds::kMore : 0) | (segment.end ? dds::kEnd : 0));
+            sample.frames = dds::octets(segment.bytes);
+            write(sample, now);
+        }
+        const auto missing = order_.toAsk(now);
+        const auto isDue = [now](const std::optional<TimePoint>& due) {
+            return due && now >= *due;
+        };
+        if (!missing && !isDue(order_.replies().ackDue()) && !isDue(besideIn_.ackDue()) &&
+            now < spoke_ + kKeepAlive)
+            return;
+        dds::SubmitSample sample{};
+        if (missing) {
+            sample.resendFrom = missing->from;
+            sample.resendTo = missing->to;
+        }
+        write(sample, now);
+    }
+
+    // A server that closes the session waits for it.
+    void acknowledgeGoodbye(TimePoint now) {
+        if (!order_.ackDue()) return;
+        dds::SubmitSample sample{};
+        write(sample, now);
+    }
+
+    void write(dds::SubmitSample& sample, TimePoint now) {
+        sample.client = client_;
+        sample.connection = connection_;
+        sample.protocol = dds::kDdsProtocol;
+        sample.ackReply = order_.replies().taken();
+        sample.ackBeside = besideIn_.taken();
+        order_.replies().ackSent();
+        besideIn_.ackSent();
+        spoke_ = now;
+        // What is not taken is sent again with what is not acknowledged.
+        static_cast<void>(writer_.write(sample));
+    }
+
+    Mailbox& mailbox_;
+    const std::uint64_t client_, connection_, server_;
+    const dds::ParticipantId participant_;
+    dds::Reader<dds::CommitSample> commits_;
+    dds::Reader<dds::ReplySample> replies_;
+    dds::Reader<dds::BesideSample> beside_;
+    dds::Reader<dds::LayerStateSample> states_;
+    dds::Reader<dds::PresenceSample> presences_;
+    dds::Writer<dds::SubmitSample> writer_;
+
+    CommitOrder order_;
+    NewsOrder news_;
+    dds::SegmentReceiver besideIn_;
+    dds::SegmentSender out_;
+    std::size_t unacknowledged_ = 0;  // bytes of the mailbox's in out_
+    std::uint64_t generation_ = 0;
+    std::optional<Error> reason_;
+    TimePoint heard_ = steady_clock::now();
+    TimePoint spoke_;
+    std::optional<TimePoint> leaveBy_;
+};
+
+class DdsConnection final : public Connection {
+public:
+    DdsConnection(const ServerAddress& address, const dds::DomainSettings& settings,
+                  std::unique_ptr<dds::Domain> domain)
+        : address_(address),
+          settings_(settings),
+          domain_(std::move(domain)),
+          projects_(*domain_),
+          waitSet_(*domain_) {
+        waitSet_.attach(projects_.reader());
+        thread_ = std::thread([this] { run(); });
+    }
+
+    ~DdsConnection() override {
+        leaving_ = true;
+        waitSet_.wake();
+        thread_.join();
+    }
+
+    void send(SharedBytes frames) override {
+        if (!frames || frames->empty()) return;
+        switch (mailbox_.queue(std::move(frames))) {
+            case Mailbox::Queued::Yes:
+                waitSet_.wake();
+                break;
+            case Mailbox::Queued::Full:
+                drop("it takes nothing any more");
+                break;
+            case Mailbox::Queued::Dropped:
+                break;
+        }
+    }
+
+    std::vector<Happening> poll(std::size_t most) override {
+        bool madeRoom = false;
+        auto happenings = mailbox_.fetch(most, madeRoom);
+        if (madeRoom) waitSet_.wake();
+        return happenings;
+    }
+
+    bool wait(milliseconds time) override { return mailbox_.wait(time); }
+
+    std::size_t queuedBytes() const override { return mailbox_.outboxBytes(); }
+
+    void reset() override { drop("the connection was reset"); }
+
+private:
+    // A connection that is newer than the one meant is left alone.
+    void drop(std::string message) {
+        {
+            const std::lock_guard lock(dropMutex_);
+            drop_ = {mailbox_.seen(), std::move(message)};
+        }
+        waitSet_.wake();
+    }
+
+    [[nodiscard]] std::string where() const {
+        ServerAddress server = address_;
+        server.layer.clear();
+        return server.url();
+    }
+
+    void run() {
+        RetryDelay delay;
+        while (!leaving_) {
+            const TimePoint start = steady_clock::now();
+            Error reason = attempt();
+            if (leaving_) return;
+            mailbox_.lost(std::move(reason));
+            rest(delay.next(steady_clock::now() - start));
+            while (!leaving_ && !mailbox_.hasRoom()) rest(RetryDelay::kLongest);
+        }
+    }
+
+    void rest(milliseconds time) {
+        const TimePoint end = steady_clock::now() + time;
+        for (TimePoint now = steady_clock::now(); now < end && !leaving_;
+             now = steady_clock::now()) {
+            waitSet_.wait(end - now);
+            projects_.update();
+        }
+    }
+
+    // Connects, and works until the connection is lost.
+    Error attempt() {
+        try {
+            const auto server = findServer();
+            if (!server)
+                return {ErrorCode::NotConnected,
+                        "no server of " + where() + " is heard of in DDS domain " +
+                            std::to_string(settings_.domain) + " on " + settings_.interface};
+            Line line(*domain_, waitSet_, mailbox_, *server, projects_.participantOf(*server),
+                      client_, ++connections_);
+            return use(line);
+        } catch (const std::runtime_error& fault) {
+            return {ErrorCode::NotConnected, fault.what()};
+        }
+    }
+
+    std::optional<std::uint64_t> findServer() {
+        const TimePoint end = steady_clock::now() + kConnectTimeout;
+        for (TimePoint now = steady_clock::now(); now < end && !leaving_;
+             now = steady_clock::now()) {
+            projects_.update();
+            if (const auto server = projects_.serverOf(address_.project)) return server;
+            waitSet_.wait(end - now);
+        }
+        return std::nullopt;
+    }
+
+    Error use(Line& line) {
+        bool left = false;
+        while (!line.reason()) {
+            const TimePoint now = steady_clock::now();
+            if (leaving_ && !std::exchange(left, true)) line.leave(now);
+            projects_.update();
+            endDropped(line);
+            line.work(now);
+            if (!projects_.isAlive(line.server()))
+                line.doubt(now, projects_.serverOf(address_.project).has_value());
+            if (!line.reason()) waitSet_.wait(line.deadline() - steady_clock::now());
+        }
+        return {line.reason()->code, "lost " + where() + ": " + line.reason()->message};
+    }
+
+    void endDropped(Line& line) {
+        const std::lock_guard lock(dropMutex_);
+        if (drop_ && drop_->generation == line.generation()) line.end(drop_->message);
+        drop_.reset();
+    }
+
+    struct Drop {
+        std::uint64_t generation = 0;
+        std::string message;
+    };
+
+    const ServerAddress address_;
+    const dds::DomainSettings settings_;
+    const std::unique_ptr<dds::Domain> domain_;
+    const std::uint64_t client_ = dds::randomNumber();
+    std::uint64_t connections_ = 0;
+    DdsProjects projects_;
+    dds::WaitSet waitSet_;
+    Mailbox mailbox_;
+    std::mutex dropMutex_;
+    std::optional<Drop> drop_;
+    std::atomic<bool> leaving_ = false;
+    std::thread thread_;
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Connection>> createDdsConnection(const ServerAddress& address,
+                                                        const dds::DomainSettings& settings) {
+    auto domain = dds::createDomain(settings);
+    if (!domain) return tl::unexpected(domain.error());
+    try {
+        return std::make_unique<DdsConnection>(address, settings, std::move(*domain));
+    } catch (const std::runtime_error& fault) {
+        return fail(ErrorCode::InvalidConfiguration, fault.what());
+    }
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,94 @@
+#include "usdlive/client/transport/NewsOrder.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace usdlive::client {
+
+namespace {
+
+constexpr std::chrono::milliseconds kPresenceTime{kPresenceTimeMs};
+
+}  // namespace
+
+void NewsOrder::state(std::uint64_t number, Revision afterCommit, LayerState state) {
+    const auto known = layers_.find(state.layer);
+    if (known == layers_.end() && layers_.size() >= kMostLayers) return;
+    Layer& layer = known == layers_.end() ? layers_[state.layer] : known->second;
+    if (number <= layer.number || number < statesFrom_) return;
+    waitingStates_ += layer.waiting ? 0 : 1;
+    layer = {number, afterCommit, std::move(state)};
+}
+
+void NewsOrder::statesFrom(std::uint64_t number) {
+    statesFrom_ = number;
+    for (auto& [id, layer] : layers_)
+        if (layer.number < number && std::exchange(layer.waiting, std::nullopt)) --waitingStates_;
+}
+
+LayerStates NewsOrder::takeStates(const CommitOrder& commits) {
+    LayerStates told;
+    if (statesFrom_ == 0 || waitingStates_ == 0) return told;
+    for (auto& [id, layer] : layers_) {
+        if (!layer.waiting || !commits.hasReached(layer.afterCommit)) continue;
+        told.layers.push_back(std::move(*layer.waiting));
+        layer.waiting.reset();
+        --waitingStates_;
+    }
+    return told;
+}
+
+void NewsOrder::presence(std::uint64_t number, Presence presence, dds::TimePoint now) {
+    const auto known = people_.find(presence.client);
+    if (known == people_.end() && people_.size() >= kMostPeople) return;
+    Person& person = known == people_.end() ? people_[presence.client] : known->second;
+    person.heard = now;
+    if (number <= person.number) return;
+    person.number = number;
+    person.waiting = std::move(presence);
+}
+
+void NewsOrder::gone(const ClientId& client) {
+    if (people_.erase(client) > 0 && presencesFrom_ != 0) gone_.push_back(client);
+}
+
+void NewsOrder::presencesFrom(std::uint64_t number, const Presences& first, dds::TimePoint now) {
+    presencesFrom_ = number;
+    std::erase_if(people_, [&](const auto& entry) { return entry.second.number < number; });
+    for (const Presence& shown : first.shown)
+        people_.try_emplace(shown.client, Person{number - 1, std::nullopt, now});
+    looked_ = now;
+}
+
+Presences NewsOrder::takePresences(dds::TimePoint now) {
+    Presences told;
+    if (presencesFrom_ == 0) return told;
+    // It was this process that hung, and not they who fell silent.
+    if (now - std::exchange(looked_, now) >= kPresenceTime)
+        for (auto& [client, person] : people_) person.heard = now;
+    for (auto entry = people_.begin(); entry != people_.end();) {
+        Person& person = entry->second;
+        if (now - person.heard >= kPresenceTime) {
+            gone_.push_back(entry->first);
+            entry = people_.erase(entry);
+            continue;
+        }
+        if (person.waiting) told.shown.push_back(std::move(*person.waiting));
+        person.waiting.reset();
+        ++entry;
+    }
+    told.gone = std::exchange(gone_, {});
+    return told;
+}
+
+std::optional<dds::TimePoint> NewsOrder::deadline() const {
+    std::optional<dds::TimePoint> earliest;
+    if (presencesFrom_ == 0) return earliest;
+    for (const auto& [client, person] : people_) {
+        const dds::TimePoint due = person.heard + kPresenceTime;
+        earliest = earliest ? std::min(*earliest, due) : due;
+    }
+    return earliest;
+}
+
+}  // namespace usdlive::client

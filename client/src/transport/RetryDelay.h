@@ -1,0 +1,32 @@
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <random>
+
+namespace usdlive::client {
+
+/// How long to rest between attempts to connect: growing, with full jitter, so that the clients of
+/// a server that comes back do not all come at once.
+class RetryDelay {
+public:
+    static constexpr std::chrono::milliseconds kFirst{100};
+    static constexpr std::chrono::milliseconds kLongest{5'000};
+    /// A connection that lasted this long was a good one: the next delay is a short one again.
+    static constexpr std::chrono::seconds kStableAfter{5};
+
+    /// After an attempt, or the connection it made, has lasted so long.
+    [[nodiscard]] std::chrono::milliseconds next(std::chrono::steady_clock::duration lasted) {
+        failures_ = lasted > kStableAfter ? 0 : failures_ + 1;
+        const auto doubled = kFirst * (1 << std::min(std::max(failures_ - 1, 0), 10));
+        const auto longest = std::min<std::chrono::milliseconds>(doubled, kLongest);
+        return std::chrono::milliseconds(
+            std::uniform_int_distribution<long long>(0, longest.count())(random_));
+    }
+
+private:
+    int failures_ = 0;
+    std::mt19937 random_{std::random_device{}()};
+};
+
+}  // namespace usdlive::client

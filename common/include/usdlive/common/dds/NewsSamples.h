@@ -1,0 +1,42 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "usdlive/common/dds/Topics.h"
+#include "usdlive/common/protocol/Control.h"
+
+namespace usdlive::dds {
+
+/// A layer's state as a sample, which points into it: the state has to outlive this.
+class LayerStateOut {
+public:
+    explicit LayerStateOut(const LayerState& state);
+    LayerStateOut(const LayerStateOut&) = delete;
+    LayerStateOut& operator=(const LayerStateOut&) = delete;
+
+    LayerStateSample sample{};
+
+private:
+    std::vector<char*> editors_;
+};
+/// Nothing: it is none that a server would send.
+[[nodiscard]] std::optional<LayerState> layerStateOf(const LayerStateSample& sample);
+
+/// A presence as a sample, which points into it: the presence has to outlive this.
+class PresenceOut {
+public:
+    explicit PresenceOut(const Presence& presence);
+    PresenceOut(const PresenceOut&) = delete;
+    PresenceOut& operator=(const PresenceOut&) = delete;
+
+    PresenceSample sample{};
+
+private:
+    std::string colour_;
+    std::vector<char*> selection_;
+};
+/// Nothing: it is none that a server would send.
+[[nodiscard]] std::optional<Presence> presenceOf(const PresenceSample& sample);
+
+}  // namespace usdlive::dds

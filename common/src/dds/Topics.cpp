@@ -1,0 +1,147 @@
+#include "usdlive/common/dds/Topics.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <random>
+
+#include "usdlive/common/protocol/Control.h"
+
+namespace usdlive::dds {
+
+namespace {
+
+// A server that dies is missed after this, a client by its silence.
+constexpr dds_duration_t kLiveliness = DDS_SECS(2);
+// What was said once and not again since is over.
+constexpr dds_duration_t kLifespan = DDS_MSECS(kPresenceTimeMs);
+
+using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
+
+Qos newQos() { return Qos(dds_create_qos(), dds_delete_qos); }
+
+Qos qosOf(TopicKind kind, bool writer) {
+    Qos qos = newQos();
+    // Nothing waits for a reader: what it has not acknowledged makes room for what is newer.
+    dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, 0);
+    if (hasInstances(kind)) {
+        dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, 1);
+        dds_qset_durability(qos.get(), DDS_DURABILITY_TRANSIENT_LOCAL);
+        if (kind == TopicKind::Alive)
+            dds_qset_liveliness(qos.get(), DDS_LIVELINESS_AUTOMATIC, kLiveliness);
+        if (kind != TopicKind::Brief) return qos;
+        dds_qset_reliability(qos.get(), DDS_RELIABILITY_BEST_EFFORT, 0);
+        dds_qset_durability(qos.get(), DDS_DURABILITY_VOLATILE);
+        if (writer) dds_qset_lifespan(qos.get(), kLifespan);
+        return qos;
+    }
+    dds_qset_durability(qos.get(), DDS_DURABILITY_VOLATILE);
+    if (!writer)
+        dds_qset_history(qos.get(), DDS_HISTORY_KEEP_ALL, 0);
+    else
+        dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST,
+                         kind == TopicKind::Commits ? kCommitDepth : kStreamDepth);
+    return qos;
+}
+
+Qos qosOf(const std::string& partition) {
+    Qos qos = newQos();
+    if (!partition.empty()) dds_qset_partition1(qos.get(), partition.c_str());
+    return qos;
+}
+
+// Readers and writers keep what they need of it.
+Entity topicOf(const Domain& domain, const dds_topic_descriptor_t* descriptor, const char* name) {
+    return Entity(dds_create_topic(domain.participant(), descriptor, name, nullptr, nullptr));
+}
+
+std::string hexOf(std::uint64_t number) {
+    char text[17];
+    std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(number));
+    return text;
+}
+
+}  // namespace
+
+std::string partitionOf(std::uint64_t server) { return "usdlive/" + hexOf(server); }
+std::string partitionOf(std::uint64_t server, std::uint64_t client) {
+    return partitionOf(server) + "/" + hexOf(client);
+}
+
+std::uint64_t randomNumber() {
+    std::random_device device;
+    return (std::uint64_t(device()) << 32) | device();
+}
+
+std::string textOf(const ParticipantId& participant) {
+    std::string text;
+    for (const std::uint8_t byte : participant) {
+        char digits[3];
+        std::snprintf(digits, sizeof digits, "%02x", byte);
+        text += digits;
+    }
+    return text;
+}
+
+const ParticipantId& Origins::of(dds_entity_t reader, dds_instance_handle_t writer) {
+    const auto found = known_.find(writer);
+    if (found != known_.end()) return found->second;
+    if (known_.size() >= kMostWriters) known_.clear();
+    ParticipantId& participant = known_[writer];
+    if (dds_builtintopic_endpoint_t* data = dds_get_matched_publication_data(reader, writer)) {
+        std::copy_n(data->participant_key.v, participant.size(), participant.begin());
+        dds_builtintopic_free_endpoint(data);
+    }
+    return participant;
+}
+
+Entity createWriter(const Domain& domain, const dds_topic_descriptor_t* descriptor,
+                    const char* topic, TopicKind kind, const std::string& partition,
+                    Entity& publisher) {
+    publisher = Entity(dds_create_publisher(domain.participant(), qosOf(partition).get(), nullptr));
+    const Entity shared = topicOf(domain, descriptor, topic);
+    return Entity(
+        dds_create_writer(publisher.get(), shared.get(), qosOf(kind, true).get(), nullptr));
+}
+
+Entity createReader(const Domain& domain, const dds_topic_descriptor_t* descriptor,
+                    const char* topic, TopicKind kind, const std::string& partition,
+                    Entity& subscriber) {
+    subscriber =
+        Entity(dds_create_subscriber(domain.participant(), qosOf(partition).get(), nullptr));
+    const Entity shared = topicOf(domain, descriptor, topic);
+    return Entity(
+        dds_create_reader(subscriber.get(), shared.get(), qosOf(kind, false).get(), nullptr));
+}
+
+WaitSet::WaitSet(const Domain& domain)
+    : waitSet_(dds_create_waitset(domain.participant())),
+      guard_(dds_create_guardcondition(domain.participant())) {
+    dds_waitset_attach(waitSet_.get(), guard_.get(), 0);
+}
+
+void WaitSet::attach(dds_entity_t reader) {
+    dds_set_status_mask(reader, DDS_DATA_AVAILABLE_STATUS);
+    dds_waitset_attach(waitSet_.get(), reader, 0);
+}
+
+void WaitSet::wait(std::chrono::nanoseconds time) {
+    dds_waitset_wait(waitSet_.get(), nullptr, 0, std::max<dds_duration_t>(time.count(), 0));
+    bool ignored = false;
+    dds_take_guardcondition(guard_.get(), &ignored);
+}
+
+void WaitSet::wake() { dds_set_guardcondition(guard_.get(), true); }
+
+dds_sequence_octet octets(ByteView bytes) {
+    // A sample that is written is only read.
+    auto* data = const_cast<std::uint8_t*>(bytes.data());
+    const auto size = std::uint32_t(bytes.size());
+    return {size, size, data, false};
+}
+
+SharedBytes copyOf(const dds_sequence_octet& octets) {
+    return std::make_shared<const Bytes>(octets._buffer, octets._buffer + octets._length);
+}
+
+}  // namespace usdlive::dds

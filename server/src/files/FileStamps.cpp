@@ -1,0 +1,99 @@
+#include "FileStamps.h"
+
+#include <fcntl.h>
+#include <pwd.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <vector>
+
+#include "SafeFile.h"
+#include "usdlive/common/core/Sha256.h"
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr int kAttempts = 3;
+
+class Descriptor {
+public:
+    explicit Descriptor(const std::filesystem::path& path)
+        : number_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK)) {}
+    Descriptor(const Descriptor&) = delete;
+    ~Descriptor() {
+        if (number_ >= 0) ::close(number_);
+    }
+    [[nodiscard]] int get() const { return number_; }
+
+private:
+    const int number_;
+};
+
+std::int64_t nanoseconds(const timespec& time) {
+    return std::int64_t(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
+}
+
+FileTrace traceOf(const struct stat& found) {
+    return {std::uint64_t(found.st_size), found.st_ino, nanoseconds(found.st_mtim),
+            nanoseconds(found.st_ctim)};
+}
+
+std::string userName(uid_t user) {
+    std::vector<char> memory(16'384);
+    passwd entry{};
+    passwd* found = nullptr;
+    if (::getpwuid_r(user, &entry, memory.data(), memory.size(), &found) == 0 && found)
+        return found->pw_name;
+    return std::to_string(user);
+}
+
+tl::unexpected<Error> unreadable(const std::filesystem::path& path, const std::string& why) {
+    return fail(ErrorCode::LayerUnreadable, path.filename().string() + " cannot be read: " + why);
+}
+
+/// Nothing: it was written meanwhile.
+Result<std::optional<FileStamp>> attempt(const std::filesystem::path& path, int file) {
+    struct stat before{}, after{};
+    if (::fstat(file, &before) != 0) return unreadable(path, std::strerror(errno));
+    Sha256 sha;
+    static thread_local std::array<std::uint8_t, 1 << 16> part;
+    for (;;) {
+        const ssize_t count = ::read(file, part.data(), part.size());
+        if (count < 0 && errno == EINTR) continue;
+        if (count < 0) return unreadable(path, std::strerror(errno));
+        if (count == 0) break;
+        sha.add(ByteView(part.data(), std::size_t(count)));
+    }
+    // Another file may stand there by now.
+    if (::stat(path.c_str(), &after) != 0 || traceOf(before) != traceOf(after)) return std::nullopt;
+    return FileStamp{traceOf(after), sha.finish()};
+}
+
+}  // namespace
+
+std::optional<LayerFile> lookAt(const std::filesystem::path& path, LayerId layer) {
+    struct stat found{};
+    if (::lstat(path.c_str(), &found) != 0 || !S_ISREG(found.st_mode)) return std::nullopt;
+    static thread_local std::map<uid_t, std::string> names;
+    const auto [name, added] = names.try_emplace(found.st_uid);
+    if (added) name->second = userName(found.st_uid);
+    return LayerFile{std::move(layer), traceOf(found), isWritable(path, found.st_mode),
+                     name->second};
+}
+
+Result<std::optional<FileStamp>> stampOf(const std::filesystem::path& path) {
+    for (int left = kAttempts; left > 0; --left) {
+        const Descriptor file(path);
+        if (file.get() < 0 && errno == ENOENT) return std::nullopt;
+        if (file.get() < 0) return unreadable(path, std::strerror(errno));
+        auto stamp = attempt(path, file.get());
+        if (!stamp || *stamp) return stamp;
+    }
+    return unreadable(path, "it is being written at this moment");
+}
+
+}  // namespace usdlive::server

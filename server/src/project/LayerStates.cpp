@@ -1,0 +1,105 @@
+// What is known of layers beside their content: told to all who want it, when it changes.
+#include <algorithm>
+
+#include "ProjectImpl.h"
+#include "usdlive/common/layer/GlobalMuteness.h"
+
+namespace usdlive::server {
+
+namespace {
+
+const std::string kFeature = "states";
+
+/// That it has another revision is no reason to tell a state: every commit would be.
+bool isSame(LayerState state, const LayerState& other) {
+    state.revision = other.revision;
+    return state == other;
+}
+
+/// Of a layer with the same file that is saved, up to date, writable, not muted, unlocked and open
+/// nowhere: there is nothing to tell.
+LayerState plain(const LayerState& state) {
+    LayerState plain;
+    plain.layer = state.layer;
+    plain.saved = state.saved;
+    plain.owner = state.owner;
+    return plain;
+}
+
+}  // namespace
+
+LayerState Project::Impl::stateOf(const LayerId& layer, const LayerEntry& entry) const {
+    LayerState state;
+    state.layer = layer;
+    state.revision = std::max(entry.changed, entry.saved.revision);
+    state.saved = entry.saved.revision;
+    state.dirty = entry.unsaved || entry.changed > entry.saved.revision || entry.file.missing;
+    state.outdated = entry.file.outdated;
+    state.writable = entry.file.present.writable;
+    state.owner = entry.file.present.owner;
+    if (const auto doc = docs_.find(layer); doc != docs_.end()) {
+        const LayerLock lock = lockOf(doc->second);
+        state.locked = lock.locked;
+        state.holder = lock.holder;
+        state.lockedAtMs = std::uint64_t(lock.atMs);
+    }
+    std::set<UserName> editors;
+    for (const auto& [id, session] : sessions_)
+        if (session.isGreeted() && session.open.contains(layer)) editors.insert(session.user);
+    state.editors.assign(editors.begin(), editors.end());
+    return state;
+}
+
+/// What is not durable yet is not told: it might be taken back.
+void Project::Impl::tellStates() {
+    if (suspects_.empty()) return;
+    const std::set<LayerId> muted = mutedLayers();
+    LayerStates message;
+    std::erase_if(suspects_, [&](const LayerId& layer) {
+        const auto found = layers_.find(layer);
+        if (found == layers_.end()) return true;
+        LayerEntry& entry = found->second;
+        if (entry.changed > durable_) return false;
+        LayerState state = stateOf(layer, entry);
+        state.globallyMuted = muted.contains(layer);
+        if (entry.told.layer.empty()) entry.told = plain(state);
+        if (isSame(state, entry.told)) return true;
+        entry.told = std::move(state);
+        message.layers.push_back(entry.told);
+        return true;
+    });
+    if (message.layers.empty()) return;
+    tellAll(kFeature, message);
+}
+
+void Project::Impl::tellStatesTo(Session& session) {
+    if (!session.features.contains(kFeature)) return;
+    LayerStates message;
+    for (const auto& [layer, entry] : layers_)
+        if (!entry.told.layer.empty() && !isSame(entry.told, plain(entry.told)))
+            message.layers.push_back(entry.told);
+    host_.tellFirst(session.id, message);
+}
+
+std::set<LayerId> Project::Impl::mutedLayers() const {
+    std::set<LayerId> muted;
+    for (const auto& [layer, entry] : layers_) muted.insert(entry.mutes.begin(), entry.mutes.end());
+    return muted;
+}
+
+/// To be called when a layer has been loaded, or its custom layer data edited.
+void Project::Impl::noteMutes(const LayerId& layer, LayerEntry& entry) {
+    const auto doc = docs_.find(layer);
+    if (doc == docs_.end()) return;
+    std::set<LayerId> mutes = globallyMuted(layer, doc->second);
+    if (mutes == entry.mutes) return;
+    suspects_.insert(mutes.begin(), mutes.end());
+    suspects_.insert(entry.mutes.begin(), entry.mutes.end());
+    entry.mutes = std::move(mutes);
+}
+
+void Project::Impl::closeLayer(Session& session, const LayerId& layer) {
+    if (session.open.erase(layer) > 0) suspects_.insert(layer);
+}
+
+}  // namespace usdlive::server

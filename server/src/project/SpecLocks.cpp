@@ -1,0 +1,115 @@
+// Who may edit single specs that are locked (LK5).
+#include <algorithm>
+#include <utility>
+
+#include "ProjectImpl.h"
+#include "usdlive/common/layer/SpecPath.h"
+
+namespace usdlive::server {
+
+namespace {
+
+const std::string kSpecifier = "specifier";
+
+/// An `over` says nothing: it may be made so that specs below can be edited.
+bool isHarmless(const EditAction& action) {
+    if (std::holds_alternative<CreateSpec>(action)) return true;
+    const auto* set = std::get_if<SetField>(&action);
+    return set && set->field == kSpecifier;
+}
+
+bool takesWithAllBelow(const EditAction& action) {
+    return std::holds_alternative<DeleteSpec>(action) || std::holds_alternative<MoveSpec>(action);
+}
+
+Error lockedError(const std::string& path, const UserName& owner) {
+    return {ErrorCode::Locked, path + " is locked" + (owner.empty() ? "" : " by " + owner.value)};
+}
+
+}  // namespace
+
+/// To be called when a layer has been loaded, or its custom layer data edited.
+void Project::Impl::noteSpecLocks(const LayerId& layer) {
+    const auto doc = docs_.find(layer);
+    if (doc == docs_.end() || specLocksOf(doc->second).empty())
+        specLockers_.erase(layer);
+    else
+        specLockers_.insert(layer);
+}
+
+/// Do the edits have to be looked at once they are executed?
+bool Project::Impl::mindsSpecLocks(const std::vector<Edit>& edits) const {
+    if (!specLockers_.empty()) return true;
+    return std::any_of(edits.begin(), edits.end(),
+                       [](const Edit& edit) { return touchesSpecLocks(edit.action); });
+}
+
+/// The locks that hold in a layer: those of every root layer in whose local layer stack it is.
+SpecLocks Project::Impl::specLocksIn(const LayerId& layer, const LayerDocs& before) const {
+    SpecLocks locks;
+    for (const LayerId& root : specLockers_) {
+        std::set<LayerId> stack{root};
+        std::vector<LayerId> next{root};
+        while (!next.empty() && !stack.contains(layer)) {
+            const auto doc = docs_.find(next.back());
+            const LayerId from = std::move(next.back());
+            next.pop_back();
+            if (doc == docs_.end()) continue;
+            for (LayerId& sub : subLayersOf(from, doc->second))
+                if (stack.insert(sub).second) next.push_back(std::move(sub));
+        }
+        if (!stack.contains(layer)) continue;
+        const auto earlier = before.find(root);
+        locks.merge(specLocksOf(earlier == before.end() ? docs_.at(root) : earlier->second));
+    }
+    return locks;
+}
+
+/// Which of the edits somebody else's lock stands against, and why. `before`: the layers that were
+/// edited, as they were.
+std::optional<std::pair<std::size_t, Error>> Project::Impl::specLockObjection(
+    const UserName& user, const std::vector<ExecutedEdit>& executed,
+    const LayerDocs& before) const {
+    std::map<LayerId, SpecLocks> known;
+    const auto foreign = [&](const UserName& owner) {
+        return !options_.administrators.contains(user) && owner != user;
+    };
+    for (std::size_t index = 0; index < executed.size(); ++index) {
+        const Edit& edit = executed[index].edit;
+        const auto [entry, added] = known.try_emplace(edit.layer);
+        if (added) entry->second = specLocksIn(edit.layer, before);
+        const SpecLocks& locks = entry->second;
+        if (locks.empty() || edit.address.path == "/" || isHarmless(edit.action)) continue;
+        const std::string path = withoutVariants(edit.address.path);
+        if (const auto lock = locks.find(path); lock != locks.end() && foreign(lock->second))
+            return std::pair(index, lockedError(path, lock->second));
+        if (!takesWithAllBelow(edit.action)) continue;
+        const auto doc = before.find(edit.layer);
+        for (auto lock = locks.lower_bound(path); lock != locks.end(); ++lock) {
+            if (!lock->first.starts_with(path)) break;
+            if (specpath::hasPrefix(lock->first, path) && foreign(lock->second) &&
+                doc != before.end() && doc->second.has(lock->first))
+                return std::pair(index, lockedError(lock->first, lock->second));
+        }
+    }
+    // And the locks themselves.
+    for (const auto& [layer, doc] : before) {
+        const SpecLocks were = specLocksOf(doc), are = specLocksOf(docs_.at(layer));
+        if (were == are) continue;
+        const auto last = executed.size() - 1;
+        for (const auto& [path, owner] : were) {
+            const auto now = are.find(path);
+            const bool stays = now != are.end() && now->second == owner;
+            if (!stays && foreign(owner) && !isFree({true, owner, 0}))
+                return std::pair(last, lockedError(path, owner));
+        }
+        for (const auto& [path, owner] : are)
+            if (!were.contains(path) && !owner.empty() && foreign(owner))
+                return std::pair(
+                    last, Error{ErrorCode::Locked, "a lock is taken in one's own name, and " +
+                                                       user.value + " is not " + owner.value});
+    }
+    return std::nullopt;
+}
+
+}  // namespace usdlive::server

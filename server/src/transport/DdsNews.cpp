@@ -1,0 +1,85 @@
+#include "DdsNews.h"
+
+#include <chrono>
+#include <utility>
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::chrono::milliseconds kRepeat{kPresenceRepeatMs};
+constexpr std::chrono::milliseconds kPresenceTime{kPresenceTimeMs};
+
+}  // namespace
+
+DdsNews::DdsNews(const dds::Domain& domain, std::uint64_t server)
+    : server_(server),
+      states_(domain, dds::partitionOf(server)),
+      presences_(domain, dds::partitionOf(server)) {}
+
+void DdsNews::tell(const LayerStates& states, Revision afterCommit) {
+    for (const LayerState& state : states.layers) {
+        layers_.insert(state.layer);
+        dds::LayerStateOut out(state);
+        out.sample.server = server_;
+        out.sample.number = ++last_;
+        out.sample.afterCommit = afterCommit;
+        // Cyclone keeps the latest of each layer and sends it again; it only fails without memory.
+        static_cast<void>(states_.write(out.sample));
+    }
+}
+
+void DdsNews::tell(const Presences& presences, dds::TimePoint now) {
+    for (const Presence& shown : presences.shown) {
+        Person& person = people_[shown.client];
+        person = {shown, ++last_, {}};
+        write(person);
+    }
+    for (const ClientId& client : presences.gone) {
+        const auto found = people_.find(client);
+        if (found == people_.end()) continue;
+        found->second.gone = now;
+        write(found->second);
+    }
+}
+
+void DdsNews::write(const Person& person) {
+    dds::PresenceOut out(person.presence);
+    out.sample.server = server_;
+    out.sample.number = person.number;
+    if (person.isGone()) return presences_.dispose(out.sample);
+    static_cast<void>(presences_.write(out.sample));
+}
+
+void DdsNews::repeat(dds::TimePoint now) {
+    if (now - repeated_ < kRepeat) return;
+    repeated_ = now;
+    for (auto entry = people_.begin(); entry != people_.end();) {
+        const Person& person = entry->second;
+        write(person);
+        // By then whoever has lost all of it knows from hearing nothing.
+        if (!person.isGone() || now - person.gone <= kPresenceTime) {
+            ++entry;
+            continue;
+        }
+        dds::PresenceOut out(person.presence);
+        out.sample.server = server_;
+        presences_.forget(out.sample);
+        entry = people_.erase(entry);
+    }
+}
+
+void DdsNews::clear() {
+    for (const LayerId& layer : std::exchange(layers_, {})) {
+        LayerState state;
+        state.layer = layer;
+        dds::LayerStateOut out(state);
+        out.sample.server = server_;
+        states_.dispose(out.sample);
+    }
+    Presences all;
+    for (const auto& [client, person] : people_) all.gone.push_back(client);
+    tell(all, std::chrono::steady_clock::now());
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,436 @@
+#include "usdlive/server/transport/DdsServer.h"
+
+#include <algorithm>
+#include <atomic>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <optional>
+#include <set>
+#include <thread>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "DdsNews.h"
+#include "DdsSession.h"
+#include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/dds/Topics.h"
+
+namespace usdlive::server {
+
+namespace {
+
+namespace asio = boost::asio;
+using dds::TimePoint;
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+// A larger commit goes to each session by itself, in pieces and at the reader's own pace. With the
+// depth of the writer it bounds what Cyclone keeps for readers that are behind.
+constexpr std::size_t kBroadcastBytes = 64 * 1024;
+constexpr milliseconds kSweep{250};
+constexpr milliseconds kStopSweep{20};
+// All sessions are looked at when one has something to do: not more often than this.
+constexpr milliseconds kLeastPause{5};
+// When the project has moved on; and anyway, for who took the server for dead while it hung.
+constexpr milliseconds kAnnouncePause{1'000};
+constexpr milliseconds kAnnounceAnyway{2'000};
+// The DDS thread sleeps until something comes.
+constexpr std::chrono::seconds kWait{10};
+
+Submit copyOf(const dds::SubmitSample& sample, const dds::SampleInfo& info) {
+    Submit submit;
+    submit.participant = info.participant;
+    submit.protocol = sample.protocol;
+    submit.client = sample.client;
+    submit.connection = sample.connection;
+    submit.ackReply = sample.ackReply;
+    submit.ackBeside = sample.ackBeside;
+    submit.resendFrom = sample.resendFrom;
+    submit.resendTo = sample.resendTo;
+    submit.answer = (sample.flags & dds::kAnswer) != 0;
+    submit.segment.sequence = sample.number;
+    submit.segment.more = (sample.flags & dds::kMore) != 0;
+    submit.segment.end = (sample.flags & dds::kEnd) != 0;
+    submit.isTooLarge = sample.frames._length > dds::kSegmentBytes;
+    if (submit.isTooLarge) return submit;
+    submit.segment.owner = dds::copyOf(sample.frames);
+    submit.segment.bytes = *submit.segment.owner;
+    return submit;
+}
+
+/// Takes what clients send, on a thread of its own.
+class SubmitThread {
+public:
+    using Take = std::function<void(std::vector<Submit>)>;
+
+    SubmitThread(const dds::Domain& domain, std::uint64_t server, Take take)
+        : reader_(domain, dds::partitionOf(server)), waitSet_(domain), take_(std::move(take)) {
+        waitSet_.attach(reader_.get());
+        thread_ = std::thread([this] { run(); });
+    }
+    ~SubmitThread() {
+        leaving_ = true;
+        waitSet_.wake();
+        thread_.join();
+    }
+
+private:
+    void run() {
+        while (!leaving_) {
+            std::vector<Submit> submits;
+            reader_.take([&](const dds::SubmitSample& sample, const dds::SampleInfo& info) {
+                submits.push_back(copyOf(sample, info));
+            });
+            if (!submits.empty()) take_(std::move(submits));
+            waitSet_.wait(kWait);
+        }
+    }
+
+    dds::Reader<dds::SubmitSample> reader_;
+    dds::WaitSet waitSet_;
+    const Take take_;
+    std::atomic<bool> leaving_ = false;
+    std::thread thread_;
+};
+
+/// A handler that does nothing once the server, whose `life` it is, has gone.
+template <class Function>
+auto whileAlive(const std::shared_ptr<int>& life, Function function) {
+    return
+        [alive = std::weak_ptr(life), function = std::move(function)](auto... arguments) mutable {
+            if (!alive.expired()) function(arguments...);
+        };
+}
+
+class Server final : public Transport, public DdsHub {
+public:
+    Server(asio::io_context& io, DdsServerOptions options, SessionHandler& handler,
+           Background background, Log& log, std::unique_ptr<dds::Domain> made)
+        : DdsHub(io, std::move(options), handler, std::move(background), log, std::move(made),
+                 dds::randomNumber()),
+          lastSession_(this->options.firstSession),
+          revision_(this->options.revision),
+          started_(std::chrono::duration_cast<milliseconds>(
+                       std::chrono::system_clock::now().time_since_epoch())
+                       .count()),
+          projectWriter_(*domain, ""),
+          commitWriter_(*domain, dds::partitionOf(server)),
+          news_(*domain, server),
+          timer_(io),
+          submitThread_(*domain, server, [this](std::vector<Submit> submits) {
+              asio::post(this->io,
+                         whileAlive(life_, [this, submits = std::move(submits)]() mutable {
+                             for (Submit& submit : submits) received(std::move(submit));
+                         }));
+          }) {
+        announce();
+        wakeBy(steady_clock::now() + kSweep);
+    }
+
+    ~Server() override {
+        // Not before: clients take it for the end, whatever is still on its way to them.
+        projectWriter_.dispose(projectSample());
+    }
+
+    const TransportCounters& counters() const override {
+        counters_ = DdsHub::counters;
+        counters_.connections = sessions_.size();
+        counters_.ignored = odd_.counts();
+        for (const auto& [id, session] : sessions_) counters_.queuedBytes += session->queuedBytes();
+        return counters_;
+    }
+
+    void send(SessionId session, SharedBytes frames) override {
+        if (const auto found = find(session)) found->send(std::move(frames));
+    }
+
+    void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
+                    Revision revision) override {
+        revision_ = revision;
+        if (frame->size() > kBroadcastBytes) {
+            commits.add(revision, {});
+            for (const SessionId id : sessions)
+                if (const auto session = find(id)) session->sendCommit(frame, revision);
+            return;
+        }
+        std::vector<SentCommits::Mark> marks;
+        for (const SessionId id : sessions)
+            if (const auto session = find(id))
+                if (const auto mark = session->commitSent(revision)) marks.push_back(*mark);
+        write(revision, *frame, marks);
+        commits.add(revision, {std::move(frame), std::move(marks)});
+    }
+
+    bool holdCommits(SessionId session) override {
+        if (const auto found = find(session)) found->holdCommits();
+        return true;
+    }
+    void releaseCommits(SessionId session, Revision next) override {
+        if (const auto found = find(session)) found->releaseCommits(next);
+    }
+    void tell(std::span<const SessionId>, const News& news) override {
+        std::visit(Overloaded{
+                       [&](const LayerStates& states) { news_.tell(states, revision_); },
+                       [&](const Presences& people) { news_.tell(people, steady_clock::now()); },
+                   },
+                   news);
+        ++DdsHub::counters.framesOut;
+    }
+    void tellFirst(SessionId session, const News& all) override {
+        const bool states = std::holds_alternative<LayerStates>(all);
+        if (const auto found = find(session))
+            found->sendFirst(encodeNews(all), states ? news_.next() : 0, states ? 0 : news_.next());
+    }
+    bool congested(SessionId session) override {
+        const auto found = find(session);
+        return found && found->congested();
+    }
+    bool lags(SessionId) override { return false; }  // commits go to all at once
+    void sendBeside(SessionId session, FrameSource source) override {
+        if (const auto found = find(session)) found->sendBeside(std::move(source));
+    }
+    void close(SessionId session) override {
+        if (const auto found = find(session)) found->close(std::nullopt);
+    }
+    void close(SessionId session, const Error& why) override {
+        if (const auto found = find(session)) found->close(why);
+    }
+    void closeAll(const Error& why) override {
+        for (const auto& session : all()) session->close(why);
+        news_.clear();
+    }
+    void setReading(SessionId session, bool reading) override {
+        if (const auto found = find(session)) found->setReading(reading);
+    }
+
+    void stop(const Error& why, milliseconds time, std::function<void()> done) override {
+        stopped_ = std::move(done);
+        stopDeadline_ = steady_clock::now() + time;
+        closeAll(why);
+        wakeBy(steady_clock::now() + kStopSweep);
+        tellStopped();
+    }
+
+    std::string_view name() const override { return "dds"; }
+
+    // What sessions ask for (DdsHub).
+    void flushLater(std::shared_ptr<DdsSession> session) override {
+        toFlush_.push_back(std::move(session));
+        if (toFlush_.size() > 1) return;
+        asio::post(io, whileAlive(life_, [this] { flush(); }));
+    }
+
+    void ignored(Oddity oddity, const Submit& submit) override {
+        if (!odd_.add(oddity, submit.participant)) return;
+        log.write(LogLevel::Warning, "samples ignored",
+                  {{"from", dds::textOf(submit.participant)}, {"reason", nameOf(oddity)}});
+    }
+
+    void tellClosed(SessionId session) override {
+        asio::post(io, whileAlive(life_, [this, session] { handler.closed(session); }));
+    }
+
+    void finished(DdsSession& session) override {
+        // It is still at work, and goes with the turn.
+        const auto entry = sessions_.find(session.id());
+        gone_.push_back(std::move(entry->second));
+        asio::post(io, whileAlive(life_, [this] { gone_.clear(); }));
+        sessions_.erase(entry);
+        const auto client = clients_.find(session.client());
+        if (client != clients_.end() && client->second == session.id()) clients_.erase(client);
+        tellStopped();
+    }
+
+private:
+    [[nodiscard]] std::shared_ptr<DdsSession> find(SessionId id) const {
+        const auto entry = sessions_.find(id);
+        return entry == sessions_.end() ? nullptr : entry->second;
+    }
+
+    [[nodiscard]] std::vector<std::shared_ptr<DdsSession>> all() const {
+        std::vector<std::shared_ptr<DdsSession>> sessions;
+        for (const auto& [id, session] : sessions_) sessions.push_back(session);
+        return sessions;
+    }
+
+    // --- What comes
+
+    void received(Submit submit) {
+        if (const auto oddity = oddityOf(submit)) return ignored(*oddity, submit);
+        if (const auto session = sessionOf(submit)) session->received(std::move(submit));
+    }
+
+    /// DD13.
+    std::optional<Oddity> oddityOf(const Submit& submit) const {
+        if (submit.protocol != dds::kDdsProtocol) return Oddity::OtherProtocol;
+        if (submit.isTooLarge) return Oddity::Malformed;
+        const auto entry = clients_.find(submit.client);
+        if (entry != clients_.end() && find(entry->second)->participant() != submit.participant)
+            return Oddity::OtherClient;
+        // Of a session that has ended something may still be on the way.
+        if (!opens(submit) && !greeted_.contains(submit.participant)) return Oddity::NotGreeted;
+        return std::nullopt;
+    }
+
+    /// DD3: the session of its connection; a new one for one that opens a connection.
+    std::shared_ptr<DdsSession> sessionOf(const Submit& submit) {
+        if (const auto entry = clients_.find(submit.client); entry != clients_.end()) {
+            const auto session = find(entry->second);
+            if (session->connection() == submit.connection) return session;
+            if (session->connection() > submit.connection) return nullptr;
+            if (opens(submit)) session->cut();
+        }
+        return opens(submit) && !stopDeadline_ ? open(submit) : nullptr;
+    }
+
+    /// Forgets those without a session when there are too many.
+    void greeted(const OddSamples::Participant& participant) {
+        if (greeted_.size() >= 2 * options.maxSessions) {
+            greeted_.clear();
+            for (const auto& [id, session] : sessions_) greeted_.insert(session->participant());
+        }
+        greeted_.insert(participant);
+    }
+
+    static bool opens(const Submit& submit) {
+        return submit.answer && submit.segment.sequence == 0 && submit.ackReply == 0;
+    }
+
+    std::shared_ptr<DdsSession> open(const Submit& submit) {
+        if (sessions_.size() >= options.maxSessions) {
+            ++DdsHub::counters.turnedAway;
+            return nullptr;
+        }
+        try {
+            const auto session = createDdsSession(*this, lastSession_ + 1, submit);
+            sessions_.emplace(++lastSession_, session);
+            clients_[submit.client] = lastSession_;
+            ++DdsHub::counters.accepted;
+            greeted(submit.participant);
+            session->start();
+            return session;
+        } catch (const std::runtime_error& fault) {
+            ++DdsHub::counters.turnedAway;
+            log.write(LogLevel::Error, "session cannot be opened", {{"error", fault.what()}});
+            return nullptr;
+        }
+    }
+
+    // --- What leaves
+
+    void write(Revision revision, const Bytes& frame, const std::vector<SentCommits::Mark>& marks) {
+        std::vector<usdlive_dds_Mark> list;
+        for (const auto& [client, position] : marks) list.push_back({client, position});
+        dds::CommitSample sample{};
+        sample.server = server;
+        sample.revision = revision;
+        const auto size = std::uint32_t(list.size());
+        sample.marks = {size, size, list.data(), false};
+        sample.frame = dds::octets(frame);
+        ++DdsHub::counters.messagesOut;
+        ++DdsHub::counters.framesOut;
+        DdsHub::counters.bytesOut += frame.size();
+        // Clients ask again for what was not taken.
+        static_cast<void>(commitWriter_.write(sample));
+    }
+
+    void flush() {
+        // A flush can ask for another one, which is then of the next turn.
+        flushing_.swap(toFlush_);
+        const TimePoint now = steady_clock::now();
+        for (const auto& session : flushing_) {
+            session->flush(now);
+            wakeBy(std::max(session->deadline(), now + kLeastPause));
+        }
+        flushing_.clear();
+    }
+
+    void wakeBy(TimePoint time) {
+        if (time >= timer_.expiry() && timerSet_) return;
+        timerSet_ = true;
+        timer_.expires_at(time);
+        timer_.async_wait(whileAlive(life_, [this](boost::system::error_code error) {
+            if (!error) onTimer();
+        }));
+    }
+
+    void onTimer() {
+        timerSet_ = false;
+        const TimePoint now = steady_clock::now();
+        TimePoint next = now + (stopDeadline_ ? kStopSweep : kSweep);
+        for (const auto& session : all()) {
+            session->sweep(now);
+            if (now >= session->deadline()) session->flush(now);
+            next = std::min(next, std::max(session->deadline(), now + kLeastPause));
+        }
+        news_.repeat(now);
+        if (stopDeadline_ && now >= *stopDeadline_)
+            for (const auto& session : all()) session->cut();
+        const auto pause = revision_ != announced_ ? kAnnouncePause : kAnnounceAnyway;
+        if (!stopDeadline_ && now >= announcedAt_ + pause) announce();
+        wakeBy(next);
+    }
+
+    /// DD1. What is disposed of or written holds no memory of its own.
+    dds::ProjectSample projectSample() const {
+        dds::ProjectSample sample{};
+        sample.server = server;
+        sample.name = const_cast<char*>(options.project.c_str());
+        sample.url = const_cast<char*>(options.url.c_str());
+        sample.protocol = dds::kDdsProtocol;
+        sample.started = std::uint64_t(started_);
+        sample.revision = revision_;
+        return sample;
+    }
+
+    void announce() {
+        announced_ = revision_;
+        announcedAt_ = steady_clock::now();
+        static_cast<void>(projectWriter_.write(projectSample()));
+    }
+
+    void tellStopped() {
+        if (stopped_ && sessions_.empty()) asio::post(io, std::exchange(stopped_, nullptr));
+    }
+
+    SessionId lastSession_;
+    std::unordered_map<SessionId, std::shared_ptr<DdsSession>> sessions_;
+    std::unordered_map<std::uint64_t, SessionId> clients_;
+    std::vector<std::shared_ptr<DdsSession>> toFlush_, flushing_, gone_;
+    std::set<OddSamples::Participant> greeted_;  // who has, or had, a session
+    OddSamples odd_;
+    mutable TransportCounters counters_;  // with what is counted when asked for
+
+    Revision revision_, announced_ = 0;
+    const std::int64_t started_;
+    TimePoint announcedAt_;
+    dds::Writer<dds::ProjectSample> projectWriter_;
+    dds::Writer<dds::CommitSample> commitWriter_;
+    DdsNews news_;
+
+    asio::steady_timer timer_;
+    bool timerSet_ = false;
+    std::optional<TimePoint> stopDeadline_;
+    std::function<void()> stopped_;
+    const std::shared_ptr<int> life_ = std::make_shared<int>();
+    SubmitThread submitThread_;  // the last: it posts to the rest
+};
+
+}  // namespace
+
+Result<std::unique_ptr<Transport>> createDdsServer(asio::io_context& io, DdsServerOptions options,
+                                                   SessionHandler& handler, Background background,
+                                                   Log& log) {
+    auto domain = dds::createDomain(options.domain);
+    if (!domain) return tl::unexpected(domain.error());
+    try {
+        return std::make_unique<Server>(io, std::move(options), handler, std::move(background), log,
+                                        std::move(*domain));
+    } catch (const std::runtime_error& fault) {
+        return fail(ErrorCode::InvalidConfiguration, fault.what());
+    }
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,114 @@
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <chrono>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string_view>
+
+#include "usdlive/common/dds/Domain.h"
+#include "usdlive/common/dds/SegmentReceiver.h"
+#include "usdlive/common/dds/SegmentSender.h"
+#include "usdlive/server/transport/DdsServer.h"
+#include "usdlive/server/transport/OddSamples.h"
+#include "usdlive/server/transport/SentCommits.h"
+
+namespace usdlive::server {
+
+class DdsSession;
+
+/// A Submit sample, once it has been copied out of DDS.
+struct Submit {
+    OddSamples::Participant participant{};
+    std::uint8_t protocol = 0;
+    std::uint64_t client = 0, connection = 0;
+    std::uint64_t ackReply = 0, ackBeside = 0;
+    Revision resendFrom = 0, resendTo = 0;
+    bool answer = false;
+    bool isTooLarge = false;  ///< its bytes are not here
+    dds::Segment segment;
+};
+
+/// What sessions know of the server they belong to, and outlive for a moment.
+class DdsHub {
+public:
+    boost::asio::io_context& io;
+    const DdsServerOptions options;
+    SessionHandler& handler;
+    const Background background;
+    Log& log;
+    const std::unique_ptr<dds::Domain> domain;
+    const std::uint64_t server;  ///< its name in DDS
+    SentCommits commits;
+    TransportCounters counters;
+
+    /// Calls flush() of it at the end of the turn.
+    virtual void flushLater(std::shared_ptr<DdsSession> session) = 0;
+    /// Tells the handler that the session is closed, later in this turn.
+    virtual void tellClosed(SessionId session) = 0;
+    /// It is forgotten.
+    virtual void finished(DdsSession& session) = 0;
+    /// A sample is ignored: counts it, and says so the first time (DD13).
+    virtual void ignored(Oddity oddity, const Submit& submit) = 0;
+
+protected:
+    DdsHub(boost::asio::io_context& io, DdsServerOptions options, SessionHandler& handler,
+           Background background, Log& log, std::unique_ptr<dds::Domain> domain,
+           std::uint64_t server)
+        : io(io),
+          options(std::move(options)),
+          handler(handler),
+          background(std::move(background)),
+          log(log),
+          domain(std::move(domain)),
+          server(server) {}
+    ~DdsHub() = default;
+};
+
+/// One client's session over DDS: its streams, and what a Transport does with one.
+class DdsSession {
+public:
+    virtual ~DdsSession() = default;
+    [[nodiscard]] virtual SessionId id() const = 0;
+    [[nodiscard]] virtual std::uint64_t client() const = 0;
+    [[nodiscard]] virtual std::uint64_t connection() const = 0;
+    /// Who alone may speak for the client.
+    [[nodiscard]] virtual const OddSamples::Participant& participant() const = 0;
+
+    /// Tells the handler that it is there.
+    virtual void start() = 0;
+    virtual void received(Submit submit) = 0;
+
+    virtual void send(SharedBytes frames) = 0;
+    /// The commit goes to all: marks the stream, and says what of it the client has to have before.
+    virtual std::optional<SentCommits::Mark> commitSent(Revision revision) = 0;
+    /// A commit too large for that.
+    virtual void sendCommit(SharedBytes frame, Revision revision) = 0;
+    virtual void holdCommits() = 0;
+    virtual void releaseCommits(Revision next) = 0;
+    /// News of one kind (nullptr: there is none); from now on the session is told what has this
+    /// number or a higher one.
+    virtual void sendFirst(SharedBytes frame, std::uint64_t statesFrom,
+                           std::uint64_t presencesFrom) = 0;
+    virtual bool congested() = 0;
+    virtual void sendBeside(FrameSource source) = 0;
+    virtual void close(const std::optional<Error>& why) = 0;
+    virtual void setReading(bool reading) = 0;
+
+    /// Writes what is due.
+    virtual void flush(dds::TimePoint now) = 0;
+    /// Looks for a peer that is gone or does not read.
+    virtual void sweep(dds::TimePoint now) = 0;
+    /// When flush() is due again.
+    [[nodiscard]] virtual dds::TimePoint deadline() const = 0;
+    [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
+    /// Ends it without a goodbye.
+    virtual void cut() = 0;
+};
+
+/// Throws std::runtime_error when Cyclone cannot make its writers.
+[[nodiscard]] std::shared_ptr<DdsSession> createDdsSession(DdsHub& hub, SessionId id,
+                                                           const Submit& first);
+
+}  // namespace usdlive::server

@@ -1,0 +1,197 @@
+"""Files that are changed behind the server, and layers that are muted for everybody: between processes."""
+
+import stat
+import time
+
+from conftest import connect, refused, run, wait
+from pxr import Sdf, Usd
+
+from usdlive import events
+
+SHOT = '#usda 1.0\n(\n    subLayers = [@./anim.usda@]\n)\n\ndef "World"\n{\n    double x = 0\n}\n'
+ANIM = '#usda 1.0\n\ndef "World"\n{\n    double x = 5\n    double y = 5\n}\n'
+CHANGED = '#usda 1.0\n\ndef "World"\n{\n    double x = 3\n    double z = 1\n}\n\ndef "New"\n{\n}\n'
+
+
+class Told(list):
+    """The events of one kind."""
+
+    def __init__(self, live, kind):
+        super().__init__()
+        live.add_handler(lambda event: self.append(event) if isinstance(event, kind) else None)
+
+
+def state(live, layer="shot.usda"):
+    return live.layer_states().get(layer, events.LayerState(layer))
+
+
+def test_a_file_changed_behind_the_server_is_seen_kept_and_taken(project, serve):
+    file = project / "shot.usda"
+    file.write_text(SHOT.replace("@./anim.usda@", ""))
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        layers = {live: live.open_layer("shot.usda") for live in (ada, bob)}
+        layers[ada].GetAttributeAtPath("/World.x").default = 1.0
+        assert ada.flush()
+        wait(lambda: state(bob).dirty, bob)
+        assert not state(bob).outdated and state(bob).owner and state(bob).writable
+
+        file.write_text(CHANGED)
+        begin = time.monotonic()
+        wait(lambda: state(ada).outdated and state(bob).outdated, ada, bob)
+        assert time.monotonic() - begin < 2.5
+        assert run("ls", "-l", server.url) == "shot.usda  changed, outdated: its file is another one, open: ada bob\n"
+
+        # What somebody has put there is not overwritten.
+        saved = Told(ada, events.Saved)
+        ada.save()
+        wait(lambda: saved, ada)
+        assert [failure[:2] for failure in saved[0].failed] == [("shot.usda", "layerOutdated")]
+        assert file.read_text() == CHANGED
+
+        # It becomes a commit that everybody gets, in the name of who asked.
+        reloaded, committed = Told(bob, events.Reloaded), Told(ada, events.Committed)
+        bob.reload()
+        wait(lambda: reloaded and committed, ada, bob)
+        assert reloaded[0].reloaded == ("shot.usda",) and not reloaded[0].failed
+        assert committed[0].user == "bob"
+        wait(lambda: not state(ada).outdated, ada)
+        assert not state(ada).dirty
+        wanted = Sdf.Layer.CreateAnonymous(".usda")
+        wanted.ImportFromString(CHANGED)
+        for live in (ada, bob):
+            assert layers[live].ExportToString() == wanted.ExportToString()
+
+        # Editing and saving go on, and our own save is nobody else's change.
+        layers[ada].GetAttributeAtPath("/World.x").default = 9.0
+        assert ada.flush()
+        ada.save("shot.usda")
+        wait(lambda: len(saved) == 2, ada)
+        assert saved[1].saved == ("shot.usda",)
+        time.sleep(2.5)
+        ada.tick()
+        assert not state(ada).outdated and not state(ada).dirty
+        assert Sdf.Layer.OpenAsAnonymous(str(file)).GetAttributeAtPath("/World.x").default == 9.0
+
+
+def test_a_save_can_be_forced_and_a_reload_asked_for_by_command(project, serve):
+    file = project / "shot.usda"
+    file.write_text(ANIM)
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("shot.usda")
+        layer.GetAttributeAtPath("/World.x").default = 1.0
+        assert ada.flush()
+        file.write_text(CHANGED)
+        assert "changed on the disk" in refused("save", server.url)
+        assert run("save", "--force", server.url) == "saved shot.usda\n"
+        assert Sdf.Layer.OpenAsAnonymous(str(file)).GetAttributeAtPath("/World.x").default == 1.0
+        file.write_text(CHANGED)
+        wait(lambda: state(ada).outdated, ada)
+        assert run("reload", server.url) == "reloaded shot.usda\n"
+        wait(lambda: layer.GetPrimAtPath("/New"), ada)
+        assert run("reload", server.url) == "nothing to be reloaded\n"
+        # A file that does not parse changes nothing.
+        file.write_text("#usda 1.0\ndef nonsense {\n")
+        wait(lambda: state(ada).outdated, ada)
+        before = layer.ExportToString()
+        assert "shot.usda cannot be read" in refused("reload", server.url)
+        ada.tick()
+        assert layer.ExportToString() == before and state(ada).outdated
+
+
+def test_a_file_changed_while_no_server_ran_is_seen(project, serve):
+    file = project / "shot.usda"
+    file.write_text(ANIM)
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        ada.open_layer("shot.usda")
+        assert ada.flush()
+    server.stop()
+    file.write_text(CHANGED)
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("shot.usda")
+        assert layer.GetAttributeAtPath("/World.x").default == 5.0, "the server's layer is what counts"
+        wait(lambda: state(ada).outdated, ada)
+        # The same bytes again, from wherever, are no change.
+        file.write_text(ANIM)
+        wait(lambda: not state(ada).outdated, ada)
+
+
+def test_a_file_without_write_permission_is_read_only_and_stays(project, serve):
+    file = project / "shot.usda"
+    file.write_text(ANIM)
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        layer = ada.open_layer("shot.usda")
+        file.chmod(stat.S_IRUSR)
+        wait(lambda: not state(ada).writable, ada)
+        layer.GetAttributeAtPath("/World.x").default = 1.0
+        assert ada.flush()
+        saved = Told(ada, events.Saved)
+        ada.save()
+        wait(lambda: saved, ada)
+        assert saved[0].failed[0][1] == "saveFailed" and file.read_text() == ANIM
+        file.chmod(stat.S_IRUSR | stat.S_IWUSR)
+        wait(lambda: state(ada).writable, ada)
+        assert not state(ada).outdated
+        ada.save()
+        wait(lambda: len(saved) == 2, ada)
+        assert saved[1].saved == ("shot.usda",)
+
+
+def test_a_file_that_was_removed_is_written_again(project, serve):
+    file = project / "shot.usda"
+    file.write_text(ANIM)
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        ada.open_layer("shot.usda")
+        file.unlink()
+        wait(lambda: state(ada).dirty, ada)
+        assert not state(ada).outdated
+        assert run("save", server.url) == "saved shot.usda\n"
+        assert Sdf.Layer.OpenAsAnonymous(str(file)).GetAttributeAtPath("/World.y").default == 5.0
+
+
+def test_a_muted_layer_is_muted_on_every_stage(project, serve):
+    (project / "shot.usda").write_text(SHOT)
+    (project / "anim.usda").write_text(ANIM)
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        stages = {live: live.open_stage("shot.usda") for live in (ada, bob)}
+        free = bob.open_stage("shot.usda", follow_muteness=False)
+        attached = Usd.Stage.Open(str(project / "shot.usda"))
+        with connect(server, "cy") as cy:
+            cy.attach(attached, str(project))
+
+            def shown(stage):
+                attribute = stage.GetPrimAtPath("/World").GetAttribute("y")
+                return attribute.Get() if attribute else None
+
+            assert [shown(stage) for stage in (*stages.values(), attached)] == [5.0] * 3
+            ada.mute("shot.usda", "anim.usda")
+            wait(lambda: not any(map(shown, (*stages.values(), attached))), ada, bob, cy)
+            wait(lambda: state(bob, "anim.usda").globally_muted, bob)
+            assert shown(free) == 5.0, "it does not follow"
+            assert bob.globally_muted("shot.usda") == ["anim.usda"]
+            # As Kit writes it.
+            assert stages[bob].GetRootLayer().customLayerData["omni_layer"]["muteness"] == {"./anim.usda": True}
+
+            # What is muted goes on being live.
+            stages[bob].GetRootLayer()
+            bob.open_layer("anim.usda").GetAttributeAtPath("/World.y").default = 6.0
+            assert bob.flush()
+            assert run("unmute", f"{server.url}/shot.usda", "anim.usda") == ""
+            wait(lambda: [shown(stage) for stage in (*stages.values(), attached)] == [6.0] * 3, ada, bob, cy)
+        # Somebody who comes later finds it as it is, also after it was saved.
+        ada.mute("shot.usda", "anim.usda")
+        assert ada.flush()
+        ada.save()
+        wait(lambda: not state(ada).dirty, ada)
+    server.stop()
+    server = serve(project)
+    with connect(server, "dan") as dan:
+        stage = dan.open_stage("shot.usda")
+        assert not stage.GetPrimAtPath("/World").GetAttribute("y")
+        assert dan.globally_muted("shot.usda") == ["anim.usda"]

@@ -1,0 +1,175 @@
+"""Locks, layer states and presence, between processes."""
+
+import getpass
+import json
+import os
+import subprocess
+import time
+
+import pytest
+from conftest import connect, run, wait
+from pxr import Gf, Sdf
+
+import usdlive
+from usdlive import events
+
+ROOT = '#usda 1.0\n\ndef "World"\n{\n    double x = 0\n}\n'
+
+
+def test_a_lock_is_enforced_and_told(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        layers = {live: live.open_layer("shot.usda") for live in (ada, bob)}
+        ada.lock("shot.usda")
+        assert ada.flush()
+        wait(lambda: bob.layer_states().get("shot.usda", events.LayerState("")).locked, bob, ada)
+        state = bob.layer_states()["shot.usda"]
+        assert (state.holder, state.dirty, state.editors) == ("ada", True, ("ada", "bob"))
+        assert abs(state.locked_at - time.time()) < 60
+        # As Kit writes it.
+        assert layers[bob].customLayerData["omni_layer"]["locked"] is True
+
+        lost = []
+        bob.add_handler(lambda event: lost.append(event) if isinstance(event, events.Lost) else None)
+        attribute = layers[bob].GetAttributeAtPath("/World.x")
+        attribute.default = 7.0
+        wait(lambda: lost, bob, ada)
+        assert lost[0].code == "locked" and "ada" in lost[0].message and lost[0].refused
+        assert attribute.default == 0.0
+        saved = []
+        bob.add_handler(lambda event: saved.append(event) if isinstance(event, events.Saved) else None)
+        bob.save("shot.usda")
+        wait(lambda: saved, bob, ada)
+        assert saved[0].failed[0][1] == "locked" and "ada" in saved[0].failed[0][2]
+        assert run("ls", "-l", server.url) == "shot.usda  changed, locked by ada, open: ada bob\n"
+
+        layers[ada].GetAttributeAtPath("/World.x").default = 1.0
+        ada.unlock("shot.usda")
+        assert ada.flush()
+        wait(lambda: attribute.default == 1.0, bob)
+        attribute.default = 2.0
+        assert bob.flush()
+        assert len(lost) == 1
+
+
+def test_a_lock_from_the_command_line(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    layer = f"{server.url}/shot.usda"
+    with connect(server, "ada") as ada:
+        ada.open_layer("shot.usda")
+        assert run("lock", layer) == ""
+        wait(lambda: ada.layer_states()["shot.usda"].locked, ada)
+        assert ada.layer_states()["shot.usda"].holder == getpass.getuser()
+        run("unlock", layer)
+        wait(lambda: not ada.layer_states()["shot.usda"].locked, ada)
+        ada.lock("shot.usda")
+        assert ada.flush()
+        for verb in ("lock", "unlock"):
+            refused = subprocess.run([os.environ["USDLIVE_BIN"], verb, layer], capture_output=True, text=True)
+            assert (refused.returncode, refused.stderr) == (1, "usdlive: shot.usda is locked by ada\n")
+    missing = subprocess.run([os.environ["USDLIVE_BIN"], "lock", f"{server.url}/none.usda"],
+                             capture_output=True, text=True)
+    assert missing.returncode == 1 and "none.usda" in missing.stderr
+
+
+def test_the_layer_with_kits_map_of_locks_keeps_it(project, serve):
+    (project / "shot.usda").write_text(ROOT.replace("#usda 1.0\n", """#usda 1.0
+(
+    customLayerData = { dictionary omni_layer = { dictionary locked = { bool "./a.usda" = 1 } } }
+)
+"""))
+    with connect(serve(project), "ada") as ada:
+        layer = ada.open_layer("shot.usda")
+        with pytest.raises(usdlive.Error, match="cannot be locked"):
+            ada.lock("shot.usda")
+        assert layer.customLayerData["omni_layer"]["locked"] == {"./a.usda": True}
+        with pytest.raises(usdlive.Error, match="not open"):
+            ada.lock("other.usda")
+
+
+def test_a_lock_outlives_the_server_and_is_saved_with_the_layer(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        ada.open_layer("shot.usda")
+        layer = bob.open_layer("shot.usda")
+        ada.lock("shot.usda")
+        assert ada.flush()
+        ada.save("shot.usda")
+        assert ada.wait(lambda: not ada.layer_states()["shot.usda"].dirty)
+        server.kill()
+        server.start()
+        wait(lambda: ada.connected and bob.connected, ada, bob, timeout=30)
+        # Who resumed has it open still.
+        wait(lambda: bob.layer_states().get("shot.usda", events.LayerState("")).editors == ("ada", "bob"),
+             ada, bob)
+        lost = []
+        bob.add_handler(lambda event: lost.append(event) if isinstance(event, events.Lost) else None)
+        layer.GetAttributeAtPath("/World.x").default = 7.0
+        wait(lambda: lost, bob, ada)
+        assert lost[0].code == "locked"
+    saved = Sdf.Layer.OpenAsAnonymous(str(project / "shot.usda"))
+    assert saved.customLayerData["omni_layer"]["locked"] is True
+    assert saved.customLayerData["omni_layer"]["locked_by"] == "ada"
+
+
+def test_everybody_sees_where_the_others_are(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        camera = Gf.Matrix4d(1).SetTranslate(Gf.Vec3d(1, 2, 3))
+        ada.show_presence([Sdf.Path("/World")], camera, 24.0, "shot.usda", json.dumps({"tool": "move"}))
+        wait(lambda: any(p.selection for p in bob.presences()), ada, bob)
+        seen = bob.presences()[0]
+        assert (seen.client, seen.user, seen.application) == (ada.id, "ada", "test")
+        assert seen.selection == ("/World",) and seen.time == 24.0 and seen.edit_target == "shot.usda"
+        assert Gf.Matrix4d(*seen.camera) == camera
+        assert json.loads(seen.data) == {"tool": "move"}
+        assert all(0 <= part <= 1 for part in seen.colour)
+        assert run("who", server.url).splitlines() == sorted(
+            ["ada  test  /World  in shot.usda  at 24", "bob  test"],
+            key=lambda line: ada.id if line.startswith("ada") else bob.id)
+
+        # A drag of the camera, 1,000 positions in a second: what is sent is bounded, the last arrives.
+        changes = []
+        bob.add_handler(lambda e: changes.append(e) if isinstance(e, events.PresenceChanged) else None)
+        begin = time.monotonic()
+        for frame in range(1000):
+            ada.show_presence(time=float(frame))
+            ada.tick()
+            bob.tick()
+            time.sleep(max(0, begin + frame / 1000 - time.monotonic()))
+        seconds = time.monotonic() - begin
+        wait(lambda: bob.presences()[0].time == 999.0, ada, bob)
+        assert 5 <= len(changes) <= 22 * seconds + 5, (len(changes), seconds)
+
+        # One that hangs is gone within 3 s, and back when it goes on.
+        begin = time.monotonic()
+        wait(lambda: not bob.presences(), bob)
+        assert time.monotonic() - begin < 3.5
+        wait(lambda: bob.presences(), ada, bob)
+        ada.close()
+        wait(lambda: not bob.presences(), bob, timeout=1)
+
+
+def test_somebody_is_followed(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        seen = []
+        stop = bob.follow("ada", seen.append)
+        ada.show_presence(["/World"], camera=Gf.Matrix4d(2.0), time=1.0)
+        wait(lambda: seen and seen[-1] is not None and seen[-1].time == 1.0, ada, bob)
+        assert Gf.Matrix4d(*seen[-1].camera) == Gf.Matrix4d(2.0) and seen[-1].selection == ("/World",)
+        late = []
+        bob.follow("ada", late.append)()
+        assert [presence.time for presence in late] == [1.0], "where she is now"
+        stop()
+        ada.show_presence(["/World.x"], time=2.0)
+        wait(lambda: any(presence.time == 2.0 for presence in bob.presences()), ada, bob)
+        assert seen[-1].time == 1.0 and len(late) == 1
+        bob.follow("ada", late.append)
+        ada.close()
+        wait(lambda: late[-1] is None, bob, timeout=4)

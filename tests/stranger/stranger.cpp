@@ -1,0 +1,230 @@
+// A program that takes part in usdlive's DDS domain and knows no more of it than the IDL: reads
+// what any tool may read, and sends what no client would. USDLIVE_DDS_DOMAIN and _INTERFACE as
+// everywhere.
+//
+//   stranger read SECONDS           what is told of layers and people, a line each
+//   stranger send WHAT COUNT        samples of a kind (kOdd below) to the server that is heard of
+#include <dds/dds.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <functional>
+#include <iostream>
+#include <map>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "usdlive/client/transport/Connection.h"  // ddsSettings
+#include "usdlive/common/dds/Domain.h"
+#include "usdlive/common/dds/usdlive.h"
+
+namespace {
+
+using namespace usdlive;
+using namespace std::chrono_literals;
+using std::chrono::steady_clock;
+
+[[noreturn]] void fail(const std::string& what) {
+    std::cerr << "stranger: " << what << std::endl;
+    std::exit(1);
+}
+
+dds_entity_t checked(dds_entity_t entity) {
+    if (entity < 0) fail(dds_strretcode(-entity));
+    return entity;
+}
+
+/// As a tool does it: the QoS that are asked for, and every partition of usdlive's.
+dds_entity_t readerOf(dds_entity_t participant, const dds_topic_descriptor_t& type,
+                      const char* topic, bool isState, const char* partition) {
+    dds_qos_t* qos = dds_create_qos();
+    dds_qset_partition1(qos, partition);
+    const auto subscriber = checked(dds_create_subscriber(participant, qos, nullptr));
+    dds_reset_qos(qos);
+    dds_qset_reliability(qos, isState ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
+                         DDS_SECS(1));
+    if (isState) dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+    const auto reader = checked(dds_create_reader(
+        subscriber, checked(dds_create_topic(participant, &type, topic, nullptr, nullptr)), qos,
+        nullptr));
+    dds_delete_qos(qos);
+    return reader;
+}
+
+template <class Sample>
+void take(dds_entity_t reader, const std::function<void(const Sample&, bool gone)>& each) {
+    void* samples[1] = {};
+    dds_sample_info_t info;
+    while (dds_take(reader, samples, &info, 1, 1) > 0) {
+        each(*static_cast<Sample*>(samples[0]), info.instance_state != DDS_IST_ALIVE);
+        dds_return_loan(reader, samples, 1);
+    }
+}
+
+// --- Reading
+
+void print(const usdlive_dds_LayerState& state, bool gone) {
+    if (gone) {
+        std::cout << "layer " << state.layer << " gone" << std::endl;
+        return;
+    }
+    std::cout << "layer " << state.layer << " revision " << state.revision << " saved "
+              << state.savedRevision << (state.dirty ? " dirty" : "")
+              << (state.outdated ? " outdated" : "") << (state.globallyMuted ? " muted" : "")
+              << (state.writableOnDisk ? " writable" : "");
+    if (state.locked) std::cout << " locked by " << state.holder << " at " << state.lockedAtMs;
+    for (std::uint32_t index = 0; index < state.editors._length; ++index)
+        std::cout << " editor " << state.editors._buffer[index];
+    std::cout << std::endl;
+}
+
+void print(const usdlive_dds_Presence& presence, bool gone) {
+    if (gone) {
+        std::cout << "person " << presence.client << " gone" << std::endl;
+        return;
+    }
+    std::cout << "person " << presence.client << " " << presence.user << " in "
+              << presence.application << " " << presence.colour;
+    for (std::uint32_t index = 0; index < presence.selection._length; ++index)
+        std::cout << " selects " << presence.selection._buffer[index];
+    if (presence.hasTime) std::cout << " at " << presence.time;
+    std::cout << std::endl;
+}
+
+void read(dds_entity_t participant, double seconds) {
+    const auto states =
+        readerOf(participant, usdlive_dds_LayerState_desc, "usdlive_LayerState", true, "usdlive/*");
+    const auto people =
+        readerOf(participant, usdlive_dds_Presence_desc, "usdlive_Presence", false, "usdlive/*");
+    const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
+    for (; steady_clock::now() < end; std::this_thread::sleep_for(20ms)) {
+        take<usdlive_dds_LayerState>(states, [](const auto& s, bool gone) { print(s, gone); });
+        take<usdlive_dds_Presence>(people, [](const auto& p, bool gone) { print(p, gone); });
+    }
+}
+
+// --- Sending
+
+struct Seen {
+    std::uint64_t server = 0;
+    std::uint64_t client = 0, connection = 0;  // of somebody else
+};
+
+std::string partitionOf(std::uint64_t server) {
+    char text[40];
+    std::snprintf(text, sizeof text, "usdlive/%016llx", static_cast<unsigned long long>(server));
+    return text;
+}
+
+template <class Done>
+void waitFor(const char* what, Done done) {
+    for (const auto end = steady_clock::now() + 20s; !done(); std::this_thread::sleep_for(10ms))
+        if (steady_clock::now() > end) fail(std::string("there is no ") + what);
+}
+
+Seen lookAround(dds_entity_t participant, bool needsClient) {
+    Seen seen;
+    const auto projects =
+        readerOf(participant, usdlive_dds_Project_desc, "usdlive_Project", true, "");
+    waitFor("server", [&] {
+        take<usdlive_dds_Project>(projects, [&](const auto& project, bool gone) {
+            if (!gone) seen.server = project.server;
+        });
+        return seen.server != 0;
+    });
+    if (!needsClient) return seen;
+    const auto submits = readerOf(participant, usdlive_dds_Submit_desc, "usdlive_Submit", false,
+                                  partitionOf(seen.server).c_str());
+    waitFor("client", [&] {
+        take<usdlive_dds_Submit>(submits, [&](const auto& submit, bool gone) {
+            if (gone) return;
+            seen.client = submit.client;
+            seen.connection = submit.connection;
+        });
+        return seen.client != 0;
+    });
+    dds_delete(submits);
+    return seen;
+}
+
+using Odd = void (*)(usdlive_dds_Submit&, const Seen&, std::vector<std::uint8_t>&);
+const std::map<std::string, Odd> kOdd{
+    // A part of a stream that nobody has opened.
+    {"notGreeted", [](auto& submit, const Seen&, auto&) { submit.number = 1; }},
+    // In another one's name: its stream, its acknowledgements, its end.
+    {"otherClient",
+     [](auto& submit, const Seen& seen, auto&) {
+         submit.client = seen.client;
+         submit.connection = seen.connection;
+         submit.number = 1'000;
+         submit.ackReply = submit.ackBeside = 1'000'000;
+         submit.flags = 2;
+     }},
+    // A newer connection in another one's name, which would end it.
+    {"otherConnection",
+     [](auto& submit, const Seen& seen, auto&) {
+         submit.client = seen.client;
+         submit.connection = seen.connection + 1;
+         submit.flags = 8;
+     }},
+    {"otherProtocol",
+     [](auto& submit, const Seen&, auto&) {
+         submit.protocol = 99;
+         submit.flags = 8;
+     }},
+    {"malformed", [](auto& submit, const Seen&, auto& frames) {
+         submit.flags = 8;
+         frames.assign(300 * 1024, 7);
+     }}};
+
+void send(dds_entity_t participant, const std::string& what, int count) {
+    const auto odd = kOdd.find(what);
+    if (odd == kOdd.end()) fail("what is " + what + "?");
+    const Seen seen = lookAround(participant, what.starts_with("otherC"));
+    dds_qos_t* qos = dds_create_qos();
+    dds_qset_partition1(qos, partitionOf(seen.server).c_str());
+    const auto publisher = checked(dds_create_publisher(participant, qos, nullptr));
+    dds_reset_qos(qos);
+    dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(5));
+    dds_qset_history(qos, DDS_HISTORY_KEEP_ALL, 0);
+    const auto topic = checked(dds_create_topic(participant, &usdlive_dds_Submit_desc,
+                                                "usdlive_Submit", nullptr, nullptr));
+    const auto writer = checked(dds_create_writer(publisher, topic, qos, nullptr));
+    dds_delete_qos(qos);
+    waitFor("reader", [&] {
+        dds_publication_matched_status_t matched;
+        return dds_get_publication_matched_status(writer, &matched) == DDS_RETCODE_OK &&
+               matched.current_count > 0;
+    });
+    for (int index = 0; index < count; ++index) {
+        usdlive_dds_Submit submit{};
+        submit.client = 0x57A96E20000 + std::uint64_t(index % 10);
+        submit.connection = 1;
+        submit.protocol = 1;
+        std::vector<std::uint8_t> frames(64, 0xFF);
+        odd->second(submit, seen, frames);
+        submit.frames = {std::uint32_t(frames.size()), std::uint32_t(frames.size()), frames.data(),
+                         false};
+        if (dds_write(writer, &submit) != DDS_RETCODE_OK) fail("a sample was not taken");
+    }
+    if (dds_wait_for_acks(writer, DDS_SECS(20)) != DDS_RETCODE_OK) fail("nobody has read it");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    const std::vector<std::string> arguments(argv + 1, argv + argc);
+    const auto settings = client::ddsSettings();
+    if (!settings) fail(settings.error().message);
+    const auto domain = dds::createDomain(*settings);
+    if (!domain) fail(domain.error().message);
+    if (arguments.size() == 2 && arguments[0] == "read")
+        read((*domain)->participant(), std::stod(arguments[1]));
+    else if (arguments.size() == 3 && arguments[0] == "send")
+        send((*domain)->participant(), arguments[1], std::stoi(arguments[2]));
+    else
+        fail("read SECONDS, or send WHAT COUNT");
+    return 0;
+}

@@ -1,0 +1,155 @@
+#include "usdlive/client/transport/NewsOrder.h"
+
+#include <gtest/gtest.h>
+
+#include <string>
+
+using namespace usdlive;
+using namespace std::chrono_literals;
+using client::CommitOrder;
+using client::NewsOrder;
+using dds::Segment;
+using dds::TimePoint;
+
+namespace {
+
+const TimePoint kStart = TimePoint{} + 1h;
+
+LayerState state(const std::string& layer, Revision saved) {
+    LayerState state;
+    state.layer = {layer};
+    state.saved = saved;
+    return state;
+}
+
+Presence presence(const std::string& client, double time) {
+    Presence presence;
+    presence.client = {client};
+    presence.time = time;
+    return presence;
+}
+
+std::string text(const LayerStates& states) {
+    std::string text;
+    for (const LayerState& state : states.layers)
+        text += state.layer.value + std::to_string(state.saved) + " ";
+    return text;
+}
+
+std::string text(const Presences& people) {
+    std::string text;
+    for (const Presence& shown : people.shown)
+        text += shown.client.value + std::to_string(int(*shown.time)) + " ";
+    for (const ClientId& gone : people.gone) text += "-" + gone.value + " ";
+    return text;
+}
+
+/// Commits that come by the topic from `next` on.
+CommitOrder liveFrom(Revision next) {
+    CommitOrder commits(1'000);
+    Segment segment;
+    segment.sequence = 1;
+    segment.mark.liveFrom = next;
+    commits.replies().received(std::move(segment), kStart);
+    (void)commits.take(kStart);
+    return commits;
+}
+
+}  // namespace
+
+TEST(NewsOrder, DD11NothingIsToldBeforeTheStreamSaysFromWhen) {
+    const CommitOrder commits = liveFrom(1);
+    NewsOrder news;
+    news.state(3, 0, state("a", 3));
+    news.state(5, 0, state("b", 5));
+    EXPECT_EQ(text(news.takeStates(commits)), "");
+    news.statesFrom(4);  // a is in what the stream brought
+    EXPECT_EQ(text(news.takeStates(commits)), "b5 ");
+    news.state(2, 0, state("c", 2));
+    EXPECT_EQ(text(news.takeStates(commits)), "");
+}
+
+TEST(NewsOrder, DD11TheLatestStateIsToldOnce) {
+    const CommitOrder commits = liveFrom(1);
+    NewsOrder news;
+    news.statesFrom(1);
+    news.state(1, 0, state("a", 1));
+    news.state(2, 0, state("a", 2));
+    news.state(1, 0, state("a", 1));  // late
+    EXPECT_EQ(text(news.takeStates(commits)), "a2 ");
+    news.state(2, 0, state("a", 2));  // DDS brings it again to who was away
+    EXPECT_EQ(text(news.takeStates(commits)), "");
+}
+
+TEST(NewsOrder, LS1AStateWaitsForItsCommit) {
+    CommitOrder commits = liveFrom(7);
+    NewsOrder news;
+    news.statesFrom(1);
+    news.state(1, 6, state("a", 1));
+    news.state(2, 8, state("b", 2));
+    EXPECT_EQ(text(news.takeStates(commits)), "a1 ");
+    commits.commit(7, 0, std::make_shared<const Bytes>(Bytes{1}));
+    ASSERT_TRUE(commits.take(kStart));
+    EXPECT_EQ(text(news.takeStates(commits)), "");
+    commits.commit(8, 0, std::make_shared<const Bytes>(Bytes{1}));
+    ASSERT_TRUE(commits.take(kStart));
+    EXPECT_EQ(text(news.takeStates(commits)), "b2 ");
+}
+
+TEST(NewsOrder, LS1WhileCommitsOfThePastComeAStateWaits) {
+    const CommitOrder commits(1'000);
+    NewsOrder news;
+    news.statesFrom(1);
+    news.state(1, 6, state("a", 1));
+    EXPECT_EQ(text(news.takeStates(commits)), "");
+    EXPECT_EQ(text(news.takeStates(liveFrom(7))), "a1 ");
+}
+
+TEST(NewsOrder, DD12TellsOthersThanTheFirstAndWhoIsGone) {
+    NewsOrder news;
+    news.presence(1, presence("ada", 1), kStart);
+    news.presence(4, presence("bo", 4), kStart);
+    EXPECT_EQ(text(news.takePresences(kStart)), "");
+    news.presencesFrom(3, {{presence("ada", 1), presence("cy", 2)}, {}}, kStart);
+    EXPECT_EQ(text(news.takePresences(kStart)), "bo4 ");
+    news.presence(4, presence("bo", 4), kStart + 1s);  // said again
+    news.presence(5, presence("ada", 5), kStart + 1s);
+    EXPECT_EQ(text(news.takePresences(kStart + 1s)), "ada5 ");
+    news.gone({"bo"});
+    news.gone({"bo"});
+    news.gone({"never here"});
+    EXPECT_EQ(text(news.takePresences(kStart + 1s)), "-bo ");
+}
+
+TEST(NewsOrder, PS2WhoIsNotHeardOfIsGone) {
+    NewsOrder news;
+    news.presencesFrom(3, {{presence("ada", 1)}, {}}, kStart);
+    news.presence(3, presence("bo", 1), kStart);
+    EXPECT_EQ(text(news.takePresences(kStart)), "bo1 ");
+    EXPECT_EQ(news.deadline(), kStart + 3s);
+    news.presence(3, presence("bo", 1), kStart + 2s);
+    EXPECT_EQ(text(news.takePresences(kStart + 2'999ms)), "");
+    EXPECT_EQ(text(news.takePresences(kStart + 3s)), "-ada ");
+    EXPECT_EQ(news.deadline(), kStart + 5s);
+}
+
+TEST(NewsOrder, PS2AProcessThatHungTakesNobodyForGone) {
+    NewsOrder news;
+    news.presencesFrom(3, {{presence("ada", 1)}, {}}, kStart);
+    EXPECT_EQ(text(news.takePresences(kStart + 10s)), "");
+    EXPECT_EQ(text(news.takePresences(kStart + 12s)), "");
+    EXPECT_EQ(text(news.takePresences(kStart + 13s)), "-ada ");
+}
+
+TEST(NewsOrder, WhatIsKeptIsBounded) {
+    const CommitOrder commits = liveFrom(1);
+    NewsOrder news;
+    news.statesFrom(1);
+    news.presencesFrom(1, {}, kStart);
+    for (std::uint64_t number = 1; number <= NewsOrder::kMostLayers + 10; ++number)
+        news.state(number, 0, state("l" + std::to_string(number), 1));
+    for (std::uint64_t number = 1; number <= NewsOrder::kMostPeople + 10; ++number)
+        news.presence(number, presence("p" + std::to_string(number), 1), kStart);
+    EXPECT_EQ(news.takeStates(commits).layers.size(), NewsOrder::kMostLayers);
+    EXPECT_EQ(news.takePresences(kStart).shown.size(), NewsOrder::kMostPeople);
+}

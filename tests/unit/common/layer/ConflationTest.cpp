@@ -1,0 +1,85 @@
+#include "usdlive/common/layer/Conflation.h"
+
+#include <gtest/gtest.h>
+
+#include "RandomEdits.h"
+
+namespace usdlive {
+namespace {
+
+const LayerId kLayer{"a.usda"}, kOther{"b.usda"};
+
+Edit set(const std::string& path, double value, const LayerId& layer = kLayer) {
+    return {layer, {path, {}}, SetField{"default", {}, doubleValue(value), {}}};
+}
+Edit sample(double time, double value) {
+    return {
+        kLayer, {"/A.x", {}}, SetField{"timeSamples", SampleTime{time}, doubleValue(value), {}}};
+}
+Edit key(std::vector<std::string> path, double value) {
+    return {kLayer,
+            {"/A", {}},
+            SetField{"customData", DictionaryKey{std::move(path)}, doubleValue(value), {}}};
+}
+
+using Edits = std::vector<Edit>;
+
+TEST(Conflation, CF1KeepsTheLastOfEachRegister) {
+    EXPECT_EQ(conflated({set("/A.x", 1), set("/A.y", 1), set("/A.x", 2), set("/A.x", 3, kOther)}),
+              (Edits{set("/A.y", 1), set("/A.x", 2), set("/A.x", 3, kOther)}));
+    EXPECT_EQ(conflated({sample(1, 1), sample(2, 1), sample(1, 2)}),
+              (Edits{sample(2, 1), sample(1, 2)}));
+    EXPECT_EQ(conflated({key({"a"}, 1), key({"a", "b"}, 1), key({"a", "b"}, 2)}),
+              (Edits{key({"a"}, 1), key({"a", "b"}, 2)}));
+}
+
+TEST(Conflation, CF1AWholeFieldCoversItsParts) {
+    const Edit whole{kLayer, {"/A", {}}, EraseField{"customData", {}}};
+    EXPECT_EQ(conflated({key({"a"}, 1), whole}), (Edits{whole}));
+    EXPECT_EQ(conflated({whole, key({"a"}, 1)}), (Edits{whole, key({"a"}, 1)}));
+    // An erased part leaves a field of another form alone, so what made it one has to stay.
+    const Edit part{kLayer, {"/A", {}}, EraseField{"customData", DictionaryKey{{"a"}}}};
+    EXPECT_EQ(conflated({key({"a"}, 1), part}), (Edits{key({"a"}, 1), part}));
+}
+
+TEST(Conflation, CF1NothingIsDroppedAcrossWhatChangesTheNamespace) {
+    const Edit move{kLayer, {"/A", {}}, MoveSpec{{"/", {}}, "B"}};
+    EXPECT_EQ(conflated({set("/A.x", 1), move, set("/A.x", 2)}).size(), 3u);
+    EXPECT_EQ(conflated({set("/A.x", 1, kOther), move, set("/A.x", 2, kOther)}).size(), 2u)
+        << "of another layer";
+}
+
+// Whatever is edited, the layer is the same in the end.
+TEST(Conflation, CF1LeadsToTheSameLayer) {
+    std::size_t all = 0, left = 0;
+    for (unsigned seed = 0; seed < 500; ++seed) {
+        SCOPED_TRACE(seed);
+        RandomEdits random(seed);
+        LayerDoc begin;
+        for (int step = 0; step < 40; ++step) {
+            const auto [path, action] = random.edit(begin);
+            (void)begin.apply(path, action);
+        }
+        LayerDoc doc = begin;
+        Edits edits;
+        for (int step = 0; step < 60; ++step) {
+            auto [path, action] = random.edit(doc);
+            // Mostly values, again and again.
+            const bool isField = std::holds_alternative<SetField>(action) ||
+                                 std::holds_alternative<EraseField>(action);
+            if (!isField && !random.chance(20)) continue;
+            if (doc.apply(path, action)) edits.push_back({kLayer, {path, {}}, std::move(action)});
+        }
+        all += edits.size();
+        edits = conflated(std::move(edits));
+        left += edits.size();
+        LayerDoc other = begin;
+        for (const Edit& edit : edits)
+            ASSERT_TRUE(other.apply(edit.address.path, edit.action)) << edit.address.path;
+        ASSERT_EQ(other.dump(), doc.dump());
+    }
+    EXPECT_LT(left, all) << "and some of it was dropped";
+}
+
+}  // namespace
+}  // namespace usdlive

@@ -1,0 +1,52 @@
+#include "usdlive/common/layer/LayerLock.h"
+
+#include <gtest/gtest.h>
+
+namespace usdlive {
+namespace {
+
+void make(LayerDoc& doc, const std::vector<EditAction>& actions) {
+    for (const EditAction& action : actions) ASSERT_TRUE(doc.apply("/", action));
+}
+
+TEST(LayerLock, IsWhatWasMade) {
+    LayerDoc doc;
+    EXPECT_EQ(lockOf(doc), LayerLock());
+    const LayerLock lock{true, {"ada"}, 1'700'000'000'500};
+    make(doc, lockEdits(lock));
+    EXPECT_EQ(lockOf(doc), lock);
+    make(doc, lockEdits({}));
+    EXPECT_EQ(lockOf(doc), LayerLock());
+}
+
+// customLayerData = { dictionary omni_layer = { bool locked = 1 } }
+TEST(LayerLock, OfKitNamesNobody) {
+    LayerDoc doc;
+    make(doc,
+         {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked"}}, boolValue(true)}});
+    EXPECT_EQ(lockOf(doc), (LayerLock{true, {}, 0}));
+    make(doc,
+         {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked_by"}}, doubleValue(7)}});
+    EXPECT_EQ(lockOf(doc), (LayerLock{true, {}, 0}));
+}
+
+TEST(LayerLock, KnowsWhatConcernsIt) {
+    for (const EditAction& action : lockEdits({true, {"ada"}, 1})) {
+        EXPECT_TRUE(isLockEdit(action));
+        EXPECT_TRUE(touchesLock(action));
+    }
+    const auto key = [](std::vector<std::string> path) {
+        return EditAction(
+            SetField{"customLayerData", DictionaryKey{std::move(path)}, boolValue(true)});
+    };
+    EXPECT_FALSE(isLockEdit(key({"omni_layer"})));
+    EXPECT_TRUE(touchesLock(key({"omni_layer"})));
+    EXPECT_FALSE(touchesLock(key({"omni_layer", "muteness"})));
+    EXPECT_FALSE(touchesLock(key({"mine", "locked"})));
+    EXPECT_TRUE(touchesLock(EraseField{"customLayerData", {}}));
+    EXPECT_FALSE(isLockEdit(EraseField{"customLayerData", {}}));
+    EXPECT_FALSE(touchesLock(EraseField{"comment", {}}));
+}
+
+}  // namespace
+}  // namespace usdlive

@@ -1,0 +1,282 @@
+// What becomes of a layer when its file is changed behind the server (FI1-FI3).
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "FakeHost.h"
+#include "unit/common/layer/RandomEdits.h"
+#include "usdlive/common/layer/GlobalMuteness.h"
+#include "usdlive/common/layer/LayerLock.h"
+
+namespace usdlive::server::testing {
+namespace {
+
+const LayerId kLayer{"a.usda"};
+
+Hash hashOf(std::string_view content) { return sha256(asBytes(content)); }
+
+/// A layer that was saved into a file, open to two who are told of states.
+class FilesTest : public ::testing::Test {
+protected:
+    FilesTest() {
+        world.project->setFiles({{kLayer, trace(1), true, "ada"}, {{"b.usda"}, trace(1)}});
+        for (const SessionId session : {1, 2}) {
+            Hello hello = world.hello(session);
+            hello.features = {"states"};
+            world.connect(session, hello);
+            world.receive(session, ControlMessage(OpenLayer{1, kLayer, 0}));
+        }
+        world.host.loading.clear();
+        LoadedLayer loaded{World::sample()};
+        loaded.saved = {0, FileStamp{trace(1), hashOf("one")}};
+        world.project->layerLoaded(kLayer, std::move(loaded));
+        world.host.sent.clear();
+    }
+
+    static FileTrace trace(std::int64_t time) { return {100, 7, time, time}; }
+    void look(std::int64_t time, bool writable = true) {
+        world.project->setFiles({{kLayer, trace(time), writable, "ada"}, {{"b.usda"}, trace(1)}});
+    }
+    /// The file is looked into.
+    void check(std::int64_t time, std::string_view content) {
+        ASSERT_EQ(world.host.checking, std::vector{kLayer});
+        world.host.checking.clear();
+        world.project->fileChecked(kLayer, std::optional(FileStamp{trace(time), hashOf(content)}));
+    }
+    LayerState state(SessionId session = 2) {
+        const auto told = world.nextControl<LayerStates>(session);
+        EXPECT_EQ(told.layers.size(), 1u);
+        return told.layers.at(0);
+    }
+    void changeBehind() {
+        look(2);
+        check(2, "two");
+        ASSERT_TRUE(state(1).outdated);
+        ASSERT_TRUE(state(2).outdated);
+    }
+    /// Reads the file for the reload that was asked for first.
+    void read(const LayerDoc& content) {
+        const FakeHost::Reload reload = std::move(world.host.reloading.front());
+        world.host.reloading.pop_front();
+        world.project->layerReloaded(
+            reload.session, reload.request, reload.layer,
+            makeReload(reload.layer, reload.present, content, {trace(2), hashOf("two")}));
+    }
+    static LayerDoc other() {
+        LayerDoc doc;
+        (void)doc.apply("/B", CreateSpec{SpecKind::Prim});
+        (void)doc.apply("/C", CreateSpec{SpecKind::Prim});
+        (void)doc.apply("/A", CreateSpec{SpecKind::Prim});
+        (void)doc.apply("/A.x", CreateSpec{SpecKind::Attribute});
+        (void)doc.apply("/A.x", SetField{"default", {}, doubleValue(3), {}});
+        return doc;
+    }
+
+    World world;
+};
+
+TEST_F(FilesTest, FI1AFileThatHoldsSomethingElseIsOutdated) {
+    look(2);
+    check(2, "two");
+    const LayerState told = state();
+    EXPECT_TRUE(told.outdated);
+    EXPECT_FALSE(told.dirty);
+    EXPECT_EQ(told.owner, "ada");
+    look(2);
+    EXPECT_TRUE(world.host.checking.empty()) << "it was looked into already";
+    look(3);
+    check(3, "one");
+    EXPECT_FALSE(state().outdated) << "somebody put it back";
+}
+
+TEST_F(FilesTest, FI1AFileThatWasOnlyTouchedIsNot) {
+    look(2);
+    check(2, "one");
+    EXPECT_TRUE(world.silent(2));
+    look(2);
+    EXPECT_TRUE(world.host.checking.empty());
+}
+
+TEST_F(FilesTest, FI1WhatIsGoneIsDirtyAndReadOnlyIsTold) {
+    look(1, false);
+    EXPECT_FALSE(state().writable);
+    world.project->setFiles({{kLayer, {}, true, ""}, {{"b.usda"}, trace(1)}});
+    const LayerState told = state();
+    EXPECT_TRUE(told.dirty);
+    EXPECT_FALSE(told.outdated);
+    world.receive(1, ControlMessage(SaveLayers{5, {}, {}}));
+    ASSERT_EQ(world.host.saves.size(), 1u);
+    world.project->layersSaved(1, 5, {0, {{kLayer, FileStamp{trace(4), hashOf("one")}}}, {}});
+    EXPECT_FALSE(state().dirty);
+    look(4);
+    EXPECT_TRUE(world.host.checking.empty()) << "it is the file just written";
+}
+
+// A server that dies between putting the file in place and noting it.
+TEST_F(FilesTest, FI1AFileThatASaveWasAboutToWriteIsOurs) {
+    World restarted;
+    restarted.host.unsaved = {kLayer};  // by what was committed after it
+    restarted.start({});
+    restarted.project->setFiles({{kLayer, trace(2), true, "ada"}});
+    Hello hello = restarted.hello(1);
+    hello.features = {"states"};
+    restarted.connect(1, hello);
+    restarted.host.sent.clear();
+    restarted.receive(1, ControlMessage(OpenLayer{1, kLayer, 0}));
+    LoadedLayer loaded{World::sample()};
+    loaded.saved = {0, FileStamp{trace(1), hashOf("one")}, SavedState::Coming{0, hashOf("ours")}};
+    restarted.project->layerLoaded(kLayer, std::move(loaded));
+    ASSERT_EQ(restarted.host.checking, std::vector{kLayer});
+    const FileStamp stamp{trace(2), hashOf("ours")};
+    restarted.project->fileChecked(kLayer, std::optional(stamp));
+    EXPECT_EQ(restarted.host.savedStates.at(kLayer), (SavedState{0, stamp}));
+    const LayerState told = restarted.nextControl<LayerStates>(1).layers.at(0);
+    EXPECT_TRUE(told.dirty);
+    EXPECT_FALSE(told.outdated);
+    restarted.host.sent.clear();
+    restarted.receive(1, ControlMessage(SaveLayers{5, {kLayer}, {}}));
+    EXPECT_EQ(restarted.host.saves.at(0).jobs.at(0).saved.file, stamp);
+}
+
+TEST_F(FilesTest, FI2ASaveNamesWhatTheFileMayHold) {
+    changeBehind();
+    world.receive(1, ControlMessage(SaveLayers{5, {kLayer}, {}}));
+    world.receive(1, ControlMessage(SaveLayers{6, {kLayer}, true}));
+    ASSERT_EQ(world.host.saves.size(), 2u);
+    const auto& minding = world.host.saves[0].jobs.at(0);
+    EXPECT_TRUE(minding.minds);
+    EXPECT_EQ(minding.saved.file->hash, hashOf("one"));
+    EXPECT_FALSE(world.host.saves[1].jobs.at(0).minds);
+    world.project->layersSaved(1, 6, {0, {{kLayer, FileStamp{trace(4), hashOf("ours")}}}, {}});
+    EXPECT_FALSE(state().outdated);
+}
+
+TEST_F(FilesTest, FI3AReloadIsACommitOfWhoAskedForIt) {
+    changeBehind();
+    world.receive(1, ControlMessage(ReloadLayers{5, {}}));
+    ASSERT_EQ(world.host.reloading.size(), 1u);
+    read(other());
+    EXPECT_TRUE(*world.project->layer(kLayer) == other());
+    EXPECT_TRUE(world.silent(2)) << "nothing is told before it is durable";
+    ASSERT_EQ(world.host.appending.size(), 1u);
+    const CommitRecord& record = world.host.appending.front();
+    EXPECT_EQ(record.id, TransactionId());
+    EXPECT_EQ(record.saved->state, (SavedState{1, FileStamp{trace(2), hashOf("two")}}));
+    world.store();
+    const auto commit = world.nextFrame<CommitFrame>(2).commit;
+    EXPECT_EQ(commit.user, UserName{"user1"});
+    EXPECT_EQ(commit.id, TransactionId());
+    LayerDoc doc = World::sample();
+    for (const Edit& edit : commit.edits) ASSERT_TRUE(doc.apply(edit.address.path, edit.action));
+    EXPECT_TRUE(doc == other());
+    const LayerState told = state();
+    EXPECT_FALSE(told.outdated);
+    EXPECT_FALSE(told.dirty);
+    EXPECT_EQ(told.saved, 1u);
+    world.nextFrame<CommitFrame>(1);
+    EXPECT_EQ(world.nextControl<LayersReloaded>(1), (LayersReloaded{5, 1, {kLayer}, {}}));
+}
+
+TEST_F(FilesTest, FI3WhatIsLikeItsFileNeedsNoCommit) {
+    changeBehind();
+    world.receive(1, ControlMessage(ReloadLayers{5, {kLayer, {"none.usda"}}}));
+    read(World::sample());
+    EXPECT_TRUE(world.host.appending.empty());
+    const auto answer = world.nextControl<LayersReloaded>(1);
+    EXPECT_EQ(answer.reloaded, std::vector{kLayer});
+    ASSERT_EQ(answer.failed.size(), 1u);
+    EXPECT_EQ(answer.failed[0].code, "layerNotFound");
+    EXPECT_EQ(world.host.savedStates.at(kLayer).file->hash, hashOf("two"));
+    EXPECT_FALSE(state().outdated);
+}
+
+TEST_F(FilesTest, FI3WhatIsEditedMeanwhileIsReadAgainAndTheFileWins) {
+    changeBehind();
+    world.receive(1, ControlMessage(ReloadLayers{5, {kLayer}}));
+    for (std::uint64_t edit = 1; edit <= 3; ++edit) {
+        ASSERT_EQ(world.host.reloading.size(), 1u);
+        world.submit(2, edit, {create("/E" + std::to_string(edit))});
+        read(other());
+    }
+    EXPECT_TRUE(world.host.reloading.empty()) << "it does not go on for ever";
+    EXPECT_TRUE(*world.project->layer(kLayer) == other());
+    EXPECT_EQ(world.host.appending.size(), 4u);
+    world.store();
+    EXPECT_FALSE(world.silent(1));
+}
+
+TEST_F(FilesTest, FI3IsRefusedWhereSomebodyElseHoldsALock) {
+    changeBehind();
+    std::vector<Edit> edits;
+    for (EditAction& action : lockEdits({true, {"user2"}, 0}))
+        edits.push_back({kLayer, {"/", {}}, std::move(action)});
+    world.submit(2, 1, edits);
+    world.store();
+    world.host.sent.clear();
+    world.receive(1, ControlMessage(ReloadLayers{5, {kLayer}}));
+    const auto answer = world.nextControl<LayersReloaded>(1);
+    ASSERT_EQ(answer.failed.size(), 1u);
+    EXPECT_EQ(answer.failed[0].code, "locked");
+    EXPECT_TRUE(world.host.reloading.empty());
+}
+
+TEST_F(FilesTest, FI3AReloadThatCouldNotBeStoredIsMadeAgain) {
+    changeBehind();
+    world.receive(1, ControlMessage(ReloadLayers{5, {kLayer}}));
+    read(other());
+    world.host.appending.clear();
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {0, {}, 1});
+    EXPECT_TRUE(world.silent(1));
+    ASSERT_EQ(world.host.loading.size(), 1u);
+    LoadedLayer loaded{World::sample()};
+    loaded.saved = {0, FileStamp{trace(1), hashOf("one")}};
+    world.project->layerLoaded(kLayer, std::move(loaded));
+    read(other());
+    world.store();
+    world.nextFrame<CommitFrame>(1);
+    EXPECT_TRUE(*world.project->layer(kLayer) == other());
+}
+
+TEST_F(FilesTest, MU1EverybodyIsToldWhatARootLayerMutes) {
+    const auto mute = [&](bool muted) {
+        std::vector<Edit> edits;
+        for (EditAction& action :
+             globalMuteEdits(kLayer, *world.project->layer(kLayer), {"b.usda"}, muted))
+            edits.push_back({kLayer, {"/", {}}, std::move(action)});
+        world.submit(1, muted ? 1 : 2, edits, world.project->durableRevision());
+        EXPECT_TRUE(world.silent(2)) << "nothing is told before it is durable";
+        world.store();
+        world.nextFrame<CommitFrame>(2);
+        for (const LayerState& told : world.nextControl<LayerStates>(2).layers)
+            if (told.layer == LayerId{"b.usda"}) return told.globallyMuted;
+        return !muted;
+    };
+    EXPECT_TRUE(mute(true));
+    EXPECT_FALSE(mute(false));
+}
+
+// Any content, from any other.
+TEST(Reload, FI3GivesWhatTheFileHolds) {
+    for (unsigned seed = 0; seed < 300; ++seed) {
+        SCOPED_TRACE(seed);
+        RandomEdits random(seed);
+        const auto change = [&](LayerDoc& doc, int edits) {
+            for (int edit = 0; edit < edits; ++edit) {
+                const auto [path, action] = random.edit(doc);
+                (void)doc.apply(path, action);
+            }
+        };
+        LayerDoc present, content;
+        change(present, 60);
+        if (seed % 3 == 0) content = present;
+        change(content, seed % 3 == 0 ? 10 : 60);
+        const ReloadedLayer reloaded = makeReload(kLayer, present, content, {});
+        for (const Edit& edit : reloaded.edits)
+            ASSERT_TRUE(present.apply(edit.address.path, edit.action)) << edit.address.path;
+        EXPECT_EQ(present.dump(), content.dump());
+        EXPECT_EQ(reloaded.doc.dump(), content.dump());
+    }
+}
+
+}  // namespace
+}  // namespace usdlive::server::testing

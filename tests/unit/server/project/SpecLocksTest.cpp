@@ -1,0 +1,133 @@
+// Who may edit a spec that somebody has locked (LK5).
+#include "usdlive/common/layer/SpecLocks.h"
+
+#include <gtest/gtest.h>
+
+#include "FakeHost.h"
+#include "usdlive/common/core/ByteStream.h"
+
+namespace usdlive::server::testing {
+namespace {
+
+const LayerId kRoot{"a.usda"}, kSub{"b.usda"};
+
+Value subLayer(const std::string& path) {
+    Bytes bytes;
+    appendText(bytes, path);
+    appendNumber<double>(bytes, 0);
+    appendNumber<double>(bytes, 1);
+    return {ValueType::SubLayer, std::move(bytes)};
+}
+
+/// user1 has locked /A.x on the stage of a.usda, whose sublayer b.usda is.
+class ProjectSpecLocks : public ::testing::Test {
+protected:
+    ProjectSpecLocks() {
+        world.options.administrators = {{"user3"}};
+        world.start({});
+        for (const SessionId session : {1, 2, 3}) world.join(session);
+        LayerDoc root = World::sample();
+        ListOp subLayers;
+        subLayers.itemType = ValueType::SubLayer;
+        subLayers.isExplicit = true;
+        subLayers[ListName::Explicit] = {subLayer("./b.usda")};
+        EXPECT_TRUE(root.apply("/", SetField{"subLayers", {}, subLayers, {}}));
+        world.receive(1, ControlMessage(OpenLayer{1, kRoot, 0}));
+        world.project->layerLoaded(kRoot, LoadedLayer{root});
+        world.receive(1, ControlMessage(OpenLayer{2, kSub, 0}));
+        world.project->layerLoaded(kSub, LoadedLayer{World::sample()});
+        EXPECT_EQ(refusal(1, {lock("/A.x", {"user1"})}), "");
+    }
+    static Edit lock(const std::string& path, const UserName& owner) {
+        return {kRoot, {"/", {}}, specLockEdit(path, owner)};
+    }
+    static Edit unlock(const std::string& path) { return {kRoot, {"/", {}}, specUnlockEdit(path)}; }
+    /// Empty: it was committed.
+    std::string refusal(SessionId session, std::vector<Edit> edits) {
+        world.host.sent.clear();
+        const LayerDoc before = *world.project->layer(kSub);
+        world.submit(session, ++sequences[session], std::move(edits),
+                     world.project->durableRevision());
+        world.store();
+        const Frame frame = world.next(session);
+        const auto* refused = std::get_if<RefusalFrame>(&frame);
+        if (!refused) return "";
+        EXPECT_EQ(refused->error.code, ErrorCode::Locked);
+        EXPECT_TRUE(*world.project->layer(kSub) == before) << "nothing of it is left";
+        refusedEdit = refused->edit;
+        return refused->error.message;
+    }
+
+    World world;
+    std::map<SessionId, std::uint64_t> sequences;
+    std::uint32_t refusedEdit = 0;
+};
+
+TEST_F(ProjectSpecLocks, LK5HoldsInEveryLayerOfTheStack) {
+    for (const LayerId& layer : {kRoot, kSub}) {
+        EXPECT_EQ(refusal(2, {create("/N", kSub), set("/A.x", 1, layer)}),
+                  "/A.x is locked by user1");
+        EXPECT_EQ(refusedEdit, 1u);
+        EXPECT_EQ(refusal(1, {set("/A.x", 2, layer)}), "");
+        EXPECT_EQ(refusal(3, {set("/A.x", 3, layer)}), "") << "an administrator";
+    }
+    EXPECT_EQ(refusal(2, {create("/A/New"), create("/B/New", kSub)}), "");
+}
+
+TEST_F(ProjectSpecLocks, LK5WhatHoldsALockedSpecIsNeitherMovedNorDeleted) {
+    EXPECT_EQ(refusal(2, {erase("/A", kSub)}), "/A.x is locked by user1");
+    EXPECT_EQ(refusal(2, {move("/A", "/B", "C")}), "/A.x is locked by user1");
+    EXPECT_EQ(refusal(2, {erase("/B", kSub)}), "");
+}
+
+TEST_F(ProjectSpecLocks, LK5HoldsForWhatOnesOwnEditCreates) {
+    EXPECT_EQ(refusal(1, {erase("/A", kSub)}), "");
+    const std::uint64_t next = sequences[2] + 1;
+    EXPECT_EQ(
+        refusal(
+            2, {create("/A", kSub), inCreated(next, 0, ".x", CreateSpec{SpecKind::Attribute}, kSub),
+                inCreated(next, 1, "", SetField{"default", {}, doubleValue(1), {}}, kSub)}),
+        "/A.x is locked by user1");
+    EXPECT_EQ(refusedEdit, 2u);
+    EXPECT_EQ(refusal(2, {create("/A", kSub)}), "") << "an over says nothing";
+}
+
+TEST_F(ProjectSpecLocks, LK5ALockIsItsOwnersToTakeAndEnd) {
+    EXPECT_EQ(refusal(2, {unlock("/A.x")}), "/A.x is locked by user1");
+    EXPECT_EQ(refusal(2, {{kRoot, {"/", {}}, usdlive::EraseField{"customLayerData", {}}}}),
+              "/A.x is locked by user1");
+    EXPECT_NE(refusal(2, {lock("/B", {"user1"})}), "");
+    EXPECT_EQ(refusal(2, {lock("/B", {"user2"})}), "");
+    EXPECT_EQ(refusal(1, {unlock("/A.x")}), "");
+    EXPECT_EQ(refusal(2, {set("/A.x", 1, kSub)}), "");
+    EXPECT_EQ(refusal(1, {{kSub, {"/B", {}}, SetField{"comment", {}, stringValue("x"), {}}}}),
+              "/B is locked by user2");
+    // Somebody who has been away for long.
+    world.project->disconnected(2);
+    world.host.nowMs += 16 * 60'000;
+    EXPECT_EQ(refusal(1, {unlock("/B")}), "");
+}
+
+TEST_F(ProjectSpecLocks, LK5IsKeptByAReload) {
+    FileStamp file;
+    const auto reload = [&](SessionId session) {
+        world.receive(session, ControlMessage(ReloadLayers{9, {kSub}}));
+        const auto asked = world.host.reloading.front();
+        world.host.reloading.pop_front();
+        LayerDoc content = World::sample();
+        EXPECT_TRUE(content.apply("/A.x", SetField{"default", {}, doubleValue(5), {}}));
+        world.host.sent.clear();
+        world.project->layerReloaded(session, 9, kSub,
+                                     makeReload(kSub, asked.present, content, file));
+        world.store();
+    };
+    reload(2);
+    EXPECT_EQ(world.nextControl<LayersReloaded>(2).failed.at(0).code, "locked");
+    EXPECT_TRUE(*world.project->layer(kSub) == World::sample());
+    reload(1);
+    world.nextFrame<CommitFrame>(1);
+    EXPECT_EQ(world.nextControl<LayersReloaded>(1).reloaded.size(), 1u);
+}
+
+}  // namespace
+}  // namespace usdlive::server::testing
