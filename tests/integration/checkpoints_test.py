@@ -1,10 +1,15 @@
-"""Named revisions (CP1, CP2): by command, from Python."""
+"""Named revisions (CP1, CP2): by command, from Python, by Kit's names."""
+
+import asyncio
 
 import pytest
 from conftest import connect, refused, run
 from pxr import Sdf
 
 import usdlive
+from usdlive.omni.kit.app import get_app
+from usdlive.omni.kit.usd.layers import LayerUtils
+from usdlive.omni.usd import create_context, destroy_context
 
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    double x = 0\n}\n'
 
@@ -63,3 +68,48 @@ def test_what_is_acknowledged_survives_a_kill(served):
         layer = Sdf.Layer.CreateAnonymous(".usda")
         assert layer.ImportFromString(text)
         assert layer.GetAttributeAtPath("/World.x").default == number
+
+
+def test_kits_checkpoints(served, tmp_path):
+    local = tmp_path / "local.usda"
+    local.write_text(ROOT)
+    outside = Sdf.Layer.FindOrOpen(str(local))
+
+    async def use():
+        context = create_context("checkpoints", user="ada")
+        assert await context.open_stage_async(f"{served.url}/shot.usda") == (True, "")
+        stage = context.get_stage()
+        root = stage.GetRootLayer()
+        stage.GetAttributeAtPath("/World.x").Set(1.0)
+        done, failed = await LayerUtils.create_checkpoint_async([root.identifier, outside.identifier, "none.usda"],
+                                                                "before lunch")
+        assert (done, failed) == ([root.identifier], [outside.identifier, "none.usda"])
+        # The revision has a name already: that is enough, unless another one is wanted.
+        assert await LayerUtils.create_checkpoint_async(root.identifier, "again") == ([root.identifier], [])
+        assert await LayerUtils.create_checkpoint_async(root.identifier, "before lunch", force=True) == (
+            [root.identifier], [])
+        stage.GetAttributeAtPath("/World.x").Set(2.0)
+        assert await LayerUtils.create_checkpoint_for_stage_async(stage, "") == ([root.identifier], [])
+        await context.save_stage_async()
+        await get_app().next_update_async()
+        assert await LayerUtils.create_checkpoint_for_stage_async(stage, "", only_dirty_layers=True) == ([], [])
+        stage.GetAttributeAtPath("/World.x").Set(3.0)
+        assert await LayerUtils.create_checkpoint_for_stage_async(stage, "", only_dirty_layers=True) == (
+            [root.identifier], [])
+        stage.GetAttributeAtPath("/World.x").Set(4.0)
+        LayerUtils.create_checkpoint(root.identifier, "a\nb" + "é" * 200)
+        while len(context.live.checkpoints()) < 5:
+            await asyncio.sleep(0.01)
+        assert await context.close_stage_async() == (True, "")
+        assert await context.create_checkpoint_async("x") == (False, "only a live project has checkpoints")
+
+    try:
+        asyncio.run(use())
+    finally:
+        destroy_context("checkpoints")
+    with connect(served, "bo") as bo:
+        names = [one.name for one in bo.checkpoints()]
+    assert names[:4] == ["before lunch", "before lunch (2)", "checkpoint", "checkpoint (2)"]
+    assert names[4].startswith("a b") and len(names[4].encode()) <= 180
+    assert "x = 1" in run("cat", f"{served.url}/shot.usda", "-c", "before lunch (2)")
+    assert "x = 2" in run("cat", f"{served.url}/shot.usda", "-c", "checkpoint")

@@ -9,9 +9,11 @@ import signal
 import subprocess
 import sys
 import time
+import types
 
 import pytest
 import usdlive
+from usdlive.omni.kit.app import get_app
 
 HERE = pathlib.Path(__file__).parent
 
@@ -154,6 +156,11 @@ def wait(condition, *ticking, timeout=10):
         for one in ticking:
             one.tick()
         time.sleep(0.002)
+
+
+def wait_frames(condition, timeout=10):
+    """The same, with the frames of `omni.kit.app`."""
+    wait(condition, types.SimpleNamespace(tick=get_app().update), timeout=timeout)
 
 
 def run(*arguments: str) -> str:

@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "EventDictionary.h"
+#include "LayersBinding.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/common/core/LayerPath.h"
 
@@ -180,6 +181,8 @@ public:
         return name ? std::optional(name->value) : std::nullopt;
     }
 
+    Client* clientOrNull() { return client_.get(); }
+
     Client& client() {
         if (!client_) raise({ErrorCode::NotConnected, "this connection was closed"});
         return *client_;
@@ -204,6 +207,10 @@ private:
 };
 
 }  // namespace
+
+Client* usdlive::clientOf(nb::handle client) {
+    return nb::cast<PythonClient&>(client).clientOrNull();
+}
 
 NB_MODULE(_usdlive, module) {
     nb::class_<PythonClient>(module, "Client")
@@ -241,4 +248,5 @@ NB_MODULE(_usdlive, module) {
         .def_prop_ro("id", [](PythonClient& self) { return self.client().id().value; })
         .def_prop_ro("cache_folder",
                      [](PythonClient& self) { return self.client().cacheFolder().string(); });
+    bindLayers(module);
 }

@@ -89,6 +89,10 @@ class Live:
         self._followed.append(_MutenessOfStage(stage, root))
         self._followed[-1].update(self._client)
 
+    def _unfollow(self, stage: Usd.Stage) -> None:
+        """From now on somebody else says what is muted on it (omni.kit.usd.layers, by its scope)."""
+        self._followed = [one for one in self._followed if one.stage() != stage]
+
     def _follow_muteness(self) -> None:
         self._followed = [one for one in self._followed if one.update(self._client)]
 

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <pxr/usd/sdf/changeList.h>
+#include <pxr/usd/sdf/layer.h>
+
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "usdlive/client/usd/layers/LayersContext.h"
+
+namespace usdlive::layers {
+
+/// Specs that take no edits. Kept in the root layer's customLayerData, `omni_layer:specs_locking`
+/// {spec path: who locked it}, so that locks are shared live and survive. A flat set of exact
+/// paths.
+///
+/// An edit of a locked spec in any layer of the stack goes back with update(), to what the layer
+/// said when the lock came.
+class SpecsLocking {
+public:
+    using Paths = std::vector<pxr::SdfPath>;
+
+    SpecsLocking(LayersContext& context, std::string user);
+    ~SpecsLocking();
+
+    /// The specs that were locked (unlocked) by this; none and an error for a path that is not
+    /// there.
+    Paths lockSpec(const std::string& path, bool hierarchy);
+    Paths unlockSpec(const std::string& path, bool hierarchy);
+    void unlockAllSpecs();
+    [[nodiscard]] Paths allLockedSpecs() const;
+    [[nodiscard]] bool isSpecLocked(const std::string& path) const;
+
+    /// Why the spec takes no edits; nothing: it does.
+    [[nodiscard]] std::optional<LastError> whyLocked(const pxr::SdfPath& spec) const;
+
+    // --- called by Layers
+
+    void dataChanged();
+    void layerChanged(const pxr::SdfLayerHandle& layer, const pxr::SdfChangeList& changes);
+    /// The stack has other layers than before.
+    void structureChanged();
+    /// Takes back what must not be, within the caller's change block. The delegate is not touched.
+    [[nodiscard]] std::vector<RefusedEdit> update(const pxr::SdfLayerHandle& delegate);
+
+private:
+    using Table = std::map<pxr::SdfPath, std::string>;
+    struct Shadow {
+        pxr::SdfLayerRefPtr content;  // what locked specs, and all below locked prims, should be
+        std::set<pxr::SdfPath> changed;
+    };
+
+    [[nodiscard]] Table all() const;
+    Paths change(Table changed);
+    void follow(Table locks);
+    void admit();
+    void settleAll();
+    void takeShadows();
+    [[nodiscard]] bool covers(const pxr::SdfPath& path) const;
+    [[nodiscard]] bool hasLockBelow(const pxr::SdfPath& path) const;
+    void takeShadow(const pxr::SdfLayerHandle& layer, Shadow& shadow);
+    void refuse(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
+    void settleMissing(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
+    void settle(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
+    void restore(const pxr::SdfLayerHandle& layer, const Shadow& shadow, const pxr::SdfPath& path);
+    void restoreBelow(const pxr::SdfLayerHandle& layer, const Shadow& shadow,
+                      const pxr::SdfPath& path);
+    void removeStray(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
+
+    LayersContext& context_;
+    const std::string user_;
+    Table locks_;
+    Table incoming_;  // in force when what was written before them is settled
+    std::map<std::string, Shadow> shadows_;  // by the layer's identifier
+    bool structureKnown_ = false;
+    bool changing_ = false;
+    pxr::SdfLayerHandle delegate_;
+    std::vector<RefusedEdit> refused_;
+};
+
+}  // namespace usdlive::layers

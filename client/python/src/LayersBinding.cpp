@@ -1,0 +1,441 @@
+#include "LayersBinding.h"
+
+#include <nanobind/stl/map.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+#include <pxr/usd/sdf/layer.h>
+
+#include <memory>
+#include <utility>
+
+#include "usdlive/client/usd/layers/LayerUtils.h"
+#include "usdlive/client/usd/layers/Layers.h"
+#include "usdlive/client/usd/layers/OmniLayerData.h"
+
+namespace nb = nanobind;
+using namespace usdlive::layers;
+
+namespace usdlive {
+
+namespace {
+
+using Strings = std::vector<std::string>;
+
+std::vector<pxr::TfToken> tokens(const Strings& names) { return {names.begin(), names.end()}; }
+
+Strings texts(const std::vector<pxr::SdfPath>& paths) {
+    Strings texts;
+    for (const auto& path : paths) texts.push_back(path.GetString());
+    return texts;
+}
+
+std::map<std::string, Strings> texts(const SpecsLinking::Links& links) {
+    std::map<std::string, Strings> result;
+    for (const auto& [path, layers] : links) result[path.GetString()] = layers;
+    return result;
+}
+
+pxr::SdfLayerHandle find(const std::string& identifier) {
+    return identifier.empty() ? pxr::SdfLayerHandle() : pxr::SdfLayer::Find(identifier);
+}
+
+/// A Usd.Stage, by the package's object that stands for it. Its methods must not raise; what they
+/// raise nevertheless is reported as an exception that nobody can catch.
+class PythonHost final : public StageHost {
+public:
+    explicit PythonHost(nb::object host)
+        : host_(std::move(host)),
+          root_(find(nb::cast<std::string>(host_.attr("root")()))),
+          session_(find(nb::cast<std::string>(host_.attr("session")()))) {}
+
+    ~PythonHost() override {
+        const nb::gil_scoped_acquire acquire;
+        host_.reset();
+    }
+
+    [[nodiscard]] pxr::SdfLayerHandle rootLayer() const override { return root_; }
+    [[nodiscard]] pxr::SdfLayerHandle sessionLayer() const override { return session_; }
+    [[nodiscard]] Strings mutedLayers() const override { return call<Strings>("muted_layers"); }
+    void muteAndUnmute(const Strings& mute, const Strings& unmute) override {
+        call<bool>("mute_and_unmute", mute, unmute);
+    }
+    [[nodiscard]] pxr::SdfLayerHandle editTarget() const override {
+        return find(call<std::string>("edit_target"));
+    }
+    bool setEditTarget(const pxr::SdfLayerHandle& layer) override {
+        return layer && call<bool>("set_edit_target", layer->GetIdentifier());
+    }
+    [[nodiscard]] std::vector<pxr::SdfLayerHandle> usedLayers() const override {
+        std::vector<pxr::SdfLayerHandle> layers;
+        for (const auto& identifier : call<Strings>("used_layers"))
+            if (auto layer = find(identifier)) layers.push_back(std::move(layer));
+        return layers;
+    }
+    [[nodiscard]] std::vector<pxr::TfToken> childNames(const pxr::SdfPath& prim) const override {
+        return tokens(call<Strings>("child_names", prim.GetString()));
+    }
+    [[nodiscard]] std::vector<pxr::TfToken> propertyNames(const pxr::SdfPath& prim) const override {
+        return tokens(call<Strings>("property_names", prim.GetString()));
+    }
+
+private:
+    template <class T, class... Arguments>
+    T call(const char* name, const Arguments&... arguments) const {
+        const nb::gil_scoped_acquire acquire;
+        try {
+            return nb::cast<T>(host_.attr(name)(arguments...));
+        } catch (nb::python_error& error) {
+            error.restore();
+            PyErr_WriteUnraisable(host_.ptr());
+        } catch (const nb::cast_error&) {
+            PyErr_SetString(PyExc_TypeError, name);
+            PyErr_WriteUnraisable(host_.ptr());
+        }
+        return T();
+    }
+
+    nb::object host_;
+    const pxr::SdfLayerRefPtr root_, session_;
+};
+
+/// The layers of a Python client, as long as it is connected.
+class PythonLive final : public LiveLayers {
+public:
+    explicit PythonLive(nb::object client) : client_(std::move(client)) {}
+    ~PythonLive() override {
+        const nb::gil_scoped_acquire acquire;
+        client_.reset();
+    }
+
+    [[nodiscard]] std::string user() const override {
+        auto* client = get();
+        return client ? client->user() : std::string();
+    }
+    [[nodiscard]] std::optional<LiveState> state(const pxr::SdfLayerHandle& layer) const override {
+        auto* client = get();
+        return client ? ClientLayers(*client).state(layer) : std::nullopt;
+    }
+    bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) override {
+        auto* client = get();
+        return client && ClientLayers(*client).setLocked(layer, locked);
+    }
+    void reload(const pxr::SdfLayerHandle& layer) override {
+        if (auto* client = get()) ClientLayers(*client).reload(layer);
+    }
+
+private:
+    [[nodiscard]] Client* get() const {
+        const nb::gil_scoped_acquire acquire;
+        return clientOf(client_);
+    }
+
+    nb::object client_;
+};
+
+nb::dict toDictionary(const LayerEvent& event) {
+    nb::dict result;
+    result["type"] = int(event.type);
+    result["layer"] = event.layer;
+    result["values"] = event.paths.empty() ? event.values : texts(event.paths);
+    result["entries"] = event.entries;
+    return result;
+}
+
+class PythonLayers {
+public:
+    PythonLayers(nb::object host, const std::string& user, nb::object client)
+        : live_(client.is_none() ? nullptr : std::make_unique<PythonLive>(std::move(client))),
+          layers_(std::make_unique<PythonHost>(std::move(host)),
+                  {.user = user, .live = live_.get()}) {}
+
+    void setClient(nb::object client) {
+        auto live = client.is_none() ? nullptr : std::make_unique<PythonLive>(std::move(client));
+        layers_.setLive(live.get());
+        live_ = std::move(live);
+    }
+
+    LayersState& state() { return layers_.state(); }
+    AutoAuthoring& authoring() { return layers_.autoAuthoring(); }
+    SpecsLinking& linking() { return layers_.specsLinking(); }
+    SpecsLocking& locking() { return layers_.specsLocking(); }
+    Layers& layers() { return layers_; }
+
+    nb::list takeEvents() {
+        nb::list events;
+        for (const auto& event : layers_.takeEvents()) events.append(toDictionary(event));
+        return events;
+    }
+
+    nb::tuple lastError() {
+        const auto& error = layers_.lastError();
+        return nb::make_tuple(int(error.type), error.text);
+    }
+
+    nb::list refusedEdits() {
+        nb::list refused;
+        for (const auto& edit : layers_.refusedEdits())
+            refused.append(nb::make_tuple(edit.path.GetString(), edit.field, edit.layer,
+                                          int(edit.type), edit.reason));
+        return refused;
+    }
+
+private:
+    std::unique_ptr<PythonLive> live_;
+    Layers layers_;
+};
+
+/// (identifier, what keeps the layer until the caller has it), or None.
+nb::object kept(const pxr::SdfLayerRefPtr& layer) {
+    if (!layer) return nb::none();
+    auto* keeper = new pxr::SdfLayerRefPtr(layer);
+    const nb::capsule capsule(
+        keeper, [](void* held) noexcept { delete static_cast<pxr::SdfLayerRefPtr*>(held); });
+    return nb::make_tuple(layer->GetIdentifier(), capsule);
+}
+
+void bindUtils(nb::module_& module) {
+    namespace utils = LayerUtils;
+    module.def("create_sublayer",
+               [](const std::string& layer, int position, const std::string& id) {
+                   return kept(utils::createSublayer(find(layer), position, id));
+               });
+    module.def("insert_sublayer",
+               [](const std::string& layer, int position, const std::string& id, bool checkEmpty) {
+                   return kept(utils::insertSublayer(find(layer), position, id, checkEmpty));
+               });
+    module.def("replace_sublayer",
+               [](const std::string& layer, int position, const std::string& id) {
+                   return kept(utils::replaceSublayer(find(layer), position, id));
+               });
+    module.def("remove_sublayer", [](const std::string& layer, int position) {
+        return utils::removeSublayer(find(layer), position);
+    });
+    module.def("move_layer", [](const std::string& from, int fromPosition, const std::string& to,
+                                int toPosition, bool removeSource) {
+        return utils::moveLayer(find(from), fromPosition, find(to), toPosition, removeSource);
+    });
+    module.def("sublayer_identifier", [](const std::string& layer, int position) {
+        return utils::sublayerIdentifier(find(layer), position);
+    });
+    module.def("sublayer_position", [](const std::string& layer, const std::string& id) {
+        return utils::sublayerPosition(find(layer), id);
+    });
+    module.def("all_sublayers",
+               [](const std::string& layer) { return utils::allSublayers(find(layer)); });
+    module.def("remove_prim_spec", [](const std::string& layer, const std::string& path) {
+        return pxr::SdfPath::IsValidPathString(path) &&
+               utils::removePrimSpec(find(layer), pxr::SdfPath(path));
+    });
+    module.def("transfer_content",
+               [](const std::string& from, const std::string& to, bool data, bool skip) {
+                   return utils::transferContent(find(from), find(to), data, skip);
+               });
+    module.def("resolve_paths", [](const std::string& base, const std::string& target,
+                                   bool relative, bool toBase, bool offsets) {
+        utils::resolvePaths(find(base), find(target), relative, toBase, offsets);
+    });
+    module.def("custom_layer_name",
+               [](const std::string& layer) { return utils::customLayerName(find(layer)); });
+    module.def("set_custom_layer_name", [](const std::string& layer, const std::string& name) {
+        return utils::setCustomLayerName(find(layer), name);
+    });
+    module.def("reload_layers", &utils::reloadLayers, nb::call_guard<nb::gil_scoped_release>());
+    module.def("save_layers", [](const Strings& ids) {
+        Strings failed;
+        utils::saveLayers(ids, &failed);
+        return failed;
+    });
+    module.def("normalize_url", &utils::normalizeUrl);
+    module.def("layer_flags", [](const std::string& root, const std::string& name) {
+        return layerFlags(find(root), name);
+    });
+    module.def("set_layer_flag",
+               [](const std::string& root, const std::string& name, const std::string& id,
+                  bool flag) { return setLayerFlags(find(root), name, {{id, flag}}); });
+    module.def("remove_layer_flag",
+               [](const std::string& root, const std::string& name, const std::string& id) {
+                   return removeLayerFlag(find(root), name, id);
+               });
+    module.def("relative_to", [](const std::string& root, const std::string& id) {
+        return relativeTo(find(root), id);
+    });
+    module.def("absolute_from", [](const std::string& root, const std::string& path) {
+        return absoluteFrom(find(root), path);
+    });
+}
+
+void bindEvents(nb::module_& module) {
+    module.def("event_suffix",
+               [](int type) { return std::string(eventSuffix(LayerEventType(type))); });
+}
+
+using Class = nb::class_<PythonLayers>;
+using P = PythonLayers;
+using Which = LayersState::Which;
+
+void bindState(Class& type) {
+    const auto query = [&type](const char* name,
+                               bool (LayersState::*function)(const std::string&)) {
+        type.def(name, [function](P& self, const std::string& id) {
+            return (self.state().*function)(id);
+        });
+    };
+    query("is_layer_locally_muted", &LayersState::isLayerLocallyMuted);
+    query("is_layer_globally_muted", &LayersState::isLayerGloballyMuted);
+    query("is_layer_muted", &LayersState::isLayerMuted);
+    query("is_layer_writable", &LayersState::isLayerWritable);
+    query("is_layer_readonly_on_disk", &LayersState::isLayerReadonlyOnDisk);
+    query("is_layer_savable", &LayersState::isLayerSavable);
+    query("is_layer_dirty", &LayersState::isLayerDirty);
+    query("is_layer_locked", &LayersState::isLayerLocked);
+    query("is_layer_outdated", &LayersState::isLayerOutdated);
+    query("has_local_layer", &LayersState::hasLocalLayer);
+    query("has_used_layer", &LayersState::hasUsedLayer);
+    query("add_auto_reload_layer", &LayersState::addAutoReloadLayer);
+    query("remove_auto_reload_layer", &LayersState::removeAutoReloadLayer);
+    const nb::call_guard<nb::gil_scoped_release> released;
+    type.def("muteness_changed", [](P& self) { self.state().mutenessChanged(); }, released);
+    type.def(
+            "set_muteness_scope",
+            [](P& self, bool global) { self.state().setMutenessScope(global); }, released)
+        .def("is_muteness_global", [](P& self) { return self.state().isMutenessGlobal(); })
+        .def(
+            "set_layer_global_muteness",
+            [](P& self, const std::string& id, bool muted) {
+                return self.state().setLayerGlobalMuteness(id, muted);
+            },
+            released)
+        .def(
+            "set_layer_lock_state",
+            [](P& self, const std::string& id, bool locked) {
+                return self.state().setLayerLockState(id, locked);
+            },
+            released)
+        .def(
+            "set_layer_name",
+            [](P& self, const std::string& id, const std::string& name) {
+                return self.state().setLayerName(id, name);
+            },
+            released)
+        .def("get_layer_name",
+             [](P& self, const std::string& id) { return self.state().layerName(id); })
+        .def("get_layer_owner",
+             [](P& self, const std::string& id) { return self.state().layerOwner(id); })
+        .def("local_layers",
+             [](P& self, bool session, bool anonymous, bool invalid) {
+                 return self.state().localLayerIdentifiers(session, anonymous, invalid);
+             })
+        .def("dirty_layers", [](P& self) { return self.state().dirtyLayerIdentifiers(); })
+        .def("outdated_layers",
+             [](P& self, int which, bool notAuto) {
+                 return self.state().outdatedLayerIdentifiers(Which(which), notAuto);
+             })
+        .def(
+            "reload_outdated_layers",
+            [](P& self, int which, bool notAuto) {
+                return self.state().reloadOutdatedLayers(Which(which), notAuto);
+            },
+            released)
+        .def("is_auto_reload_layer",
+             [](P& self, const std::string& id) { return self.state().isAutoReloadLayer(id); })
+        .def("set_auto_reload",
+             [](P& self, bool sublayers, bool nonSublayers) {
+                 self.state().setAutoReload({sublayers, nonSublayers});
+             })
+        .def("auto_reload_layers", [](P& self) { return self.state().autoReloadLayers(); });
+}
+
+void bindAuthoring(Class& type) {
+    type.def("set_default_layer",
+             [](P& self, const std::string& id) { return self.authoring().setDefaultLayer(id); })
+        .def("default_layer", [](P& self) { return self.authoring().defaultLayer(); })
+        .def("is_auto_authoring_layer",
+             [](P& self, const std::string& id) {
+                 return self.authoring().isAutoAuthoringLayer(id);
+             })
+        .def("suspend", [](P& self) { self.authoring().suspend(); })
+        .def("resume", [](P& self) { self.authoring().resume(); })
+        .def("refused_edits", &P::refusedEdits);
+}
+
+void bindSpecs(Class& type) {
+    const nb::call_guard<nb::gil_scoped_release> released;
+    using S = const std::string&;
+    type.def(
+            "link_spec",
+            [](P& self, S path, S layer, bool hierarchy) {
+                return texts(self.linking().linkSpec(path, layer, hierarchy));
+            },
+            released)
+        .def(
+            "unlink_spec",
+            [](P& self, S path, S layer, bool hierarchy) {
+                return texts(self.linking().unlinkSpec(path, layer, hierarchy));
+            },
+            released)
+        .def(
+            "unlink_spec_from_all_layers",
+            [](P& self, S path, bool hierarchy) {
+                return texts(self.linking().unlinkSpecFromAllLayers(path, hierarchy));
+            },
+            released)
+        .def(
+            "unlink_specs_to_layer",
+            [](P& self, S layer) { return texts(self.linking().unlinkSpecsToLayer(layer)); },
+            released)
+        .def(
+            "unlink_all_specs", [](P& self) { self.linking().unlinkAllSpecs(); }, released)
+        .def("spec_links",
+             [](P& self, S path, bool hierarchy) {
+                 return texts(self.linking().specLinks(path, hierarchy));
+             })
+        .def("links_for_layer",
+             [](P& self, S layer) { return texts(self.linking().linksForLayer(layer)); })
+        .def("all_links", [](P& self) { return texts(self.linking().allLinks()); })
+        .def("is_spec_linked",
+             [](P& self, S path, S layer) { return self.linking().isSpecLinked(path, layer); })
+        .def(
+            "lock_spec",
+            [](P& self, S path, bool hierarchy) {
+                return texts(self.locking().lockSpec(path, hierarchy));
+            },
+            released)
+        .def(
+            "unlock_spec",
+            [](P& self, S path, bool hierarchy) {
+                return texts(self.locking().unlockSpec(path, hierarchy));
+            },
+            released)
+        .def(
+            "unlock_all_specs", [](P& self) { self.locking().unlockAllSpecs(); }, released)
+        .def("all_locked_specs", [](P& self) { return texts(self.locking().allLockedSpecs()); })
+        .def("is_spec_locked", [](P& self, S path) { return self.locking().isSpecLocked(path); });
+}
+
+}  // namespace
+
+void bindLayers(nb::module_& module) {
+    const nb::call_guard<nb::gil_scoped_release> released;
+    Class type(module, "Layers");
+    type.def(nb::init<nb::object, const std::string&, nb::object>(), nb::arg("host"),
+             nb::arg("user"), nb::arg("client").none())
+        .def("set_client", &P::setClient, nb::arg("client").none())
+        .def(
+            "update", [](P& self, double nowMs) { self.layers().update(nowMs); }, released)
+        .def("take_events", &P::takeEvents)
+        .def("last_error", &P::lastError)
+        .def("edit_mode", [](P& self) { return int(self.layers().editMode()); })
+        .def(
+            "set_edit_mode",
+            [](P& self, int mode) { return self.layers().setEditMode(LayerEditMode(mode)); },
+            released);
+    bindState(type);
+    bindAuthoring(type);
+    bindSpecs(type);
+    auto utils = module.def_submodule("layer_utils");
+    bindUtils(utils);
+    bindEvents(utils);
+}
+
+}  // namespace usdlive

@@ -1,0 +1,1 @@
+"""Kit's `omni.kit`."""

@@ -1,0 +1,195 @@
+"""What was done in each context, and the way back."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import dataclasses
+import logging
+import typing
+import weakref
+
+from usdlive.omni._registers import Kept
+from usdlive.omni.usd import StageEventType, UsdContext
+from usdlive.omni.usd._errors import OUTSIDE, reason
+
+from ._command import Command, CommandFailed, RecordedCommand
+
+_log = logging.getLogger("usdlive.omni.kit.commands")
+
+_STEPS_KEPT = 200  # of each context; what was done before can no longer be undone
+
+
+@dataclasses.dataclass(frozen=True)
+class UndoResult:
+    """True when there was something to undo (or redo) and it went back. `kept`: what another one has written
+    since, and was left as it is. `error`: why it went wrong."""
+
+    done: bool
+    name: str = ""
+    kept: tuple[Kept, ...] = ()
+    error: str = ""
+
+    def __bool__(self) -> bool:
+        return self.done
+
+
+@dataclasses.dataclass
+class Entry:
+    """A command, or a group of them without one."""
+
+    name: str
+    command: Command | None = None
+    kwargs: dict[str, typing.Any] = dataclasses.field(default_factory=dict)
+    children: list["Entry"] = dataclasses.field(default_factory=list)
+
+    def is_undoable(self) -> bool:
+        return bool(self.children) or hasattr(self.command, "undo")
+
+    def undo(self) -> list[Kept]:
+        kept = self.undo_children()
+        if hasattr(self.command, "undo"):
+            kept += [item for item in self.command.undo() or () if isinstance(item, Kept)]
+        return kept
+
+    def undo_children(self) -> list[Kept]:
+        return [kept for child in reversed(self.children) for kept in child.undo()]
+
+
+class History:
+    def __init__(self, context: UsdContext | None):
+        self.undo_steps: collections.deque[Entry] = collections.deque(maxlen=_STEPS_KEPT)
+        self.redo_steps: list[Entry] = []
+        self._open: list[Entry] = []  # commands whose do() runs, and the group around them
+        if context is not None:
+            itself = weakref.ref(self)
+            self._closing = context.get_stage_event_stream().create_subscription_to_pop_by_type(
+                StageEventType.CLOSED, lambda _: (history := itself()) and history.clear())
+
+    def run(self, entry: Entry) -> typing.Any:
+        """Does the command. What it had executed itself is undone when it fails."""
+        if _groups.depth and not self._open:
+            self._open.append(Entry("group"))
+            _groups.histories.append(self)
+        self._open.append(entry)
+        try:
+            result = entry.command.do()
+        except BaseException:
+            self._open.pop()
+            entry.undo_children()
+            if isinstance(entry.command, RecordedCommand):
+                entry.command.roll_back()
+            raise
+        self._open.pop()
+        self._keep(entry)
+        return result
+
+    def close_group(self) -> None:
+        self._keep(self._open.pop())
+
+    def _keep(self, entry: Entry) -> None:
+        if not entry.is_undoable() or _disabled.depth:
+            return
+        if self._open:
+            self._open[-1].children.append(entry)
+            return
+        self.undo_steps.append(entry)
+        if not _redoing.depth:
+            self.redo_steps.clear()
+
+    def undo(self) -> UndoResult:
+        if not self.undo_steps or self._open:
+            return UndoResult(False)
+        entry = self.undo_steps.pop()
+        try:
+            kept = tuple(entry.undo())
+        except Exception as error:  # noqa: BLE001 - a command's fault is its own
+            _log.exception("%s could not be undone", entry.name)
+            return UndoResult(False, entry.name, error=str(error))
+        self.redo_steps.append(entry)
+        for item in kept:
+            _log.warning("Undoing %s left %s", entry.name, item)
+        return UndoResult(True, entry.name, kept)
+
+    def redo(self) -> UndoResult:
+        if not self.redo_steps or self._open:
+            return UndoResult(False)
+        entry = self.redo_steps.pop()
+        try:
+            with _redoing.counted():
+                self._again(entry)
+        except Exception as error:  # noqa: BLE001
+            log_failure(entry.name, error)
+            return UndoResult(False, entry.name, error=str(error))
+        return UndoResult(True, entry.name)
+
+    def _again(self, entry: Entry) -> None:
+        if entry.command is not None:
+            self.run(Entry(entry.name, entry.command, entry.kwargs))
+            return
+        self._open.append(group := Entry(entry.name))
+        try:
+            for child in entry.children:
+                self._again(child)
+        finally:
+            self._open.pop()
+            self._keep(group)
+
+    def clear(self) -> None:
+        self.undo_steps.clear()
+        self.redo_steps.clear()
+
+
+class _Depth:
+    def __init__(self) -> None:
+        self.depth = 0
+        self.histories: list[History] = []
+
+    @contextlib.contextmanager
+    def counted(self) -> typing.Iterator[None]:
+        self.depth += 1
+        try:
+            yield
+        finally:
+            self.depth -= 1
+
+
+# As in Kit, a group is for whatever is executed meanwhile, in whichever context.
+_groups, _disabled, _redoing = _Depth(), _Depth(), _Depth()
+_histories: weakref.WeakKeyDictionary[UsdContext, History] = weakref.WeakKeyDictionary()
+_without_context = History(None)
+
+
+def history_of(context: UsdContext | None) -> History:
+    if context is None:
+        return _without_context
+    if context not in _histories:
+        _histories[context] = History(context)
+    return _histories[context]
+
+
+def begin_group() -> None:
+    _groups.depth += 1
+
+
+def end_group() -> None:
+    _groups.depth -= 1
+    if _groups.depth == 0:
+        histories, _groups.histories = _groups.histories, []
+        for history in histories:
+            history.close_group()
+
+
+def begin_disabled() -> None:
+    _disabled.depth += 1
+
+
+def end_disabled() -> None:
+    _disabled.depth -= 1
+
+
+def log_failure(name: str, error: BaseException) -> None:
+    if isinstance(error, (CommandFailed, *OUTSIDE)):
+        _log.error("%s: %s", name, reason(error))
+    else:
+        _log.error("%s failed", name, exc_info=error)

@@ -1,0 +1,459 @@
+"""The layers of one context."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+import typing
+import weakref
+
+from pxr import Sdf, Tf, Usd
+
+from usdlive import _usdlive
+from usdlive.omni._events import EventStream, Subscription
+from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, get_app
+from usdlive.omni.usd import StageEventType
+
+from ._host import StageHost
+from ._types import LayerEditMode, LayerErrorType, LayerEventType, layer_event_name, layer_event_type
+
+_NO_STAGE = (LayerErrorType.INVALID_STAGE, "the context has no stage")
+
+
+class Context(typing.Protocol):
+    """What is used of a UsdContext."""
+
+    def get_stage(self) -> Usd.Stage | None: ...
+    def get_name(self) -> str: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class RefusedEdit:
+    """An edit that was taken back. `field` is empty where the spec itself is meant."""
+
+    path: str
+    field: str
+    layer_identifier: str
+    error_type: LayerErrorType
+    reason: str
+
+
+class _Part:
+    def __init__(self, layers: "Layers"):
+        self._layers = weakref.ref(layers)
+
+    @property
+    def usd_context(self) -> Context | None:
+        layers = self._layers()
+        return layers.usd_context if layers else None
+
+    @property
+    def _native(self) -> "_usdlive.Layers | None":
+        layers = self._layers()
+        return layers._native_layers() if layers else None
+
+
+class LayersState(_Part):
+    """States of layers, by identifier."""
+
+    def set_muteness_scope(self, global_scope: bool) -> None:
+        """Global muteness is kept in the root layer and shared live; local muteness is this process's."""
+        if native := self._native:
+            native.set_muteness_scope(global_scope)
+
+    def is_muteness_global(self) -> bool:
+        native = self._native
+        return bool(native) and native.is_muteness_global()
+
+    def is_layer_locally_muted(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.is_layer_locally_muted(layer_identifier)
+
+    def is_layer_globally_muted(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.is_layer_globally_muted(layer_identifier)
+
+    def set_layer_global_muteness(self, layer_identifier: str, muted: bool) -> bool:
+        """usdlive's own: writes the flag, which in global scope the stage follows at once."""
+        native = self._native
+        return bool(native) and native.set_layer_global_muteness(layer_identifier, muted)
+
+    def is_layer_writable(self, layer_identifier: str) -> bool:
+        """Neither read-only on disk, nor muted, nor locked."""
+        native = self._native
+        return bool(native) and native.is_layer_writable(layer_identifier)
+
+    def is_layer_readonly_on_disk(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.is_layer_readonly_on_disk(layer_identifier)
+
+    def is_layer_savable(self, layer_identifier: str) -> bool:
+        """Writable, and not anonymous."""
+        native = self._native
+        return bool(native) and native.is_layer_savable(layer_identifier)
+
+    def set_layer_lock_state(self, layer_identifier: str, locked: bool) -> None:
+        """Only sublayers can be locked; the root layer stays as it is."""
+        if native := self._native:
+            native.set_layer_lock_state(layer_identifier, locked)
+
+    def is_layer_locked(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.is_layer_locked(layer_identifier)
+
+    def set_layer_name(self, layer_identifier: str, name: str) -> None:
+        if native := self._native:
+            native.set_layer_name(layer_identifier, name)
+
+    def get_layer_name(self, layer_identifier: str) -> str:
+        native = self._native
+        return native.get_layer_name(layer_identifier) if native else ""
+
+    def get_layer_owner(self, layer_identifier: str) -> str:
+        """Of the layer's file; empty where that is not known."""
+        native = self._native
+        return native.get_layer_owner(layer_identifier) if native else ""
+
+    def is_layer_outdated(self, layer_identifier: str) -> bool:
+        """The file (of a live layer: the server's) is newer than what is in memory."""
+        native = self._native
+        return bool(native) and native.is_layer_outdated(layer_identifier)
+
+    def get_local_layer_identifiers(self, include_session_layers: bool = False,
+                                    include_anonymous_layers: bool = True,
+                                    include_invalid_layers: bool = False) -> list[str]:
+        native = self._native
+        if not native:
+            return []
+        return native.local_layers(include_session_layers, include_anonymous_layers, include_invalid_layers)
+
+    def get_dirty_layer_identifiers(self, not_in_session: bool = False) -> list[str]:
+        native = self._native
+        return native.dirty_layers() if native else []
+
+    def get_all_outdated_layer_identifiers(self, not_in_session: bool = False,
+                                           not_auto: bool = False) -> list[str]:
+        native = self._native
+        return native.outdated_layers(0, not_auto) if native else []
+
+    def get_outdated_sublayer_identifiers(self, not_in_session: bool = False,
+                                          not_auto: bool = False) -> list[str]:
+        native = self._native
+        return native.outdated_layers(1, not_auto) if native else []
+
+    def get_outdated_non_sublayer_identifiers(self, not_in_session: bool = False,
+                                              not_auto: bool = False) -> list[str]:
+        native = self._native
+        return native.outdated_layers(2, not_auto) if native else []
+
+    def reload_all_outdated_layers(self, not_in_session: bool = True, not_auto: bool = False) -> None:
+        """Unsaved edits of these layers are lost."""
+        if native := self._native:
+            native.reload_outdated_layers(0, not_auto)
+
+    def reload_outdated_sublayers(self, not_in_session: bool = True, not_auto: bool = False) -> None:
+        if native := self._native:
+            native.reload_outdated_layers(1, not_auto)
+
+    def reload_outdated_non_sublayers(self, not_in_session: bool = True, not_auto: bool = False) -> None:
+        if native := self._native:
+            native.reload_outdated_layers(2, not_auto)
+
+    def has_local_layer(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.has_local_layer(layer_identifier)
+
+    def has_used_layer(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.has_used_layer(layer_identifier)
+
+    def is_auto_reload_layer(self, layer_identifier: str) -> bool:
+        """Also by the context's settings `auto_reload_sublayers` and `auto_reload_non_sublayers`."""
+        native = self._native
+        return bool(native) and native.is_auto_reload_layer(layer_identifier)
+
+    def add_auto_reload_layer(self, layer_identifier: str) -> bool:
+        """False where it is one already, or the stage does not use it."""
+        native = self._native
+        return bool(native) and native.add_auto_reload_layer(layer_identifier)
+
+    def remove_auto_reload_layer(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.remove_auto_reload_layer(layer_identifier)
+
+    def get_auto_reload_layers(self) -> list[str]:
+        native = self._native
+        return native.auto_reload_layers() if native else []
+
+
+class AutoAuthoring(_Part):
+    """Edits go to a delegate layer, and with each frame to the layers with the strongest opinions."""
+
+    def is_enabled(self) -> bool:
+        native = self._native
+        return bool(native) and native.edit_mode() == LayerEditMode.AUTO_AUTHORING
+
+    def set_default_layer(self, layer_identifier: str) -> None:
+        """Where new specs go. The session's layers and unknown ones are not taken."""
+        if native := self._native:
+            native.set_default_layer(layer_identifier)
+
+    def get_default_layer(self) -> str:
+        native = self._native
+        return native.default_layer() if native else ""
+
+    def is_auto_authoring_layer(self, layer_identifier: str) -> bool:
+        native = self._native
+        return bool(native) and native.is_auto_authoring_layer(layer_identifier)
+
+    def suspend(self) -> None:
+        """Edits stay in the delegate until resume()."""
+        if native := self._native:
+            native.suspend()
+
+    def resume(self) -> None:
+        if native := self._native:
+            native.resume()
+
+    @property
+    def refused_edits(self) -> list[RefusedEdit]:
+        """usdlive's own: edits that were taken back, with the reason, oldest first."""
+        native = self._native
+        return [RefusedEdit(path, field, layer, LayerErrorType(error), reason)
+                for path, field, layer, error, reason in (native.refused_edits() if native else [])]
+
+
+class SpecsLinking(_Part):
+    """To which layers the edits of specs go, in the mode SPECS_LINKING."""
+
+    def is_enabled(self) -> bool:
+        native = self._native
+        return bool(native) and native.edit_mode() == LayerEditMode.SPECS_LINKING
+
+    def link_spec(self, spec_path: str, layer_identifier: str, hierarchy: bool = False) -> list[str]:
+        """The specs whose links changed, as everywhere here."""
+        native = self._native
+        return native.link_spec(str(spec_path), layer_identifier, hierarchy) if native else []
+
+    def unlink_spec(self, spec_path: str, layer_identifier: str, hierarchy: bool = False) -> list[str]:
+        native = self._native
+        return native.unlink_spec(str(spec_path), layer_identifier, hierarchy) if native else []
+
+    def unlink_spec_from_all_layers(self, spec_path: str, hierarchy: bool = False) -> list[str]:
+        native = self._native
+        return native.unlink_spec_from_all_layers(str(spec_path), hierarchy) if native else []
+
+    def unlink_specs_to_layer(self, layer_identifier: str) -> list[str]:
+        native = self._native
+        return native.unlink_specs_to_layer(layer_identifier) if native else []
+
+    def unlink_all_specs(self) -> None:
+        if native := self._native:
+            native.unlink_all_specs()
+
+    def get_spec_layer_links(self, spec_path: str, hierarchy: bool = False) -> dict[str, list[str]]:
+        native = self._native
+        return native.spec_links(str(spec_path), hierarchy) if native else {}
+
+    def get_spec_links_for_layer(self, layer_identifier: str) -> list[str]:
+        native = self._native
+        return native.links_for_layer(layer_identifier) if native else []
+
+    def get_all_spec_links(self) -> dict[str, list[str]]:
+        native = self._native
+        return native.all_links() if native else {}
+
+    def is_spec_linked(self, spec_path: str, layer_identifier: str = "") -> bool:
+        native = self._native
+        return bool(native) and native.is_spec_linked(str(spec_path), layer_identifier)
+
+
+class SpecsLocking(_Part):
+    """Prims and properties that take no edits."""
+
+    def lock_spec(self, spec_path: str, hierarchy: bool = False) -> list[str]:
+        """The specs that were not locked before. A prim's properties are locked with it."""
+        native = self._native
+        return native.lock_spec(str(spec_path), hierarchy) if native else []
+
+    def unlock_spec(self, spec_path: str, hierarchy: bool = False) -> list[str]:
+        native = self._native
+        return native.unlock_spec(str(spec_path), hierarchy) if native else []
+
+    def unlock_all_specs(self) -> None:
+        if native := self._native:
+            native.unlock_all_specs()
+
+    def get_all_locked_specs(self) -> list[str]:
+        native = self._native
+        return native.all_locked_specs() if native else []
+
+    def is_spec_locked(self, spec_path: str) -> bool:
+        native = self._native
+        return bool(native) and native.is_spec_locked(str(spec_path))
+
+
+class Layers:
+    """Follows the context's stage. There is one for each context, get_layers(); used from the thread that
+    owns the stage."""
+
+    def __init__(self, context: Context):
+        self._context = weakref.ref(context)
+        self._stage: Usd.Stage | None = None
+        self._native: _usdlive.Layers | None = None
+        self._live: object | None = None
+        self._muting: Tf.Notice.Listener | None = None
+        self._error: tuple[int, str] | None = None
+        self._name = context.get_name()
+        self._stream = EventStream(f"omni.kit.usd.layers:{self._name}")
+        self._state = LayersState(self)
+        self._auto_authoring = AutoAuthoring(self)
+        self._linking = SpecsLinking(self)
+        self._locking = SpecsLocking(self)
+        updates = get_app().get_update_event_stream()
+        this = weakref.ref(self)
+        self._subscriptions: list[Subscription] = [
+            updates.create_subscription_to_pop(lambda _: this()._update(), ORDER_LAYERS, self._stream.name),
+            updates.create_subscription_to_pop(lambda _: this()._deliver(), ORDER_EVENTS, self._stream.name),
+        ]
+        # From here on, and from the opening of another stage, before others hear of it: nothing is missed.
+        if context.get_stage():
+            self._native_layers()
+        if stage_events := getattr(context, "get_stage_event_stream", None):
+            self._subscriptions.append(stage_events().create_subscription_to_pop_by_type(
+                StageEventType.OPENED, lambda _: this()._native_layers(), order=-1))
+
+    # -- parts
+
+    def get_layers_state(self) -> LayersState:
+        return self._state
+
+    def get_auto_authoring(self) -> AutoAuthoring:
+        return self._auto_authoring
+
+    def get_specs_linking(self) -> SpecsLinking:
+        return self._linking
+
+    def get_specs_locking(self) -> SpecsLocking:
+        return self._locking
+
+    @property
+    def usd_context(self) -> Context | None:
+        return self._context()
+
+    # -- modes and errors
+
+    def get_edit_mode(self) -> LayerEditMode:
+        native = self._native_layers()
+        return LayerEditMode(native.edit_mode()) if native else LayerEditMode.NORMAL
+
+    def set_edit_mode(self, edit_mode: LayerEditMode) -> None:
+        if native := self._native_layers():
+            native.set_edit_mode(int(edit_mode))
+
+    def get_last_error_type(self) -> LayerErrorType:
+        return LayerErrorType(self._last_error()[0])
+
+    def get_last_error_string(self) -> str:
+        return self._last_error()[1]
+
+    def _last_error(self) -> tuple[int, str]:
+        if self._error:
+            return self._error
+        return self._native.last_error() if self._native else (LayerErrorType.SUCCESS, "")
+
+    # -- events
+
+    def get_event_stream(self) -> EventStream:
+        return self._stream
+
+    def get_event_key(self) -> str:
+        """What tells this context's events from others'."""
+        return self._name
+
+    def send_event(self, name: str, payload: dict | None = None) -> None:
+        """An event of this context, by its name or type; delivered with the others of the frame."""
+        kind = layer_event_type(name) if isinstance(name, str) else LayerEventType(name)
+        if kind is None:
+            self._error = (LayerErrorType.INVALID_PARAM, f"there is no layer event '{name}'")
+            return
+        self._stream.push(kind, payload={"name": layer_event_name(kind), **(payload or {})})
+
+    def deliver_queued_events(self) -> None:
+        """Now, and not with the frame."""
+        self._queue_events()
+        self._stream.pump()
+
+    # -- the stage
+
+    def _native_layers(self) -> "_usdlive.Layers | None":
+        """For the context's stage as it is now."""
+        context = self._context()
+        stage = context.get_stage() if context else None
+        if stage is None:
+            self._drop()
+            self._error = _NO_STAGE
+            return None
+        self._error = None
+        live = getattr(context, "live", None)
+        client = live._client if live is not None else None
+        if stage is not self._stage:
+            scope = bool(self._native) and self._native.is_muteness_global()
+            self._drop()
+            self._stage = stage
+            self._native = _usdlive.Layers(StageHost(stage), "", client)
+            self._live = live
+            if live is not None:
+                live._unfollow(stage)
+            self._native.set_muteness_scope(scope)
+            native = self._native
+            self._muting = Tf.Notice.Register(Usd.Notice.LayerMutingChanged,
+                                              lambda *_: native.muteness_changed(), stage)
+        elif live is not self._live:
+            self._live = live
+            if live is not None:
+                live._unfollow(stage)
+            self._native.set_client(client)
+        return self._native
+
+    def _drop(self) -> None:
+        if not self._native:
+            return
+        self._queue_events()
+        if self._native.edit_mode() != LayerEditMode.NORMAL:
+            self._native.set_edit_mode(LayerEditMode.NORMAL)
+            self._queue_events()
+        if self._muting:
+            self._muting.Revoke()
+        self._native = self._stage = self._live = self._muting = None
+
+    def _update(self) -> None:
+        if native := self._native_layers():
+            if settings := getattr(self._context(), "settings", None):
+                native.set_auto_reload(settings.auto_reload_sublayers, settings.auto_reload_non_sublayers)
+            native.update(time.monotonic() * 1000.0)
+            self._queue_events()
+
+    def _queue_events(self) -> None:
+        for event in self._native.take_events() if self._native else []:
+            kind = LayerEventType(event["type"])
+            payload: dict[str, typing.Any] = {"name": layer_event_name(kind)}
+            if event["layer"]:
+                payload["layer_identifier"] = event["layer"]
+            if event["entries"]:
+                payload["val"] = [{"key": key, "value": value} for key, value in event["entries"]]
+            elif event["values"]:
+                payload["val"] = event["values"]
+            self._stream.push(kind, payload=payload)
+
+    def _deliver(self) -> None:
+        self._stream.pump()
+
+
+def authoring_context(layers: Layers) -> Usd.EditContext:
+    """Into the default layer in the modes with a delegate, else the edit target as it is."""
+    stage = layers.usd_context.get_stage()
+    if layers.get_edit_mode() == LayerEditMode.NORMAL:
+        return Usd.EditContext(stage, stage.GetEditTarget())
+    default = Sdf.Layer.Find(layers.get_auto_authoring().get_default_layer())
+    return Usd.EditContext(stage, stage.GetEditTargetForLocalLayer(default))

@@ -1,0 +1,681 @@
+"""Kit's UsdContext: one stage, its file operations and its events."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+import logging
+import typing
+
+from pxr import Sdf, Tf, Usd, UsdUtils
+
+import usdlive
+from usdlive.omni._events import EventStream
+from usdlive.omni._registers import hold
+from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, ORDER_LIVE, get_app
+
+from . import _saving
+from ._enums import StageEventType, StageState, UsdContextInitialLoadSet
+from ._errors import OUTSIDE, Failure, reason
+from ._files import WRITABLE_EXTENSIONS, extension, is_read_only
+from ._live_stage import LiveStage, join, make_live
+from ._loading import Loading, open_root
+from ._projects import is_live_address, live_address
+from ._selection import Selection
+from ._stage_events import StageEvents
+from ._steps import Steps, run, run_async
+
+_log = logging.getLogger("usdlive.omni.usd")
+
+LOAD_ALL, LOAD_NONE = UsdContextInitialLoadSet.LOAD_ALL, UsdContextInitialLoadSet.LOAD_NONE
+_DIAGNOSTICS_KEPT = 100  # more are counted
+_ASSET_ERRORS = ("ErrorInvalidAssetPath", "ErrorInvalidSublayerPath", "ErrorSublayerCycle")
+
+Result = tuple[bool, str]
+SaveResult = tuple[bool, str, list[str]]
+OnFinish = typing.Callable[[bool, str], typing.Any]
+OnSaveFinish = typing.Callable[[bool, str, list[str]], typing.Any]
+
+
+@dataclasses.dataclass
+class ContextSettings:
+    """What one may want otherwise. `fail_stage_open_on_asset_errors` is Kit's `failStageOpenOnAssetErrors`: a
+    stage does not open when a sublayer, reference or payload of it cannot be read. `user` is shown to
+    others in a live project, empty is the system's; a server has `connect_timeout` seconds to answer.
+    `auto_reload_sublayers` and `auto_reload_non_sublayers`: outdated layers of the local stack, and others that
+    are used, are reloaded without being asked for; also to be changed while a stage is open."""
+
+    fail_stage_open_on_asset_errors: bool = False
+    user: str = ""
+    connect_timeout: float = 10.0
+    auto_reload_sublayers: bool = False
+    auto_reload_non_sublayers: bool = False
+
+
+@dataclasses.dataclass
+class _Opened:
+    """A stage and what belongs to it as long as it is open."""
+
+    stage: Usd.Stage
+    url: str
+    load_set: UsdContextInitialLoadSet
+    is_new: bool = False
+    live: LiveStage | None = None
+    stage_id: int = 0
+    cached: bool = False  # was in the stage cache before, and stays
+    notice: Tf.Notice.Listener | None = None
+
+
+class UsdContext:
+    """Used on the thread of its stage. Every operation comes in three forms: `x()` blocks, `x_async()` lets
+    the event loop go on, `x_with_callback()` begins and calls when it is done. None raises for what a file,
+    a disk or a server can do: the reason comes back. While one operation runs, another is refused."""
+
+    def __init__(self, name: str = "", **settings: typing.Any):
+        self.settings = ContextSettings(**settings)
+        self._name = name
+        self._opened: _Opened | None = None
+        self._state = StageState.CLOSED
+        self._last_url = ""
+        self._operation = ""  # the one that runs
+        self._loading: Loading | None = None
+        self._pending_edit: bool | None = None  # what set_pending_edit() said, instead of the truth
+        self._was_dirty = self._edited_since_tick = False
+        self._save_cancelled: bool | None = None  # None: nothing that could be cancelled
+        self._diagnostics: list[str] = []
+        self._events = StageEvents(name)
+        self._selection = Selection(self.get_stage, self._mark_selection)
+        self._selection_changed = self._hierarchy_changed = False
+        self._tasks: set[asyncio.Task] = set()
+        updates = get_app().get_update_event_stream()
+        self._frames = [
+            updates.create_subscription_to_pop(lambda _: self._tick_live(), ORDER_LIVE, "omni.usd live"),
+            updates.create_subscription_to_pop(lambda _: self._look(), ORDER_LAYERS, "omni.usd state"),
+            updates.create_subscription_to_pop(lambda _: self._events.pump(), ORDER_EVENTS, "omni.usd"),
+        ]
+
+    # -- opening
+
+    def new_stage(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
+        """An empty stage, in memory until it is saved as a file."""
+        return self._run("making a new stage", self._new(load_set))
+
+    async def new_stage_async(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> Result:
+        return await self._run_async("making a new stage", self._new(load_set))
+
+    def new_stage_with_callback(self, on_finish_fn: OnFinish | None = None,
+                                load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
+        return self._start("making a new stage", self._new(load_set), on_finish_fn)
+
+    def open_stage(self, url: str, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
+        """Opens a file, or an address of a live layer: `usdlive://host:port/path`, `dds://project/path`."""
+        return self._run("opening a stage", self._open(url, load_set))
+
+    async def open_stage_async(self, url: str, load_set: UsdContextInitialLoadSet = LOAD_ALL,
+                               session_layer_url: str | None = None) -> Result:
+        return await self._run_async("opening a stage", self._open(url, load_set, session_layer_url))
+
+    def open_stage_with_callback(self, url: str, on_finish_fn: OnFinish | None = None,
+                                 load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
+        return self._start("opening a stage", self._open(url, load_set), on_finish_fn)
+
+    def open_stage_with_session_layer(self, url: str, session_layer_url: str,
+                                      on_finish_fn: OnFinish | None = None,
+                                      load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
+        """Composed once, with that file as the session layer; fails if it cannot be opened."""
+        return self._start("opening a stage", self._open(url, load_set, session_layer_url), on_finish_fn)
+
+    def reopen_stage(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
+        """The same file anew, as it is on disk; after close_stage() the one that was open last."""
+        return self._run("opening the stage again", self._reopen(load_set))
+
+    async def reopen_stage_async(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> Result:
+        return await self._run_async("opening the stage again", self._reopen(load_set))
+
+    def reopen_stage_with_callback(self, on_finish_fn: OnFinish | None = None,
+                                   load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
+        return self._start("opening the stage again", self._reopen(load_set), on_finish_fn)
+
+    def attach_stage(self, stage: Usd.Stage | int, live: usdlive.Live | None = None) -> bool:
+        """Takes over an opened stage, or one of UsdUtils.StageCache by its id. `live`: the connection its
+        layers have; it is ticked from now on and not closed with the stage."""
+        return self._run("attaching a stage", self._attach(stage, live))
+
+    async def attach_stage_async(self, stage: Usd.Stage | int, live: usdlive.Live | None = None) -> Result:
+        return await self._run_async("attaching a stage", self._attach(stage, live))
+
+    def attach_stage_with_callback(self, stage_id: Usd.Stage | int,
+                                   on_finish_fn: OnFinish | None = None) -> bool:
+        return self._start("attaching a stage", self._attach(stage_id, None), on_finish_fn)
+
+    def close_stage(self) -> bool:
+        """Leaves a live project, after what was authored in it is confirmed."""
+        return self._run("closing the stage", self._close())
+
+    async def close_stage_async(self) -> Result:
+        return await self._run_async("closing the stage", self._close())
+
+    def close_stage_with_callback(self, on_finish_fn: OnFinish | None = None) -> bool:
+        return self._start("closing the stage", self._close(), on_finish_fn)
+
+    # -- saving
+
+    def save_stage(self) -> bool:
+        """Writes what changed in the local layer stack: a live layer by its server, others here. Locked
+        layers are left alone."""
+        return self._run("saving", self._save(None))
+
+    async def save_stage_async(self) -> SaveResult:
+        return await self._run_async("saving", self._save(None), saving=True)
+
+    def save_stage_with_callback(self, on_finish_fn: OnSaveFinish | None = None) -> bool:
+        return self._start("saving", self._save(None), on_finish_fn, saving=True)
+
+    def save_as_stage(self, url: str) -> bool:
+        """Writes the root layer to another file, whose relative asset paths lead to where they led, and the
+        other changed layers to theirs; the context has the new root then."""
+        return self._run("saving", self._save_as(url))
+
+    async def save_as_stage_async(self, url: str) -> SaveResult:
+        return await self._run_async("saving", self._save_as(url), saving=True)
+
+    def save_as_stage_with_callback(self, url: str, on_finish_fn: OnSaveFinish | None = None) -> bool:
+        return self._start("saving", self._save_as(url), on_finish_fn, saving=True)
+
+    def save_layers(self, new_root_layer_path: str, layer_identifiers: typing.Sequence[str]) -> bool:
+        """Writes these layers of the local stack; with a path, the root layer to it, as save_as_stage()."""
+        return self._run("saving", self._save_layers(new_root_layer_path, layer_identifiers))
+
+    async def save_layers_async(self, new_root_layer_path: str,
+                                layer_identifiers: typing.Sequence[str]) -> SaveResult:
+        return await self._run_async("saving", self._save_layers(new_root_layer_path, layer_identifiers),
+                                     saving=True)
+
+    def save_layers_with_callback(self, new_root_layer_path: str, layer_identifiers: typing.Sequence[str],
+                                  on_finish_fn: OnSaveFinish | None = None) -> bool:
+        return self._start("saving", self._save_layers(new_root_layer_path, layer_identifiers), on_finish_fn,
+                           saving=True)
+
+    def export_as_stage(self, url: str) -> bool:
+        """Writes what is composed, with the session layer, as one layer. The stage stays as it is."""
+        return self._run("exporting", self._export(url))
+
+    async def export_as_stage_async(self, url: str) -> Result:
+        return await self._run_async("exporting", self._export(url))
+
+    def export_as_stage_with_callback(self, url: str, on_finish_fn: OnFinish | None = None) -> bool:
+        return self._start("exporting", self._export(url), on_finish_fn)
+
+    async def create_checkpoint_async(self, comment: str = "", force: bool = False) -> Result:
+        """Names what the stage's project is now, all of its layers: to find it again (`usdlive
+        checkpoints`). Unless `force`, a revision that has a name gets no other."""
+        if not (self._opened and self._opened.live):
+            return False, "only a live project has checkpoints"
+        error = await run_async(self._opened.live.checkpoint(comment, force))
+        return not error, error
+
+    def try_cancel_save(self) -> bool:
+        """From a subscriber that hears SAVING or SETTINGS_SAVING: the save then fails and writes nothing."""
+        if self._save_cancelled is None:
+            return False
+        self._save_cancelled = True
+        return True
+
+    # -- queries
+
+    def can_open_stage(self) -> bool:
+        return not self._operation and self._state in (StageState.CLOSED, StageState.OPENED)
+
+    def can_close_stage(self) -> bool:
+        return not self._operation and self._state == StageState.OPENED
+
+    def can_save_stage(self) -> bool:
+        return self.can_close_stage() and self.is_writable() and not self.is_new_stage()
+
+    def is_new_stage(self) -> bool:
+        return self._opened is not None and self._opened.is_new
+
+    def is_writable(self) -> bool:
+        """Can the root layer's file be written?"""
+        if self._opened is None:
+            return False
+        root = self._opened.stage.GetRootLayer()
+        if root.anonymous or self.is_live_layer(root):
+            return root.permissionToEdit
+        if extension(root.realPath) not in WRITABLE_EXTENSIONS or not root.permissionToSave:
+            return False
+        try:
+            return not is_read_only(root.realPath)
+        except OSError:
+            return True  # the file is gone, and can be written again
+
+    def is_omni_stage(self) -> bool:
+        """Is the stage live?"""
+        return self.live is not None
+
+    def is_live_layer(self, layer: Sdf.Layer) -> bool:
+        live = self._opened and self._opened.live
+        return bool(live and live.name_of(layer))
+
+    def is_live_layer_unsaved(self, layer: Sdf.Layer) -> bool:
+        """Does the server have, or will it get, what is not in the layer's file?"""
+        return self.is_live_layer(layer) and self._opened.live.is_dirty([layer])
+
+    @property
+    def live(self) -> usdlive.Live | None:
+        """The stage's connection to its project."""
+        return self._opened.live.live if self._opened and self._opened.live else None
+
+    def has_pending_edit(self) -> bool:
+        if self._opened is None:
+            return False
+        return self._is_dirty() if self._pending_edit is None else self._pending_edit
+
+    def set_pending_edit(self, edit: bool) -> None:
+        """Holds until the stage is saved, and False only until the next edit."""
+        self._pending_edit = bool(edit)
+
+    def get_stage(self) -> Usd.Stage | None:
+        return self._opened.stage if self._opened else None
+
+    def get_stage_id(self) -> int:
+        """In UsdUtils.StageCache; -1 without a stage."""
+        return self._opened.stage_id if self._opened else -1
+
+    def get_stage_url(self) -> str:
+        return self._opened.url if self._opened else ""
+
+    def get_stage_state(self) -> StageState:
+        return self._state
+
+    def get_stage_loading_status(self) -> tuple[str, int, int]:
+        """(message, loaded, total): layers, while a stage opens; ("", 0, 0) otherwise."""
+        loading = self._loading
+        return (loading.message, loading.loaded, loading.total) if loading else ("", 0, 0)
+
+    def get_stage_streaming_status(self) -> bool:
+        return False  # nothing is streamed to a renderer
+
+    def get_asset_open_diagnostics(self) -> list[str]:
+        """What could not be opened of what the stage uses; the first 100."""
+        return self._diagnostics[:_DIAGNOSTICS_KEPT]
+
+    def get_num_asset_open_diagnostics(self) -> int:
+        return len(self._diagnostics)
+
+    def get_name(self) -> str:
+        return self._name
+
+    def get_selection(self) -> Selection:
+        return self._selection
+
+    # -- events
+
+    def get_stage_event_stream(self) -> EventStream:
+        return self._events.stream
+
+    def stage_event_name(self, event_type: StageEventType) -> str:
+        """As Kit names it: `omni.usd:<context>:stage:<event>`."""
+        return f"omni.usd:{self._name}:stage:{StageEventType(event_type).name.lower()}"
+
+    async def next_stage_event_async(self) -> tuple[int, dict]:
+        """(event type, payload). A task that asks again at once misses none, also several of one frame."""
+        return await self._events.next()
+
+    async def selection_changed_async(self) -> None:
+        await self._events.next_of(StageEventType.SELECTION_CHANGED)
+
+    # -- operations, as steps that touch the stage and yield what may take long
+
+    def _new(self, load_set: UsdContextInitialLoadSet) -> Steps[Result]:
+        if self._opened:
+            yield from self._close()
+        self._begin_opening()
+        stage = Usd.Stage.CreateInMemory(_load(load_set))
+        return self._adopt(_Opened(stage, stage.GetRootLayer().identifier, load_set, is_new=True))
+
+    def _open(self, url: str, load_set: UsdContextInitialLoadSet,
+              session_layer_url: str | None = None) -> Steps[Result]:
+        """A stage that is open is closed when the new one's layers are read; if they cannot be, it stays."""
+        url = str(url)
+        self._loading = loading = Loading(url, load_set)
+        replaced = self._opened is not None
+        begun, live = False, None
+        try:
+            if not replaced:
+                begun = self._begin_opening()
+            address = live_address(url)
+            if is_live_address(url) and address is None:
+                raise Failure(f"{url} names no layer; expected usdlive://HOST:PORT/LAYER")
+            if address:
+                live = yield from join(address, self.settings.user, self.settings.connect_timeout)
+            if not address or address.folder:
+                root = yield loading.read
+            else:
+                root = live.live.open_layer(address.layer)  # waited for here: layers belong to this thread
+            session = yield (lambda: open_root(session_layer_url)) if session_layer_url else (lambda: None)
+            text = ""
+            if replaced:
+                used = {layer.identifier for layer in self._opened.stage.GetUsedLayers()}
+                _, text = yield from self._close()
+                begun = self._begin_opening()
+                _discard_edits(loading, used)
+            stage = Usd.Stage.Open(root, session, _load(load_set)) if session else Usd.Stage.Open(
+                root, _load(load_set))
+            if address:
+                make_live(live, address, stage)
+            self._diagnose(stage)
+            name = url if is_live_address(url) else root.realPath or root.identifier
+            done, _ = self._adopt(_Opened(stage, name, load_set, live=live))
+            return done, text
+        except BaseException as error:
+            if live and not (self._opened and self._opened.live is live):
+                live.live.close()
+            if not begun:
+                self._begin_opening()
+            self._open_failed(error)
+            raise
+        finally:
+            self._loading = None
+
+    def _reopen(self, load_set: UsdContextInitialLoadSet) -> Steps[Result]:
+        if self._opened and self._opened.is_new or not self._last_url:
+            raise Failure("there is no file to open again; the stage was never saved")
+        url = self._last_url
+        if self._opened:
+            used = [layer.identifier for layer in self._opened.stage.GetUsedLayers()]
+            yield from self._close()
+            # Others may hold some, and Sdf would give them as they are.
+            held = [layer for identifier in used if (layer := Sdf.Layer.Find(identifier))]
+            if not is_live_address(url):
+                Sdf.Layer.ReloadLayers([layer for layer in held if not layer.anonymous], True)
+        return (yield from self._open(url, load_set))
+
+    def _attach(self, stage: Usd.Stage | int, live: usdlive.Live | None) -> Steps[Result]:
+        if not isinstance(stage, Usd.Stage):
+            found = UsdUtils.StageCache.Get().Find(Usd.StageCache.Id.FromLongInt(int(stage)))
+            if not found:
+                raise Failure(f"there is no stage {stage} in the stage cache")
+            stage = found
+        if self._opened:
+            yield from self._close()
+        self._begin_opening()
+        root = stage.GetRootLayer()
+        self._diagnostics = []
+        return self._adopt(_Opened(stage, root.realPath or root.identifier, LOAD_ALL, is_new=root.anonymous,
+                                   live=LiveStage(live, owned=False) if live else None))
+
+    def _close(self) -> Steps[Result]:
+        opened = self._opened
+        if opened is None:
+            raise Failure("no stage is open")
+        self._set_state(StageState.CLOSING, StageEventType.CLOSING)
+        text = ""
+        try:
+            if opened.live:
+                text = yield from opened.live.leave()
+        except OUTSIDE as error:
+            text = reason(error)
+        except BaseException:  # cancelled
+            self._state = StageState.OPENED
+            raise
+        self._selection.clear_selected_prim_paths()
+        opened.notice.Revoke()
+        if not opened.cached:
+            UsdUtils.StageCache.Get().Erase(Usd.StageCache.Id.FromLongInt(opened.stage_id))
+        self._opened = None
+        self._pending_edit, self._was_dirty = None, False
+        self._hierarchy_changed = False
+        self._diagnostics = []
+        del opened
+        self._set_state(StageState.CLOSED, StageEventType.CLOSED)
+        return True, text
+
+    def _save(self, layers: list[Sdf.Layer] | None) -> Steps[SaveResult]:
+        stage = self._need_stage()
+        if self.is_new_stage() and layers is None:
+            raise Failure("the stage has no file yet; use save_as_stage")
+        live = self._opened.live
+        self._tell_saving()
+        with self._telling_of_a_cancel():
+            chosen = _saving.unsaved(stage, live) if layers is None else layers
+            saved, problems = yield from _saving.save(chosen, live, unsaved_only=layers is None)
+        return self._tell_saved(saved, problems)
+
+    def _save_as(self, url: str, others: list[Sdf.Layer] | None = None) -> Steps[SaveResult]:
+        stage = self._need_stage()
+        root = stage.GetRootLayer()
+        if self.is_omni_stage():
+            raise Failure("a live stage stays where its server keeps it; export_as_stage writes a copy")
+        _saving.check_new_root(url, stage)
+        if others is None:
+            others = _saving.unsaved(stage, None)
+        others = [layer for layer in others if layer != root]
+        if not root.anonymous and Sdf.Layer.Find(url) == root:
+            return (yield from self._save([root, *others]))
+        self._tell_saving()
+        with self._telling_of_a_cancel():
+            saved, problems = yield from _saving.save(others, None)
+            if problems:
+                return self._tell_saved(saved, problems)
+            try:
+                new_root = yield from _saving.write_root(root, url)
+            except OUTSIDE as error:
+                return self._tell_saved(saved, [reason(error)])
+        result = self._tell_saved([*saved, new_root], [])
+        yield from self._replace_root(new_root)
+        return result
+
+    def _save_layers(self, new_root: str, identifiers: typing.Sequence[str]) -> Steps[SaveResult]:
+        stage = self._need_stage()
+        layers = _saving.find_local(stage, self._opened.live, identifiers)
+        if new_root:
+            return (yield from self._save_as(new_root, layers))
+        return (yield from self._save(layers))
+
+    def _export(self, url: str) -> Steps[Result]:
+        stage = self._need_stage()
+        _saving.check_new_root(url, stage, anything_used=True)
+        yield from _saving.export(stage, url)
+        return True, ""
+
+    # -- what the operations share
+
+    def _need_stage(self) -> Usd.Stage:
+        if self._opened is None:
+            raise Failure("no stage is open")
+        return self._opened.stage
+
+    def _begin_opening(self) -> bool:
+        self._set_state(StageState.OPENING, StageEventType.OPENING)
+        return True
+
+    def _open_failed(self, error: BaseException) -> None:
+        text = reason(error) if isinstance(error, OUTSIDE) else "it was cancelled"
+        self._set_state(StageState.OPENED if self._opened else StageState.CLOSED, StageEventType.OPEN_FAILED,
+                        error=text)
+
+    def _adopt(self, opened: _Opened) -> Result:
+        cache = UsdUtils.StageCache.Get()
+        opened.cached = cache.GetId(opened.stage).IsValid()
+        opened.stage_id = cache.Insert(opened.stage).ToLongInt()
+        opened.notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._on_objects_changed, opened.stage)
+        self._opened = opened
+        self._last_url = "" if opened.is_new else opened.url
+        self._edited_since_tick = False
+        self._pending_edit, self._was_dirty = None, self._is_dirty()
+        self._set_state(StageState.OPENED, StageEventType.OPENED)
+        self._events.tell_later(StageEventType.ASSETS_LOADING)
+        self._events.tell_later(StageEventType.ASSETS_LOADED)
+        return True, ""
+
+    def _replace_root(self, root: Sdf.Layer) -> Steps[None]:
+        """The same session layer, edit target and selection, over another root."""
+        old = self._opened
+        session, target, old_root = (hold(layer) for layer in (
+            old.stage.GetSessionLayer(), old.stage.GetEditTarget().GetLayer(), old.stage.GetRootLayer()))
+        selected = self._selection.get_selected_prim_paths()
+        rules, muted = old.stage.GetLoadRules(), old.stage.GetMutedLayers()
+        yield from self._close()
+        self._begin_opening()
+        stage = Usd.Stage.Open(root, session, Usd.Stage.LoadNone)
+        stage.SetLoadRules(rules)
+        stage.MuteAndUnmuteLayers([path for path in muted if Sdf.Layer.Find(path) != root], [])
+        target = root if target == old_root else target
+        if stage.HasLocalLayer(target):
+            stage.SetEditTarget(stage.GetEditTargetForLocalLayer(target))
+        self._diagnose(stage, may_fail=False)
+        self._adopt(_Opened(stage, root.realPath or root.identifier, old.load_set))
+        self._selection.set_selected_prim_paths(selected)
+
+    def _diagnose(self, stage: Usd.Stage, may_fail: bool = True) -> None:
+        self._diagnostics = [str(error) for error in stage.GetCompositionErrors()
+                             if type(error).__name__ in _ASSET_ERRORS]
+        if may_fail and self._diagnostics and self.settings.fail_stage_open_on_asset_errors:
+            more = f" (and {len(self._diagnostics) - 1} more)" if len(self._diagnostics) > 1 else ""
+            raise Failure(self._diagnostics[0] + more)
+
+    def _tell_saving(self) -> None:
+        self._save_cancelled = False
+        try:
+            self._events.tell(StageEventType.SAVING)
+            self._events.tell(StageEventType.SETTINGS_SAVING)
+            cancelled = self._save_cancelled
+        finally:
+            self._save_cancelled = None
+        if cancelled:
+            self._events.tell(StageEventType.SAVE_FAILED, error="saving was cancelled")
+            raise Failure("saving was cancelled")
+
+    @contextlib.contextmanager
+    def _telling_of_a_cancel(self) -> typing.Iterator[None]:
+        try:
+            yield
+        except GeneratorExit:
+            self._events.tell(StageEventType.SAVE_FAILED, error="it was cancelled")
+            raise
+
+    def _tell_saved(self, saved: list[Sdf.Layer], problems: list[str]) -> SaveResult:
+        text, identifiers = "; ".join(problems), [layer.identifier for layer in saved]
+        if problems:
+            self._events.tell(StageEventType.SAVE_FAILED, error=text)
+        else:
+            self._events.tell(StageEventType.SAVED)
+            self._pending_edit, self._edited_since_tick = None, False
+        dirty = self.has_pending_edit()
+        if not problems or dirty != self._was_dirty:
+            self._events.tell(StageEventType.DIRTY_STATE_CHANGED)
+        self._was_dirty = dirty
+        return not problems, text, identifiers
+
+    def _set_state(self, state: StageState, event: StageEventType, **payload: typing.Any) -> None:
+        self._state = state
+        self._events.tell(event, **payload)
+
+    def _is_dirty(self) -> bool:
+        layers = self._opened.stage.GetLayerStack(False)
+        live = self._opened.live
+        if live and (self._edited_since_tick or live.is_dirty(layers)):
+            return True
+        return any(layer.dirty and not (live and live.name_of(layer)) for layer in layers)
+
+    # -- frames
+
+    def _tick_live(self) -> None:
+        if self._opened and self._opened.live:
+            self._opened.live.tick()
+            self._edited_since_tick = False  # from here on the connection knows
+
+    def _look(self) -> None:
+        """Once per frame: what changed often is told once."""
+        if self._selection_changed:
+            self._selection_changed = False
+            self._events.tell_later(StageEventType.SELECTION_CHANGED)
+        if self._state != StageState.OPENED:
+            return
+        if self._hierarchy_changed:
+            self._hierarchy_changed = False
+            self._events.tell_later(StageEventType.HIERARCHY_CHANGED)
+        dirty = self.has_pending_edit()
+        if dirty != self._was_dirty and self._operation != "saving":
+            self._was_dirty = dirty
+            self._events.tell_later(StageEventType.DIRTY_STATE_CHANGED)
+
+    def _on_objects_changed(self, notice: Usd.Notice.ObjectsChanged, _: object) -> None:
+        if notice.GetResyncedPaths():
+            self._hierarchy_changed = True
+        self._edited_since_tick = True
+        if self._pending_edit is False:
+            self._pending_edit = None
+
+    def _mark_selection(self) -> None:
+        self._selection_changed = True
+
+    # -- the three forms of an operation
+
+    def _run(self, what: str, steps: Steps) -> bool:
+        return run(self._guarded(what, steps, saving=False))[0]
+
+    async def _run_async(self, what: str, steps: Steps, saving: bool = False) -> typing.Any:
+        return await run_async(self._guarded(what, steps, saving))
+
+    def _start(self, what: str, steps: Steps, on_finish: typing.Callable | None,
+               saving: bool = False) -> bool:
+        """True when it was begun. Without an event loop it is done in the next frame."""
+        if self._operation:
+            steps.close()
+            return False
+        guarded = self._guarded(what, steps, saving)
+        tell = on_finish or (lambda *_: None)
+        try:
+            loop = asyncio.get_running_loop()
+        except RuntimeError:
+            self._in_next_frame(lambda: tell(*run(guarded)))
+            return True
+        task = loop.create_task(run_async(guarded))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(lambda done: None if done.cancelled() else tell(*done.result()))
+        return True
+
+    def _in_next_frame(self, function: typing.Callable[[], typing.Any]) -> None:
+        def once(_: object) -> None:
+            subscription.unsubscribe()
+            function()
+
+        subscription = get_app().get_update_event_stream().create_subscription_to_pop(once, ORDER_EVENTS)
+
+    def _guarded(self, what: str, steps: Steps, saving: bool) -> Steps:
+        """One at a time; what can fail for outside reasons becomes the tuple."""
+        if self._operation:
+            steps.close()
+            text = f"the context is {self._operation}"
+        else:
+            self._operation = what
+            try:
+                return (yield from steps)
+            except OUTSIDE as error:
+                text = reason(error)
+            finally:
+                self._operation = ""
+        _log.warning("%s failed: %s", what, text)
+        return (False, text, []) if saving else (False, text)
+
+    def _destroy(self) -> bool:
+        """Ends what the context has with the application. Not in the middle of an operation."""
+        if self._operation or self.can_close_stage() and not self.close_stage():
+            return False
+        for frame in self._frames:
+            frame.unsubscribe()
+        return True
+
+
+def _load(load_set: UsdContextInitialLoadSet) -> Usd.Stage.InitialLoadSet:
+    return Usd.Stage.LoadNone if load_set == LOAD_NONE else Usd.Stage.LoadAll
+
+
+def _discard_edits(loading: Loading, used: set[str]) -> None:
+    """Of layers the closed stage had and the new one has, too: a file opens as it is on disk."""
+    Sdf.Layer.ReloadLayers([layer for layer in loading.layers.values()
+                            if layer.identifier in used and layer.dirty and not layer.anonymous], True)

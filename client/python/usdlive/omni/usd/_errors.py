@@ -1,0 +1,31 @@
+"""What went wrong, in one sentence, as the tuples of UsdContext carry it."""
+
+from __future__ import annotations
+
+import re
+
+from pxr import Tf
+
+import usdlive
+
+_TF_PREFIX = re.compile(r"\s*Error in '[^\n]*?' at line \d+ in file \S+ : ")
+
+
+class Failure(Exception):
+    """An operation that does not come about, and why."""
+
+
+# What a library or the system raises for reasons outside of the program.
+OUTSIDE = (Failure, Tf.ErrorException, usdlive.Error, OSError)
+
+
+def reason(error: BaseException) -> str:
+    """The sentence for the user."""
+    if isinstance(error, Tf.ErrorException):
+        parts = [part.strip().removeprefix("'").removesuffix("'") for part in _TF_PREFIX.split(str(error))]
+        return "; ".join(dict.fromkeys(part for part in parts if part))
+    if isinstance(error, usdlive.Error):
+        return error.message
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return str(error)

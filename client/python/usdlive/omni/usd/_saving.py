@@ -1,0 +1,112 @@
+"""What UsdContext's saving does to layers."""
+
+from __future__ import annotations
+
+import typing
+
+from pxr import Sdf, Tf, Usd
+
+from usdlive.omni import _layer_content
+
+from ._errors import OUTSIDE, Failure, reason
+from ._files import Replacement, check_writable, extension
+from ._live_stage import LiveStage
+from ._steps import Steps
+
+
+def unsaved(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
+    """The layers of the local stack that a save may write; all that are live, since their server knows."""
+    layers, root = [], stage.GetRootLayer()
+    for layer in stage.GetLayerStack():
+        if live and live.name_of(layer):
+            layers.append(layer)
+        elif layer.dirty and not layer.anonymous and not _layer_content.is_locked(layer, root):
+            layers.append(layer)
+    return layers
+
+
+def find_local(stage: Usd.Stage, live: LiveStage | None,
+               identifiers: typing.Iterable[str]) -> list[Sdf.Layer]:
+    """Of a live layer the server knows who may save it while it is locked."""
+    layers = []
+    for identifier in identifiers:
+        layer = Sdf.Layer.Find(identifier)
+        if layer is None or not stage.HasLocalLayer(layer):
+            raise Failure(f"{identifier} is no layer of the local layer stack")
+        is_live = live and live.name_of(layer)
+        if not is_live and _layer_content.is_locked(layer, stage.GetRootLayer()):
+            raise Failure(f"{identifier} is locked")
+        layers.append(layer)
+    return layers
+
+
+def save(layers: list[Sdf.Layer], live: LiveStage | None,
+         unsaved_only: bool = False) -> Steps[tuple[list[Sdf.Layer], list[str]]]:
+    """Those that were saved, and what was wrong with the others. `unsaved_only` is about live ones."""
+    saved: list[Sdf.Layer] = []
+    problems: list[str] = []
+    if live:
+        saved, problems = yield from live.save(layers, unsaved_only)
+    for layer in layers:
+        if live and live.name_of(layer):
+            continue
+        try:
+            yield from _save_file(layer)
+            saved.append(layer)
+        except OUTSIDE as error:
+            problems.append(reason(error))
+    return saved, problems
+
+
+def _save_file(layer: Sdf.Layer) -> Steps[None]:
+    if layer.anonymous:
+        raise Failure(f"{layer.identifier} is in memory only and has no file")
+    if not layer.permissionToSave:
+        raise Failure(f"{layer.identifier} may not be saved")
+    changed: list[bool] = []
+    notice = Tf.Notice.Register(Sdf.Notice.LayersDidChangeSentPerLayer,
+                                lambda *_: changed.append(True), layer)
+    try:
+        yield from _replace(Replacement(layer, layer.realPath or layer.identifier))
+    finally:
+        notice.Revoke()
+    # Nothing else lets pxr know that a layer is as its file again; a .usdc has to read its values from the
+    # new file besides. Who edited meanwhile keeps a layer that is dirty.
+    if not changed:
+        layer.Reload(True)
+
+
+def _replace(replacement: Replacement) -> Steps[None]:
+    try:
+        yield replacement.settle
+        replacement.put_in_place()
+    finally:
+        replacement.discard()
+
+
+def check_new_root(url: str, stage: Usd.Stage, anything_used: bool = False) -> None:
+    """May the stage be written to this file?"""
+    check_writable(url)
+    existing = Sdf.Layer.Find(url)
+    if existing is None or existing == stage.GetRootLayer() and not anything_used:
+        return
+    if anything_used and existing in stage.GetUsedLayers():
+        raise Failure(f"{url} is used by the stage itself")
+    if stage.HasLocalLayer(existing):
+        raise Failure(f"{url} is a layer of the stage itself")
+
+
+def write_root(root: Sdf.Layer, url: str) -> Steps[Sdf.Layer]:
+    """The layer of the new file."""
+    copy = Sdf.Layer.CreateAnonymous("root." + extension(url))
+    copy.TransferContent(root)
+    _layer_content.reanchor_to_file(copy, root, url)
+    yield from _replace(Replacement(copy, url, like=root))
+    if existing := Sdf.Layer.Find(url):
+        existing.Reload(True)
+    return Sdf.Layer.FindOrOpen(url)
+
+
+def export(stage: Usd.Stage, url: str) -> Steps[None]:
+    flat = stage.Flatten(addSourceFileComment=False)
+    yield from _replace(Replacement(flat, url, like=stage.GetRootLayer()))

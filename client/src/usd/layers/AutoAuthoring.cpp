@@ -1,0 +1,160 @@
+#include "usdlive/client/usd/layers/AutoAuthoring.h"
+
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <utility>
+
+#include "DelegateWrites.h"
+#include "Distribution.h"
+#include "usdlive/client/usd/layers/OmniLayerData.h"
+
+namespace usdlive::layers {
+
+using pxr::SdfLayerHandle;
+using pxr::SdfPath;
+
+namespace {
+
+const std::string kTag = "__DELTA_LAYER__";
+
+}  // namespace
+
+AutoAuthoring::AutoAuthoring(LayersContext& context, DistributionRules& rules)
+    : context_(context), rules_(rules) {}
+
+AutoAuthoring::~AutoAuthoring() {
+    if (!delegate_) return;
+    // The stage may outlive this, and must not author into a layer that nobody distributes.
+    removeFromSession();
+    context_.host.setEditTarget(context_.host.rootLayer());
+}
+
+bool AutoAuthoring::isAutoAuthoringLayer(const std::string& identifier) const {
+    return identifier.find(kTag) != std::string::npos;
+}
+
+std::string AutoAuthoring::defaultLayer() {
+    if (!default_ || !context_.stack.find(default_)) default_ = context_.host.rootLayer();
+    return default_->GetIdentifier();
+}
+
+bool AutoAuthoring::setDefaultLayer(const std::string& identifier) {
+    const auto wanted = absoluteFrom(context_.host.rootLayer(), identifier);
+    for (const auto& one : context_.stack.layers()) {
+        if (one.layer->GetIdentifier() != identifier && one.layer->GetIdentifier() != wanted)
+            continue;
+        if (one.ofSession)
+            return context_.fail(LayerErrorType::InvalidParam,
+                                 "new specs cannot go to the session's layer " + identifier);
+        if (one.layer->GetIdentifier() != defaultLayer()) {
+            default_ = one.layer;
+            context_.events.push(LayerEventType::DefaultLayerChanged);
+        }
+        return context_.succeed();
+    }
+    return context_.fail(LayerErrorType::NotFound,
+                         "the stage has no local layer '" + identifier + "'");
+}
+
+bool AutoAuthoring::enable() {
+    if (delegate_) return true;
+    if (!context_.host.sessionLayer())
+        return context_.fail(LayerErrorType::InvalidStage,
+                             "a stage without a session layer has no place for the delegate");
+    delegate_ = pxr::SdfLayer::CreateAnonymous(kTag);
+    writes_ = pxr::TfCreateRefPtr(new DelegateWrites);
+    delegate_->SetStateDelegate(writes_);
+    suspended_ = false;
+    stale_.clear();
+    keepInPlace();
+    if (delegate() == context_.host.editTarget()) return context_.succeed();
+    disable();
+    return context_.fail(LayerErrorType::InvalidStage, "the session layer takes no delegate");
+}
+
+void AutoAuthoring::disable() {
+    if (!delegate_) return;
+    context_.host.setEditTarget(pxr::SdfLayer::Find(defaultLayer()));
+    removeFromSession();
+    delegate_.Reset();
+    writes_.Reset();
+    stale_.clear();
+}
+
+void AutoAuthoring::keepInPlace() {
+    if (!delegate_) return;
+    const auto session = context_.host.sessionLayer();
+    const std::string& id = delegate_->GetIdentifier();
+    if (!session) return;
+    const std::vector<std::string> paths = session->GetSubLayerPaths();
+    if (paths.empty() || paths[0] != id) {
+        const pxr::SdfChangeBlock block;
+        removeFromSession();
+        session->InsertSubLayerPath(id, 0);
+        context_.stack.invalidate();
+    }
+    followTime();
+    if (context_.host.editTarget() != delegate()) context_.host.setEditTarget(delegate_);
+}
+
+void AutoAuthoring::removeFromSession() {
+    const auto session = context_.host.sessionLayer();
+    if (!session) return;
+    const std::vector<std::string> paths = session->GetSubLayerPaths();
+    for (int i = int(paths.size()) - 1; i >= 0; --i)
+        if (paths[std::size_t(i)] == delegate_->GetIdentifier()) session->RemoveSubLayerPath(i);
+    context_.stack.invalidate();
+}
+
+// Who makes it the edit target as a plain layer does not map times; so there is nothing to be
+// mapped.
+void AutoAuthoring::followTime() {
+    const double rate = context_.stack.timeCodesPerSecond();
+    if (delegate_->GetTimeCodesPerSecond() == rate) return;
+    const DelegateWrites::Ignoring ignoring(*writes_);
+    delegate_->SetTimeCodesPerSecond(rate);
+    context_.stack.invalidate();
+}
+
+void AutoAuthoring::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChangeList& changes) {
+    if (!delegate_) return;
+    const bool own = layer == delegate();
+    for (const auto& [path, entry] : changes.GetEntryList()) {
+        const auto& flags = entry.flags;
+        if (flags.didReplaceContent && own) {
+            writes_->contentReplaced();
+        } else if (flags.didReplaceContent) {
+            structureChanged_ = true;
+        } else if (!own && path != SdfPath::AbsoluteRootPath()) {
+            const bool below = flags.didRename || flags.didAddInertPrim ||
+                               flags.didAddNonInertPrim || flags.didRemoveInertPrim ||
+                               flags.didRemoveNonInertPrim || flags.didRemoveProperty ||
+                               flags.didRemovePropertyWithOnlyRequiredFields;
+            const SdfPath spec = path.ContainsTargetPath() ? path.GetParentPath() : path;
+            auto& stale = stale_[spec];
+            stale = stale || below;
+            if (flags.didRename) stale_[entry.oldPath] = true;
+        }
+    }
+}
+
+std::vector<RefusedEdit> AutoAuthoring::update() {
+    if (!delegate_ || suspended_) return {};
+    if (writes_->empty() && stale_.empty() && !structureChanged_) return {};
+    const auto stale = std::exchange(stale_, {});
+    const auto taken = writes_->take();
+    const DelegateWrites::Ignoring ignoring(*writes_);
+    const SdfLayerHandle target = pxr::SdfLayer::Find(defaultLayer());
+    Distribution distribution(context_.stack, delegate_, target, rules_);
+    auto refused = distribution.distribute(taken);
+    for (const auto& [path, below] : stale) distribution.refresh(path, below);
+    if (std::exchange(structureChanged_, false)) {
+        const double rate = delegate_->GetTimeCodesPerSecond();
+        delegate_->Clear();
+        if (rate != delegate_->GetTimeCodesPerSecond()) delegate_->SetTimeCodesPerSecond(rate);
+    }
+    return refused;
+}
+
+}  // namespace usdlive::layers

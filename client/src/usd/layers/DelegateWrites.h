@@ -1,0 +1,88 @@
+#pragma once
+
+#include <pxr/base/tf/token.h>
+#include <pxr/usd/sdf/layerStateDelegate.h>
+#include <pxr/usd/sdf/path.h>
+
+#include <unordered_map>
+#include <vector>
+
+namespace usdlive::layers {
+
+/// What was written into the delegate layer since take(). As its state delegate it is called before
+/// each change, so that removals and moves are seen, too. Of a field only the place is noted: what
+/// stands there in the end counts.
+class DelegateWrites final : public pxr::SdfSimpleLayerStateDelegate {
+public:
+    struct Field {
+        pxr::TfToken name;
+        bool existed = false;  ///< the layer had an opinion of it before
+        bool whole = false;    ///< not only the parts below
+        std::vector<pxr::TfToken> keyPaths;
+        std::vector<double> times;
+    };
+    struct Spec {
+        pxr::SdfPath path;
+        bool created = false;
+        std::vector<Field> fields;
+    };
+    /// `to` is empty: removed.
+    struct NamespaceEdit {
+        pxr::SdfPath from, to;
+    };
+    struct Taken {
+        std::vector<NamespaceEdit> namespaceEdits;  ///< in order, before all others
+        std::vector<Spec> specs;                    ///< parents before children
+    };
+
+    [[nodiscard]] bool empty() const { return specs_.empty() && namespaceEdits_.empty(); }
+    [[nodiscard]] Taken take();
+    [[nodiscard]] bool has(const pxr::SdfPath& path) const { return index_.contains(path); }
+    /// The whole content came at once and told nothing of single writes: all of it is new.
+    void contentReplaced();
+
+    /// While it lives, writes are ours and not noted.
+    class Ignoring {
+    public:
+        explicit Ignoring(DelegateWrites& writes) : writes_(writes) { ++writes_.ignoring_; }
+        ~Ignoring() { --writes_.ignoring_; }
+        Ignoring(const Ignoring&) = delete;
+        Ignoring& operator=(const Ignoring&) = delete;
+
+    private:
+        DelegateWrites& writes_;
+    };
+
+private:
+    using Base = pxr::SdfSimpleLayerStateDelegate;
+    using Path = pxr::SdfPath;
+    using Token = pxr::TfToken;
+    using Const = pxr::SdfAbstractDataConstValue;
+
+    void _OnSetField(const Path& path, const Token& field, const pxr::VtValue& value) override;
+    void _OnSetField(const Path& path, const Token& field, const Const& value) override;
+    void _OnSetFieldDictValueByKey(const Path& path, const Token& field, const Token& keyPath,
+                                   const pxr::VtValue& value) override;
+    void _OnSetFieldDictValueByKey(const Path& path, const Token& field, const Token& keyPath,
+                                   const Const& value) override;
+    void _OnSetTimeSample(const Path& path, double time, const pxr::VtValue& value) override;
+    void _OnSetTimeSample(const Path& path, double time, const Const& value) override;
+    void _OnCreateSpec(const Path& path, pxr::SdfSpecType type, bool inert) override;
+    void _OnDeleteSpec(const Path& path, bool inert) override;
+    void _OnMoveSpec(const Path& from, const Path& to) override;
+
+    [[nodiscard]] bool isNoted(const Path& path, const Token& field) const;
+    Spec& spec(const Path& path);
+    Field& field(const Path& path, const Token& name);
+    void noteField(const Path& path, const Token& name, const pxr::VtValue& value);
+    void noteKey(const Path& path, const Token& name, const Token& keyPath);
+    void noteTime(const Path& path, double time);
+    void forgetBelow(const Path& path);
+
+    std::vector<NamespaceEdit> namespaceEdits_;
+    std::vector<Spec> specs_;  // forgotten ones have an empty path
+    std::unordered_map<Path, std::size_t, Path::Hash> index_;
+    int ignoring_ = 0;
+};
+
+}  // namespace usdlive::layers

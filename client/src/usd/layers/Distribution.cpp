@@ -1,0 +1,496 @@
+#include "Distribution.h"
+
+#include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/pcp/layerStack.h>
+#include <pxr/usd/sdf/attributeSpec.h>
+#include <pxr/usd/sdf/namespaceEdit.h>
+#include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/relationshipSpec.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "MappedValue.h"
+#include "SpecEdits.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+namespace usdlive::layers {
+
+using pxr::SdfLayerHandle;
+using pxr::SdfPath;
+using pxr::TfToken;
+using pxr::VtValue;
+
+namespace {
+
+// An attribute with more samples than this is not mirrored: the delegate would have to hold all of
+// them, as the strongest layer with samples is the only one that counts.
+constexpr std::size_t kMaxMirroredSamples = 256;
+
+// By value: a reference to the schema's would be looked up at each use.
+struct Names {
+    const TfToken& value = pxr::SdfFieldKeys->Default;
+    const TfToken& samples = pxr::SdfFieldKeys->TimeSamples;
+    const TfToken& spline = pxr::SdfFieldKeys->Spline;
+    const TfToken& specifier = pxr::SdfFieldKeys->Specifier;
+    const TfToken& typeName = pxr::SdfFieldKeys->TypeName;
+    const TfToken& custom = pxr::SdfFieldKeys->Custom;
+    const TfToken& variability = pxr::SdfFieldKeys->Variability;
+};
+const Names& names() {
+    static const Names all;
+    return all;
+}
+
+// Default, samples and spline are one register: together they are the attribute's value.
+bool isValue(const TfToken& field) {
+    return field == names().value || field == names().samples || field == names().spline;
+}
+
+bool isRequiredOfProperties(const TfToken& field) {
+    return field == names().typeName || field == names().custom || field == names().variability;
+}
+
+bool hasOpinion(const SdfLayerHandle& layer, const SdfPath& path, const TfToken& field) {
+    if (field == names().specifier) {
+        // `over` says nothing.
+        const VtValue specifier = layer->GetField(path, field);
+        return specifier.IsHolding<pxr::SdfSpecifier>() &&
+               specifier.UncheckedGet<pxr::SdfSpecifier>() != pxr::SdfSpecifierOver;
+    }
+    if (!isValue(field)) return layer->HasField(path, field);
+    return layer->HasField(path, names().value) || layer->HasField(path, names().samples) ||
+           layer->HasField(path, names().spline);
+}
+
+bool hidesDefault(const SdfLayerHandle& layer, const SdfPath& path) {
+    return layer->HasField(path, names().samples) || layer->HasField(path, names().spline);
+}
+
+// The sample that stands at this time but for rounding.
+double sampleNear(const SdfLayerHandle& layer, const SdfPath& path, double time) {
+    double lower = 0, upper = 0;
+    if (!layer->GetBracketingTimeSamplesForPath(path, time, &lower, &upper)) return time;
+    const double tolerance = 1e-9 * std::max(1.0, std::abs(time));
+    if (std::abs(lower - time) <= tolerance) return lower;
+    return std::abs(upper - time) <= tolerance ? upper : time;
+}
+
+void collectKeys(const pxr::VtDictionary& dictionary, const std::string& prefix,
+                 std::vector<TfToken>& keys) {
+    for (const auto& [key, value] : dictionary)
+        if (value.IsHolding<pxr::VtDictionary>() &&
+            !value.UncheckedGet<pxr::VtDictionary>().empty())
+            collectKeys(value.UncheckedGet<pxr::VtDictionary>(), prefix + key + ":", keys);
+        else
+            keys.emplace_back(prefix + key);
+}
+
+bool isTarget(const SdfPath& path) { return path.ContainsTargetPath(); }
+
+}  // namespace
+
+Distribution::Distribution(LocalStack& stack, const SdfLayerHandle& delegate,
+                           const SdfLayerHandle& defaultLayer, DistributionRules& rules)
+    : stack_(stack), delegate_(delegate), rules_(rules) {
+    const auto* own = stack.find(delegate);
+    const pxr::SdfLayerOffset toStack = own ? own->toStack : pxr::SdfLayerOffset();
+    for (const auto& [layer, offset, ofSession] : stack.layers()) {
+        if (layer == delegate) continue;
+        targets_.push_back({layer, offset.GetInverse() * toStack, toStack.GetInverse() * offset,
+                            rules.whyNotWritable(layer)});
+    }
+    for (const auto& target : targets_)
+        if (target.layer == defaultLayer) default_ = &target;
+}
+
+Distribution::~Distribution() = default;
+
+std::vector<RefusedEdit> Distribution::distribute(const DelegateWrites::Taken& taken) {
+    for (const auto& edit : taken.namespaceEdits) {
+        if (edit.to.IsEmpty())
+            remove(edit.from);
+        else
+            move(edit.from, edit.to);
+    }
+    plan_.reserve(taken.specs.size());
+    for (const auto& spec : taken.specs) planSpec(spec);
+    for (const auto& planned : plan_) carryOut(planned);
+    for (const auto* spec : linked_) refresh(spec->path, false);
+    for (const auto& spec : taken.specs) keepBareOver(spec);
+    for (auto path = maybeEmpty_.rbegin(); path != maybeEmpty_.rend(); ++path) dropEmpty(*path);
+    return std::move(refused_);
+}
+
+// ------------------------------------------------------------------ namespace
+
+// A prim goes wherever the stack has it, as its remover wants it gone and knows of no layers; of a
+// property the strongest opinion goes.
+void Distribution::remove(const SdfPath& path) {
+    const Having all = having(path);
+    if (all.empty()) return;
+    if (const auto locked = rules_.whyLocked(path)) return refuse(path, "", "", *locked);
+    if (!path.IsPropertyPath()) return removePrim(path, all);
+    if (all.front()->closed)
+        return refuse(path, "", all.front()->layer->GetIdentifier(), *all.front()->closed);
+    removeSpec(all.front()->layer, path);
+    refresh(path, true);
+}
+
+void Distribution::removePrim(const SdfPath& path, const Having& having) {
+    for (const Target* target : having)
+        if (target->closed)
+            return refuse(path, "", target->layer->GetIdentifier(), *target->closed);
+    for (const Target* target : having) removeSpec(target->layer, path);
+}
+
+// Usd.NamespaceEditor has moved it in all layers already; who renames the delegate's spec has not.
+void Distribution::move(const SdfPath& from, const SdfPath& to) {
+    Having moving;
+    for (const Target* target : having(from))
+        if (!target->layer->HasSpec(to)) moving.push_back(target);
+    for (const Target* target : moving) {
+        auto why = target->closed ? target->closed : rules_.whyLocked(from);
+        if (!why) continue;
+        if (delegate_->HasSpec(to)) moveSpec(delegate_, to, from);
+        return refuse(from, "", target->layer->GetIdentifier(), *why);
+    }
+    for (const Target* target : moving) moveSpec(target->layer, from, to);
+}
+
+// ------------------------------------------------------------------ where
+
+Distribution::Having Distribution::having(const SdfPath& path) const {
+    Having having;
+    for (const auto& target : targets_)
+        if (target.layer->HasSpec(path)) having.push_back(&target);
+    return having;
+}
+
+std::optional<Distribution::Place> Distribution::strongest(const SdfPath& path,
+                                                           const TfToken& field,
+                                                           const Having& having) {
+    for (const Target* target : having)
+        if (hasOpinion(target->layer, path, field)) return Place{target, path, true};
+    return strongestInVariants(path, field);
+}
+
+bool Distribution::mayHaveVariants(const SdfPath& path) {
+    if (path.IsEmpty() || path == SdfPath::AbsoluteRootPath()) return false;
+    const auto found = variants_.find(path);
+    if (found != variants_.end()) return found->second;
+    const auto has = [&](const Target& target) {
+        return target.layer->HasField(path, pxr::SdfChildrenKeys->VariantSetChildren);
+    };
+    const bool any = std::ranges::any_of(targets_, has) || mayHaveVariants(path.GetParentPath());
+    return variants_[path] = any;
+}
+
+// Local opinions beat all that a prim gets by arcs, and variants beat some of it; so an edit goes
+// into a variant only where that is what one sees.
+std::optional<Distribution::Place> Distribution::strongestInVariants(const SdfPath& path,
+                                                                     const TfToken& field) {
+    const SdfPath prim = path.GetPrimPath();
+    if (path.ContainsPrimVariantSelection() || !mayHaveVariants(prim)) return std::nullopt;
+    for (const auto& [site, foreign] : stack_.sites(prim)) {
+        const SdfPath there = path.ReplacePrefix(prim, site, false);
+        if (foreign) {
+            for (const auto& layer : foreign->GetLayers())
+                if (hasOpinion(layer, there, field)) return std::nullopt;
+            continue;
+        }
+        if (there == path) continue;
+        for (const auto& target : targets_)
+            if (hasOpinion(target.layer, there, field)) return Place{&target, there, true};
+    }
+    return std::nullopt;
+}
+
+Distribution::Place Distribution::placeFor(const SdfPath& path, const TfToken& field,
+                                           const Having& having) {
+    if (const auto place = strongest(path, field, having)) return *place;
+    return {having.empty() ? default_ : having.front(), path, !having.empty()};
+}
+
+Distribution::Place Distribution::strongestKey(const Spec& spec, const TfToken& field,
+                                               const TfToken& keyPath, const Having& having) {
+    for (const Target* target : having)
+        if (target->layer->HasFieldDictKey(spec.path, field, keyPath))
+            return {target, spec.path, true};
+    return placeFor(spec.path, field, having);
+}
+
+// ------------------------------------------------------------------ what
+
+void Distribution::planSpec(const Spec& spec) {
+    if (spec.path == SdfPath::AbsoluteRootPath()) return distributeRelocates();
+    if (isTarget(spec.path) || !delegate_->HasSpec(spec.path)) return;
+    if (const auto locked = rules_.whyLocked(spec.path)) return refuseLocked(spec, *locked);
+    const auto links = rules_.linkedLayers(spec.path);
+    if (!links.empty()) return planLinks(spec, links);
+    const Having all = having(spec.path);
+    for (const auto& field : spec.fields) planField(spec, field, all);
+}
+
+void Distribution::planField(const Spec& spec, const Field& field, const Having& having) {
+    if (isRedundant(spec, field, having)) return;
+    const bool parts = !field.whole && field.times.empty();
+    if (parts || (field.name != names().value &&
+                  delegate_->GetField(spec.path, field.name).IsHolding<pxr::VtDictionary>()))
+        return planKeys(spec, field, having);
+    const Place place = placeFor(spec.path, field.name, having);
+    if (place.target) plan_.push_back({&spec, &field, {}, place});
+}
+
+void Distribution::planKeys(const Spec& spec, const Field& field, const Having& having) {
+    std::vector<TfToken> keys = field.keyPaths;
+    const VtValue value = delegate_->GetField(spec.path, field.name);
+    if (field.whole && value.IsHolding<pxr::VtDictionary>())
+        collectKeys(value.UncheckedGet<pxr::VtDictionary>(), "", keys);
+    for (const TfToken& key : keys) {
+        const Place place = strongestKey(spec, field.name, key, having);
+        if (place.target) plan_.push_back({&spec, &field, key, place});
+    }
+}
+
+void Distribution::planLinks(const Spec& spec, const std::vector<SdfLayerHandle>& links) {
+    const Having all = having(spec.path);
+    for (const auto& target : targets_) {
+        if (std::find(links.begin(), links.end(), target.layer) == links.end()) continue;
+        for (const auto& field : spec.fields)
+            if (!isRedundant(spec, field, all))
+                plan_.push_back({&spec, &field, {}, {&target, spec.path, false}});
+    }
+    linked_.insert(&spec);
+}
+
+void Distribution::carryOut(const Planned& planned) {
+    const auto& [spec, field, key, place] = planned;
+    if (place.target->closed) return refuse(*spec, *field, *place.target);
+    if (!key.IsEmpty()) return writeKey(planned);
+    write(place, *spec, *field);
+    if (!linked_.contains(spec)) settle(place, spec->path, field->name);
+}
+
+// A spec that Usd makes in the delegate to write into it repeats what it takes from the others.
+bool Distribution::isRedundant(const Spec& spec, const Field& field, const Having& having) const {
+    if (!spec.created) return false;
+    const auto& name = field.name;
+    if (spec.path.IsPropertyPath() && isRequiredOfProperties(name)) {
+        if (having.empty()) return true;  // made with the spec
+        if (name != names().typeName) return true;
+        return having.front()->layer->GetField(spec.path, name) ==
+               delegate_->GetField(spec.path, name);
+    }
+    if (name == names().specifier) return !hasOpinion(delegate_, spec.path, name);
+    if (name != names().typeName) return false;
+    const VtValue mine = delegate_->GetField(spec.path, name);
+    for (const Target* target : having)
+        if (target->layer->HasField(spec.path, name))
+            return target->layer->GetField(spec.path, name) == mine;
+    return mine.IsEmpty();
+}
+
+bool Distribution::ensure(const Place& place, const SdfPath& source) {
+    return place.exists || place.target->layer->HasSpec(place.path) ||
+           makeSpecLike(place.target->layer, place.path, delegate_, source);
+}
+
+void Distribution::write(const Place& place, const Spec& spec, const Field& field) {
+    const auto& layer = place.target->layer;
+    const VtValue value = delegate_->GetField(spec.path, field.name);
+    if (value.IsEmpty() && !place.exists && !layer->HasSpec(place.path)) return;
+    if (!ensure(place, spec.path)) return;
+    if (field.name == names().samples && !field.whole) return writeSamples(place, spec, field);
+    VtValue result = mapped(value, place.target->toTarget);
+    if (field.name != names().value && isListOp(result)) {
+        // One that mirrored the layer's is the whole of it; another one is laid over it.
+        if (!field.existed)
+            result = composedListOp(result, layer->GetField(place.path, field.name));
+        return setListOp(layer, place.path, field.name, result);
+    }
+    if (value.IsEmpty() && isListOp(layer->GetField(place.path, field.name)))
+        return setListOp(layer, place.path, field.name, {});
+    layer->SetField(place.path, field.name, result);
+    if (result.IsHolding<pxr::SdfValueBlock>()) {
+        for (const auto& weaker : {names().samples, names().spline})
+            if (!delegate_->HasField(spec.path, weaker)) layer->EraseField(place.path, weaker);
+    }
+}
+
+void Distribution::writeSamples(const Place& place, const Spec& spec, const Field& field) {
+    const auto& layer = place.target->layer;
+    const auto& times = place.target->toTarget;
+    for (const double time : field.times) {
+        const double there =
+            times.IsIdentity() ? time : sampleNear(layer, place.path, times * time);
+        VtValue value;
+        if (delegate_->QueryTimeSample(spec.path, time, &value))
+            layer->SetTimeSample(place.path, there, mapped(value, times));
+        else
+            layer->EraseTimeSample(place.path, there);
+    }
+}
+
+void Distribution::writeKey(const Planned& planned) {
+    const auto& [spec, field, key, place] = planned;
+    const VtValue mine = delegate_->GetFieldDictValueByKey(spec->path, field->name, key);
+    if (mine.IsEmpty() && !place.target->layer->HasSpec(place.path)) return;
+    if (ensure(place, spec->path))
+        place.target->layer->SetFieldDictValueByKey(place.path, field->name, key,
+                                                    mapped(mine, place.target->toTarget));
+}
+
+// Relocates are metadata of a layer; the namespace editor writes them into the edit target.
+void Distribution::distributeRelocates() {
+    const auto root = SdfPath::AbsoluteRootPath();
+    const TfToken& field = pxr::SdfFieldKeys->LayerRelocates;
+    const Place place = placeFor(root, field, having(root));
+    const Target* target =
+        place.target && hasOpinion(place.target->layer, root, field) ? place.target : default_;
+    if (!target) return;
+    if (target->closed)
+        refuse(root, field.GetString(), target->layer->GetIdentifier(), *target->closed);
+    else
+        target->layer->SetRelocates(delegate_->GetRelocates());
+    delegate_->EraseField(root, field);
+}
+
+// `stage.OverridePrim()`: an over that says nothing is wanted for itself, unless it only stands
+// above something that was written elsewhere.
+void Distribution::keepBareOver(const Spec& spec) {
+    if (!spec.created || !spec.path.IsPrimPath() || !default_ || !delegate_->HasSpec(spec.path))
+        return;
+    if (hasOpinion(delegate_, spec.path, names().specifier) || !having(spec.path).empty()) return;
+    const auto prim = delegate_->GetPrimAtPath(spec.path);
+    if (!prim || !prim->GetNameChildren().empty() || !prim->GetProperties().empty()) return;
+    if (rules_.whyLocked(spec.path)) return;
+    if (default_->closed)
+        refuse(spec.path, "", default_->layer->GetIdentifier(), *default_->closed);
+    else
+        ensure({default_, spec.path, false}, spec.path);
+}
+
+// ------------------------------------------------------------------ the mirror
+
+// Where the delegate's opinion would say more than the layer's does, it goes.
+void Distribution::settle(const Place& place, const SdfPath& path, const TfToken& field) {
+    const auto& layer = place.target->layer;
+    if (place.path != path) {
+        // It would hide the other variants.
+        delegate_->EraseField(path, field);
+        maybeEmpty_.push_back(path);
+    } else if (field == names().value) {
+        if (hidesDefault(layer, path)) delegate_->EraseField(path, field);
+    } else if (field == names().samples || field == names().spline) {
+        refreshField(path, field, {place.target});
+        if (delegate_->HasField(path, names().value)) delegate_->EraseField(path, names().value);
+    } else if (const VtValue mine = delegate_->GetField(path, field); isListOp(mine)) {
+        setListOp(delegate_, path, field,
+                  mapped(layer->GetField(path, field), place.target->toDelegate));
+    }
+}
+
+void Distribution::refresh(const SdfPath& path, bool below) {
+    if (!delegate_->HasSpec(path) || path == SdfPath::AbsoluteRootPath()) return;
+    if (below) {
+        std::vector<SdfPath> paths;
+        delegate_->Traverse(path, [&](const SdfPath& one) { paths.push_back(one); });
+        for (const auto& one : paths)
+            if (one != path && !isTarget(one)) refresh(one, false);
+    }
+    const Having all = having(path);
+    if (all.empty()) {
+        // Mirrors nothing any more, unless something of a variant stands below it.
+        if (path.IsPropertyPath() || !delegate_->GetPrimAtPath(path) ||
+            delegate_->GetPrimAtPath(path)->GetNameChildren().empty())
+            removeSpec(delegate_, path);
+        return;
+    }
+    for (const TfToken& field : delegate_->ListFields(path))
+        if (!usd::isStructural(field)) refreshField(path, field, all);
+}
+
+void Distribution::refreshField(const SdfPath& path, const TfToken& field, const Having& having) {
+    if (isTarget(path) || !delegate_->HasField(path, field)) return;
+    if (delegate_->GetField(path, field).IsHolding<pxr::VtDictionary>())
+        return refreshKeys(path, field, having);
+    const Target* winner = nullptr;
+    for (const Target* target : having)
+        if (!winner && hasOpinion(target->layer, path, field)) winner = target;
+    const bool required =
+        field == names().specifier || (path.IsPropertyPath() && isRequiredOfProperties(field));
+    if (!winner || !winner->layer->HasField(path, field)) {
+        if (!required) delegate_->EraseField(path, field);
+        return;
+    }
+    const bool tooMuch = field == names().samples &&
+                         winner->layer->GetNumTimeSamplesForPath(path) > kMaxMirroredSamples;
+    if (tooMuch || (field == names().value && hidesDefault(winner->layer, path)))
+        return delegate_->EraseField(path, field);
+    const VtValue value = mapped(winner->layer->GetField(path, field), winner->toDelegate);
+    if (isListOp(value))
+        setListOp(delegate_, path, field, value);
+    else
+        delegate_->SetField(path, field, value);
+}
+
+void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const Having& having) {
+    std::vector<TfToken> keys;
+    collectKeys(delegate_->GetField(path, field).Get<pxr::VtDictionary>(), "", keys);
+    for (const TfToken& key : keys) {
+        VtValue value;
+        for (const Target* target : having) {
+            if (!target->layer->HasFieldDictKey(path, field, key)) continue;
+            value =
+                mapped(target->layer->GetFieldDictValueByKey(path, field, key), target->toDelegate);
+            break;
+        }
+        delegate_->SetFieldDictValueByKey(path, field, key, value);
+    }
+}
+
+// ------------------------------------------------------------------ what goes back
+
+void Distribution::refuse(const SdfPath& path, const std::string& field, const std::string& layer,
+                          const LastError& why) {
+    refused_.push_back({path, field, layer, why.type, why.text});
+}
+
+void Distribution::refuse(const Spec& spec, const Field& field, const Target& target) {
+    refuse(spec.path, field.name.GetString(), target.layer->GetIdentifier(), *target.closed);
+    takeBack(spec, field);
+}
+
+void Distribution::refuseLocked(const Spec& spec, const LastError& why) {
+    const Having all = having(spec.path);
+    refuse(spec.path, "", all.empty() ? "" : all.front()->layer->GetIdentifier(), why);
+    for (const auto& field : spec.fields) takeBack(spec, field);
+    maybeEmpty_.push_back(spec.path);
+}
+
+void Distribution::takeBack(const Spec& spec, const Field& field) {
+    const Having all = having(spec.path);
+    const bool required = field.name == names().specifier ||
+                          (spec.path.IsPropertyPath() && isRequiredOfProperties(field.name));
+    if (field.existed)
+        refreshField(spec.path, field.name, all);
+    else if (!required)
+        delegate_->EraseField(spec.path, field.name);
+    if (spec.created) maybeEmpty_.push_back(spec.path);
+}
+
+void Distribution::dropEmpty(const SdfPath& path) {
+    if (!delegate_->HasSpec(path)) return;
+    bool content = false;
+    delegate_->Traverse(path, [&](const SdfPath& below) { content = content || below != path; });
+    for (const TfToken& field : delegate_->ListFields(path))
+        content = content || (!usd::isStructural(field) && field != names().specifier &&
+                              !(path.IsPropertyPath() && isRequiredOfProperties(field)) &&
+                              !(field == names().typeName && having(path).empty()));
+    if (!content) removeSpec(delegate_, path);
+}
+
+}  // namespace usdlive::layers

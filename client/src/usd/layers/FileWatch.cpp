@@ -1,0 +1,70 @@
+#include "usdlive/client/usd/layers/FileWatch.h"
+
+#include <pwd.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <fstream>
+
+namespace usdlive::layers {
+
+namespace {
+
+constexpr std::int64_t kMaxHashedBytes = 16 * 1024 * 1024;
+
+// The system's permission bits count for who may ignore them, too: a file without any is meant not
+// to be written.
+bool isReadOnly(const std::string& path, const struct stat& status) {
+    return (status.st_mode & 0222) == 0 || access(path.c_str(), W_OK) != 0;
+}
+
+std::string userName(uid_t user) {
+    std::array<char, 4096> buffer{};
+    passwd entry{}, *found = nullptr;
+    if (getpwuid_r(user, &entry, buffer.data(), buffer.size(), &found) != 0 || !found) return {};
+    return found->pw_name;
+}
+
+}  // namespace
+
+std::optional<std::uint64_t> FileWatch::hashOf(const std::string& path, std::int64_t size) {
+    if (size > kMaxHashedBytes) return std::nullopt;
+    std::ifstream file(path, std::ios::binary);
+    std::uint64_t hash = 14695981039346656037ull;  // FNV-1a
+    std::array<char, 65536> block{};
+    while (file.read(block.data(), block.size()) || file.gcount() > 0)
+        for (std::streamsize i = 0; i < file.gcount(); ++i)
+            hash = (hash ^ std::uint8_t(block[std::size_t(i)])) * 1099511628211ull;
+    return hash;
+}
+
+FileWatch::Seen FileWatch::look(const std::string& path) {
+    Seen seen;
+    struct stat status{};
+    if (path.empty() || stat(path.c_str(), &status) != 0) return seen;
+    seen.exists = true;
+    seen.readOnly = isReadOnly(path, status);
+    seen.owner = userName(status.st_uid);
+    const Stamp now{status.st_mtim.tv_sec * 1'000'000'000 + status.st_mtim.tv_nsec, status.st_size};
+    const auto [entry, isNew] = files_.try_emplace(path);
+    auto& known = entry->second;
+    if (isNew) {
+        known.stamp = now;
+        known.hash = hashOf(path, now.size);
+    } else if (now == known.stamp) {
+        known.changedTo.reset();
+    } else if (known.changedTo != now) {
+        const auto hash = hashOf(path, now.size);
+        if (hash && hash == known.hash)
+            known.stamp = now;
+        else
+            known.changedTo = now;
+    }
+    seen.changed = known.changedTo.has_value();
+    return seen;
+}
+
+void FileWatch::accept(const std::string& path) { files_.erase(path); }
+
+}  // namespace usdlive::layers

@@ -1,0 +1,302 @@
+#include "usdlive/client/usd/layers/Layers.h"
+
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/notice.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <set>
+#include <thread>
+#include <utility>
+
+#include "Distribution.h"
+#include "usdlive/client/transport/SystemUser.h"
+
+namespace usdlive::layers {
+
+using pxr::SdfLayerHandle;
+using pxr::SdfPath;
+using pxr::TfToken;
+
+namespace {
+
+constexpr std::size_t kMaxRefusedEdits = 10'000;
+
+bool isInfo(const TfToken& field) {
+    static const std::set<std::string> kFields{
+        "upAxis",      "metersPerUnit",   "startTimeCode",
+        "endTimeCode", "framesPerSecond", "timeCodesPerSecond",
+        "comment",     "documentation",   "customLayerData"};
+    return kFields.contains(field.GetString());
+}
+
+// Which of offset and scale another list of offsets changes.
+std::vector<std::string> offsetTokens(const pxr::SdfChangeList::Entry::InfoChange& change) {
+    using Offsets = pxr::SdfLayerOffsetVector;
+    const auto before = change.first.GetWithDefault<Offsets>();
+    const auto after = change.second.GetWithDefault<Offsets>();
+    bool offset = before.size() != after.size(), scale = offset;
+    for (std::size_t i = 0; i < std::min(before.size(), after.size()); ++i) {
+        offset = offset || before[i].GetOffset() != after[i].GetOffset();
+        scale = scale || before[i].GetScale() != after[i].GetScale();
+    }
+    std::vector<std::string> tokens;
+    if (offset) tokens.emplace_back("subLayerOffsets_offset");
+    if (scale) tokens.emplace_back("subLayerOffsets_scale");
+    return tokens;
+}
+
+}  // namespace
+
+class Layers::Impl final : public pxr::TfWeakBase, public DistributionRules {
+public:
+    Impl(std::unique_ptr<StageHost> host, Options options)
+        : host_(std::move(host)),
+          context_(*host_),
+          thread_(std::this_thread::get_id()),
+          state(withLive(context_, options.live)),
+          authoring(context_, *this),
+          linking(context_),
+          locking(context_,
+                  options.user.empty() ? client::systemUser().value : std::move(options.user)),
+          editTarget_(host_->editTarget()) {
+        (void)context_.events.take();
+        const auto self = pxr::TfCreateWeakPtr(this);
+        keys_ = {pxr::TfNotice::Register(self, &Impl::onChanged),
+                 pxr::TfNotice::Register(self, &Impl::onDirtiness, SdfLayerHandle()),
+                 pxr::TfNotice::Register(self, &Impl::onSaved, SdfLayerHandle()),
+                 pxr::TfNotice::Register(self, &Impl::onMuteness)};
+    }
+
+    ~Impl() override { pxr::TfNotice::Revoke(&keys_); }
+
+    // --- DistributionRules
+
+    [[nodiscard]] std::optional<LastError> whyNotWritable(const SdfLayerHandle& layer) override {
+        return state.whyNotWritable(layer);
+    }
+    [[nodiscard]] std::optional<LastError> whyLocked(const SdfPath& spec) override {
+        return locking.whyLocked(spec);
+    }
+    [[nodiscard]] std::vector<SdfLayerHandle> linkedLayers(const SdfPath& spec) override {
+        if (mode_ != LayerEditMode::SpecsLinking) return {};
+        return linking.layersFor(spec);
+    }
+
+    // --- modes
+
+    bool setEditMode(LayerEditMode mode) {
+        context_.succeed();
+        if (mode == mode_) return true;
+        const bool wasDelegating = mode_ != LayerEditMode::Normal;
+        const bool delegates = mode != LayerEditMode::Normal;
+        if (wasDelegating) {
+            // Of the mode it was written in.
+            authoring.resume();
+            distribute();
+        }
+        if (delegates && !authoring.enable()) return false;
+        if (wasDelegating && !delegates) authoring.disable();
+        mode_ = mode;
+        state.hide(delegates ? authoring.delegate()->GetIdentifier() : std::string());
+        context_.events.push(LayerEventType::EditModeChanged);
+        followEditTarget();
+        return context_.succeed();
+    }
+
+    // --- the frame
+
+    void update(double nowMs) {
+        state.watch(nowMs);
+        authoring.keepInPlace();
+        followEditTarget();
+        distribute();
+    }
+
+    std::vector<LayerEvent> takeEvents() { return context_.events.take(); }
+    void setLive(LiveLayers* live) {
+        context_.live = live;
+        state.structureChanged();
+    }
+
+private:
+    static LayersContext& withLive(LayersContext& context, LiveLayers* live) {
+        context.live = live;
+        return context;
+    }
+
+    void distribute() {
+        std::vector<RefusedEdit> refused;
+        {
+            // What the block tells at its end is our own: nothing of it is news to the delegate.
+            distributing_ = true;
+            const pxr::SdfChangeBlock block;
+            refused = locking.update(authoring.delegate());
+            auto more = authoring.update();
+            refused.insert(refused.end(), std::make_move_iterator(more.begin()),
+                           std::make_move_iterator(more.end()));
+        }
+        distributing_ = false;
+        if (!refused.empty()) tell(std::move(refused));
+    }
+
+    void tell(std::vector<RefusedEdit> refused) {
+        LayerEvent event;
+        event.type = LayerEventType::EditsRefused;
+        for (const auto& edit : refused) event.paths.push_back(edit.path);
+        context_.events.push(std::move(event));
+        context_.fail(refused.back().type, refused.back().reason);
+        for (auto& edit : refused) {
+            if (this->refused.size() == kMaxRefusedEdits) this->refused.pop_front();
+            this->refused.push_back(std::move(edit));
+        }
+    }
+
+    void followEditTarget() {
+        const auto now = host_->editTarget();
+        if (std::exchange(editTarget_, now) == now) return;
+        context_.events.push(LayerEventType::EditTargetChanged);
+    }
+
+    // --- notices
+
+    // Layers that other threads open are news of nobody's.
+    [[nodiscard]] bool isElsewhere() const { return std::this_thread::get_id() != thread_; }
+
+    void onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
+        if (isElsewhere()) return;
+        context_.stack.primsChanged();
+        for (const auto& [layer, changes] : notice) {
+            if (!layer) continue;
+            const bool isDelegate = layer == authoring.delegate();
+            const bool local = !isDelegate && state.hasLocalLayer(layer->GetIdentifier());
+            if ((isDelegate || local) && !distributing_) authoring.layerChanged(layer, changes);
+            if (!local && (isDelegate || !state.hasUsedLayer(layer->GetIdentifier()))) continue;
+            locking.layerChanged(layer, changes);
+            tell(layer, changes);
+        }
+    }
+
+    void tell(const SdfLayerHandle& layer, const pxr::SdfChangeList& changes) {
+        LayerEvent specs;
+        specs.type = LayerEventType::PrimSpecsChanged;
+        specs.layer = layer->GetIdentifier();
+        for (const auto& [path, entry] : changes.GetEntryList()) {
+            if (path == SdfPath::AbsoluteRootPath()) {
+                tellOfLayer(layer, entry);
+                continue;
+            }
+            specs.paths.push_back(path.ContainsTargetPath() ? path.GetParentPath() : path);
+            if (entry.flags.didRename) specs.paths.push_back(entry.oldPath);
+        }
+        if (!specs.paths.empty()) context_.events.push(std::move(specs));
+    }
+
+    void tellOfLayer(const SdfLayerHandle& layer, const pxr::SdfChangeList::Entry& entry) {
+        std::vector<std::string> tokens;
+        bool sublayers = entry.flags.didReplaceContent, structure = sublayers;
+        for (const auto& [field, change] : entry.infoChanged) {
+            if (isInfo(field)) tokens.push_back(field.GetString());
+            if (field == pxr::SdfFieldKeys->SubLayers) sublayers = true;
+            if (field == pxr::SdfFieldKeys->SubLayerOffsets)
+                for (auto& token : offsetTokens(change)) tokens.push_back(std::move(token));
+            structure = structure || field == pxr::SdfFieldKeys->TimeCodesPerSecond ||
+                        field == pxr::SdfFieldKeys->FramesPerSecond ||
+                        field == pxr::SdfFieldKeys->ExpressionVariables ||
+                        field == pxr::SdfFieldKeys->SubLayerOffsets;
+        }
+        for (const auto& [path, change] : entry.subLayerChanges) {
+            structure = true;
+            if (change != pxr::SdfChangeList::SubLayerOffset) sublayers = true;
+        }
+        if (entry.flags.didChangeIdentifier || entry.flags.didChangeResolvedPath) sublayers = true;
+        if (sublayers || structure) onStructure(sublayers && !isDelegateAlone(layer));
+        if (!tokens.empty()) {
+            const bool data = std::ranges::find(tokens, "customLayerData") != tokens.end();
+            context_.events.push(
+                {LayerEventType::InfoChanged, layer->GetIdentifier(), std::move(tokens), {}, {}});
+            if (data) onData(layer);
+        }
+        if (entry.flags.didReplaceContent) onData(layer);
+    }
+
+    // Our own delegate coming and going is no change of the stage's sublayers.
+    [[nodiscard]] bool isDelegateAlone(const SdfLayerHandle& layer) {
+        if (layer != host_->sessionLayer()) return false;
+        std::vector<std::string> now;
+        for (const std::string& path : std::vector<std::string>(layer->GetSubLayerPaths()))
+            if (!authoring.isAutoAuthoringLayer(path)) now.push_back(path);
+        return std::exchange(sessionSublayers_, now) == now;
+    }
+
+    void onStructure(bool sublayers) {
+        context_.stack.invalidate();
+        authoring.structureChanged();
+        if (!sublayers) return;
+        state.structureChanged();
+        locking.structureChanged();
+        context_.events.push(LayerEventType::SublayersChanged);
+        context_.events.push(LayerEventType::UsedLayersChanged);
+    }
+
+    void onData(const SdfLayerHandle& layer) {
+        state.dataChanged(layer);
+        if (layer != host_->rootLayer()) return;
+        linking.dataChanged();
+        locking.dataChanged();
+    }
+
+    void onDirtiness(const pxr::SdfNotice::LayerDirtinessChanged&, const SdfLayerHandle& layer) {
+        if (!isElsewhere()) state.dirtinessChanged(layer);
+    }
+    void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&, const SdfLayerHandle& layer) {
+        if (!isElsewhere()) state.layerSaved(layer);
+    }
+    // Of SdfLayer itself, whose content is gone while it is muted.
+    void onMuteness(const pxr::SdfNotice::LayerMutenessChanged&) {
+        if (isElsewhere()) return;
+        context_.stack.invalidate();
+        authoring.structureChanged();
+    }
+
+    const std::unique_ptr<StageHost> host_;
+    LayersContext context_;
+    const std::thread::id thread_;
+
+public:
+    LayersState state;
+    AutoAuthoring authoring;
+    SpecsLinking linking;
+    SpecsLocking locking;
+    std::deque<RefusedEdit> refused;
+    LayersContext& context() { return context_; }
+    [[nodiscard]] LayerEditMode mode() const { return mode_; }
+
+private:
+    LayerEditMode mode_ = LayerEditMode::Normal;
+    bool distributing_ = false;
+    SdfLayerHandle editTarget_;
+    std::vector<std::string> sessionSublayers_;
+    pxr::TfNotice::Keys keys_;
+};
+
+Layers::Layers(std::unique_ptr<StageHost> host) : Layers(std::move(host), Options()) {}
+Layers::Layers(std::unique_ptr<StageHost> host, Options options)
+    : impl_(std::make_unique<Impl>(std::move(host), std::move(options))) {}
+Layers::~Layers() = default;
+
+LayersState& Layers::state() { return impl_->state; }
+AutoAuthoring& Layers::autoAuthoring() { return impl_->authoring; }
+SpecsLinking& Layers::specsLinking() { return impl_->linking; }
+SpecsLocking& Layers::specsLocking() { return impl_->locking; }
+StageHost& Layers::host() { return impl_->context().host; }
+const LastError& Layers::lastError() const { return impl_->context().error; }
+LayerEditMode Layers::editMode() const { return impl_->mode(); }
+bool Layers::setEditMode(LayerEditMode mode) { return impl_->setEditMode(mode); }
+void Layers::update(double nowMs) { impl_->update(nowMs); }
+std::vector<LayerEvent> Layers::takeEvents() { return impl_->takeEvents(); }
+const std::deque<RefusedEdit>& Layers::refusedEdits() const { return impl_->refused; }
+void Layers::setLive(LiveLayers* live) { impl_->setLive(live); }
+
+}  // namespace usdlive::layers

@@ -1,0 +1,569 @@
+#include "usdlive/client/usd/layers/LayersState.h"
+
+#include <pxr/base/tf/stringUtils.h>
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "usdlive/client/usd/layers/LayerUtils.h"
+#include "usdlive/client/usd/layers/OmniLayerData.h"
+
+namespace usdlive::layers {
+
+namespace {
+
+constexpr double kLookEveryMs = 500;
+
+const std::string kMuteness = "muteness", kLocked = "locked";
+
+// %20 as in URLs.
+std::string unquoted(const std::string& text) {
+    std::string result;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        const bool escape = text[i] == '%' && i + 2 < text.size() &&
+                            std::isxdigit(static_cast<unsigned char>(text[i + 1])) &&
+                            std::isxdigit(static_cast<unsigned char>(text[i + 2]));
+        if (escape) {
+            result += char(std::stoi(text.substr(i + 1, 2), nullptr, 16));
+            i += 2;
+        } else {
+            result += text[i];
+        }
+    }
+    return result;
+}
+
+bool ownLockOf(const pxr::SdfLayerHandle& layer) {
+    return omniValue(layer, kLocked).GetWithDefault<bool>(false);
+}
+
+}  // namespace
+
+LayersState::LayersState(LayersContext& context) : context_(context) {
+    const auto muted = context_.host.mutedLayers();
+    stageMuted_ = localMuted_ = {muted.begin(), muted.end()};
+    learnFlags();
+    learnStructure();
+}
+
+LayersState::~LayersState() = default;
+
+// ------------------------------------------------------------------ what there is
+
+bool LayersState::isRoot(const std::string& id) const {
+    return id == context_.host.rootLayer()->GetIdentifier();
+}
+
+bool LayersState::isSession(const std::string& id) const {
+    const auto session = context_.host.sessionLayer();
+    return session && id == session->GetIdentifier();
+}
+
+LayersState::Known* LayersState::find(const std::string& id) {
+    if (!structureKnown_) learnStructure();
+    auto found = known_.find(id);
+    if (found == known_.end()) found = known_.find(LayerUtils::normalizeUrl(id));
+    return found == known_.end() ? nullptr : &found->second;
+}
+
+LayersState::Known* LayersState::require(const std::string& id) {
+    auto* known = find(id);
+    if (known)
+        context_.succeed();
+    else if (id.empty())
+        context_.fail(LayerErrorType::InvalidParam, "no layer is named");
+    else
+        context_.fail(LayerErrorType::NotFound, "the stage does not use a layer " + id);
+    return known;
+}
+
+void LayersState::learnSublayers(const pxr::SdfLayerHandle& layer, bool session,
+                                 std::set<std::string>& visited) {
+    LayerUtils::iterateSublayers(
+        layer, [&](const auto&, int, const std::string& id, const pxr::SdfLayerHandle& sublayer) {
+            if (id == hidden_ || !visited.insert(id).second) return true;
+            if (!sublayer && !stageMuted_.contains(id)) {
+                invalid_.push_back(id);
+                return true;
+            }
+            auto& known = known_[id];
+            known.layer = sublayer;
+            known.local = true;
+            known.session = session;
+            order_.push_back(id);
+            return true;
+        });
+}
+
+void LayersState::learnStructure() {
+    structureKnown_ = true;
+    auto before = std::exchange(known_, {});
+    order_.clear();
+    invalid_.clear();
+    used_.clear();
+    std::set<std::string> visited;
+    for (const auto& top : {context_.host.rootLayer(), context_.host.sessionLayer()}) {
+        if (!top) continue;
+        const bool session = top == context_.host.sessionLayer();
+        if (visited.insert(top->GetIdentifier()).second) {
+            auto& known = known_[top->GetIdentifier()];
+            known.layer = top;
+            known.local = true;
+            known.session = session;
+            order_.push_back(top->GetIdentifier());
+        }
+        learnSublayers(top, session, visited);
+    }
+    for (const auto& layer : context_.host.usedLayers()) {
+        if (!layer || layer->GetIdentifier() == hidden_) continue;
+        auto& known = known_[layer->GetIdentifier()];
+        known.layer = layer;
+        known.used = true;
+        used_.insert(layer->GetIdentifier());
+    }
+    for (auto& [id, known] : known_) {
+        known.ownLock = ownLockOf(known.layer);
+        known.locked = known.local && isLocked(id, known);
+        const auto old = before.find(id);
+        if (old == before.end()) continue;
+        known.outdated = old->second.outdated;
+        known.readOnly = old->second.readOnly;
+        known.owner = std::move(old->second.owner);
+    }
+    nextLookMs_ = 0;
+}
+
+void LayersState::hide(const std::string& identifier) {
+    hidden_ = identifier;
+    structureChanged();
+}
+
+// ------------------------------------------------------------------ muteness
+
+const std::set<std::string>& LayersState::flagsOfScope() const {
+    return globalScope_ ? globalMuted_ : localMuted_;
+}
+
+void LayersState::applyScope(const std::set<std::string>& wanted) {
+    std::vector<std::string> mute, unmute;
+    for (const auto& id : wanted)
+        if (!stageMuted_.contains(id)) mute.push_back(id);
+    for (const auto& id : stageMuted_)
+        if (!wanted.contains(id)) unmute.push_back(id);
+    if (mute.empty() && unmute.empty()) return;
+    applying_ = true;
+    context_.host.muteAndUnmute(mute, unmute);
+    applying_ = false;
+    const auto now = context_.host.mutedLayers();
+    stageMuted_ = {now.begin(), now.end()};
+    mute.insert(mute.end(), unmute.begin(), unmute.end());
+    context_.events.push(LayerEventType::MutenessStateChanged, std::move(mute));
+    context_.stack.invalidate();
+    structureChanged();
+}
+
+void LayersState::setMutenessScope(bool global) {
+    context_.succeed();
+    if (globalScope_ == global) return;
+    followMuteness();
+    globalScope_ = global;
+    context_.events.push(LayerEventType::MutenessScopeChanged);
+    applyScope(flagsOfScope());
+}
+
+void LayersState::followMuteness() {
+    if (std::exchange(scopeDue_, false) && globalScope_) applyScope(globalMuted_);
+    mutenessChanged();
+    if (!unwrittenFlags_.empty())
+        setLayerFlags(context_.host.rootLayer(), kMuteness, std::exchange(unwrittenFlags_, {}));
+}
+
+// May come from within the stage, which is muting: nothing is written here.
+void LayersState::mutenessChanged() {
+    if (applying_) return;
+    const auto muted = context_.host.mutedLayers();
+    const std::set<std::string> now(muted.begin(), muted.end());
+    if (now == stageMuted_) return;
+    std::vector<std::string> changed;
+    std::ranges::set_symmetric_difference(stageMuted_, now, std::back_inserter(changed));
+    stageMuted_ = now;
+    if (globalScope_)
+        for (const auto& id : changed) unwrittenFlags_[id] = now.contains(id);
+    (globalScope_ ? globalMuted_ : localMuted_) = now;
+    context_.events.push(LayerEventType::MutenessStateChanged, std::move(changed));
+    context_.stack.invalidate();
+    structureChanged();
+}
+
+bool LayersState::isLayerMuted(const std::string& id) {
+    mutenessChanged();
+    return stageMuted_.contains(id);
+}
+
+bool LayersState::isLayerLocallyMuted(const std::string& id) {
+    require(id);
+    return localMuted_.contains(id);
+}
+
+bool LayersState::isLayerGloballyMuted(const std::string& id) {
+    require(id);
+    return globalMuted_.contains(id);
+}
+
+bool LayersState::setLayerGlobalMuteness(const std::string& id, bool muted) {
+    if (!require(id)) return false;
+    if (isRoot(id) || isSession(id))
+        return context_.fail(LayerErrorType::InvalidParam, id + " cannot be muted");
+    if (!setLayerFlags(context_.host.rootLayer(), kMuteness, {{id, muted}}))
+        return context_.fail(LayerErrorType::ReadOnly,
+                             "the root layer, in which muteness is kept, takes no edits");
+    learnFlags();
+    if (globalScope_)
+        applyScope(globalMuted_);
+    else
+        context_.events.push(LayerEventType::MutenessStateChanged, {id});
+    return true;
+}
+
+void LayersState::learnFlags() {
+    globalMuted_.clear();
+    for (const auto& [id, muted] : layerFlags(context_.host.rootLayer(), kMuteness))
+        if (muted) globalMuted_.insert(id);
+    for (const auto& [id, muted] : unwrittenFlags_) {
+        if (muted)
+            globalMuted_.insert(id);
+        else
+            globalMuted_.erase(id);
+    }
+    lockFlags_ = layerFlags(context_.host.rootLayer(), kLocked);
+}
+
+// ------------------------------------------------------------------ locks
+
+bool LayersState::isLocked(const std::string& id, const Known& known) const {
+    if (isRoot(id) || known.session) return false;
+    if (known.ownLock) return true;
+    const auto flag = lockFlags_.find(id);
+    return flag != lockFlags_.end() && flag->second;
+}
+
+bool LayersState::isLayerLocked(const std::string& id) {
+    auto* known = require(id);
+    if (!known) return false;
+    return known->local && isLocked(id, *known);
+}
+
+bool LayersState::setLayerLockState(const std::string& id, bool locked) {
+    auto* known = require(id);
+    if (!known) return false;
+    if (isRoot(id))
+        return context_.fail(LayerErrorType::InvalidParam, "the root layer cannot be locked");
+    if (!known->local || known->session)
+        return context_.fail(LayerErrorType::InvalidParam,
+                             id + " is no sublayer of the stage; it cannot be locked");
+    if (isLayerLocked(id) == locked) return true;
+    const pxr::SdfLayerHandle layer = known->layer;
+    // A layer that is the root of another stage keeps that one's map where its own lock would
+    // stand; then the lock is in our root layer alone.
+    const bool hasPlace = layer && !omniValue(layer, kLocked).IsHolding<pxr::VtDictionary>();
+    bool kept = false;
+    if (hasPlace && context_.live && context_.live->state(layer))
+        kept = context_.live->setLocked(layer, locked);
+    else if (hasPlace)
+        kept = setOmniValue(layer, kLocked, pxr::VtValue(locked));
+    kept = setLayerFlags(context_.host.rootLayer(), kLocked, {{id, locked}}) || kept;
+    if (!kept)
+        return context_.fail(LayerErrorType::ReadOnly,
+                             "neither " + id + " nor the root layer takes edits");
+    learnFlags();
+    if ((known = find(id))) known->ownLock = ownLockOf(layer);
+    tellLocks();
+    return context_.succeed();
+}
+
+void LayersState::tellLocks() {
+    std::vector<std::string> changed;
+    for (const auto& id : order_) {
+        auto& known = known_[id];
+        const bool locked = isLocked(id, known);
+        if (std::exchange(known.locked, locked) != locked) changed.push_back(id);
+    }
+    if (!changed.empty())
+        context_.events.push(LayerEventType::LockStateChanged, std::move(changed));
+}
+
+void LayersState::dataChanged(const pxr::SdfLayerHandle& layer) {
+    if (!structureKnown_) return;  // all of it is read again
+    if (const auto found = known_.find(layer->GetIdentifier()); found != known_.end())
+        found->second.ownLock = ownLockOf(layer);
+    if (layer == context_.host.rootLayer()) {
+        const auto before = globalMuted_;
+        learnFlags();
+        std::vector<std::string> changed;
+        std::ranges::set_symmetric_difference(before, globalMuted_, std::back_inserter(changed));
+        if (!changed.empty()) {
+            context_.events.push(LayerEventType::MutenessStateChanged, std::move(changed));
+            // Not from within a notice: the stage follows with the frame.
+            scopeDue_ = true;
+        }
+    }
+    tellLocks();
+}
+
+// ------------------------------------------------------------------ writable
+
+std::optional<LastError> LayersState::whyNotWritable(const pxr::SdfLayerHandle& layer) {
+    if (!layer) return LastError{LayerErrorType::NotFound, "there is no such layer"};
+    const std::string& id = layer->GetIdentifier();
+    const auto* known = find(id);
+    if (stageMuted_.contains(id)) return LastError{LayerErrorType::ReadOnly, id + " is muted"};
+    if (known && known->local && isLocked(id, *known)) {
+        const auto live = context_.live ? context_.live->state(layer) : std::nullopt;
+        const bool named = live && !live->lockHolder.empty();
+        return LastError{LayerErrorType::ReadOnly,
+                         id + " is locked" + (named ? " by " + live->lockHolder : "")};
+    }
+    if (!layer->PermissionToEdit())
+        return LastError{LayerErrorType::ReadOnly, id + " may not be edited"};
+    if (known && known->readOnly)
+        return LastError{LayerErrorType::ReadOnly, "the file of " + id + " is read-only"};
+    return std::nullopt;
+}
+
+bool LayersState::isLayerWritable(const std::string& id) {
+    const auto* known = require(id);
+    if (!known || known->readOnly || stageMuted_.contains(id)) return false;
+    if (known->local && isLocked(id, *known)) return false;
+    return known->layer && known->layer->PermissionToEdit();
+}
+
+bool LayersState::isLayerReadonlyOnDisk(const std::string& id) {
+    const auto* known = require(id);
+    return known && known->readOnly;
+}
+
+bool LayersState::isLayerSavable(const std::string& id) {
+    if (!isLayerWritable(id)) return false;
+    const auto* known = find(id);
+    return known && !known->layer->IsAnonymous() && known->layer->PermissionToSave();
+}
+
+bool LayersState::isLayerDirty(const std::string& id) {
+    const auto* known = require(id);
+    if (!known || !known->layer || known->layer->IsAnonymous()) return false;
+    const auto live = context_.live ? context_.live->state(known->layer) : std::nullopt;
+    return live ? live->dirty : known->layer->IsDirty();
+}
+
+std::vector<std::string> LayersState::dirtyLayerIdentifiers() {
+    if (!structureKnown_) learnStructure();
+    std::vector<std::string> dirty;
+    for (const auto& id : used_)
+        if (isLayerDirty(id)) dirty.push_back(id);
+    context_.succeed();
+    return dirty;
+}
+
+void LayersState::dirtinessChanged(const pxr::SdfLayerHandle& layer) {
+    if (layer && !layer->IsAnonymous() && find(layer->GetIdentifier()))
+        context_.events.push(LayerEventType::DirtyStateChanged, {layer->GetIdentifier()});
+}
+
+// ------------------------------------------------------------------ names
+
+bool LayersState::setLayerName(const std::string& id, const std::string& name) {
+    const auto* known = require(id);
+    if (!known || !known->layer) return false;
+    if (!LayerUtils::setCustomLayerName(known->layer, name))
+        return context_.fail(LayerErrorType::ReadOnly, id + " may not be edited");
+    return true;
+}
+
+std::string LayersState::layerName(const std::string& id) {
+    if (isRoot(id)) return "Root Layer";
+    if (isSession(id)) return "Session Layer";
+    const auto* known = require(id);
+    if (known && known->layer) {
+        const auto custom = LayerUtils::customLayerName(known->layer);
+        if (!custom.empty()) return custom;
+    }
+    if (pxr::SdfLayer::IsAnonymousLayerIdentifier(id)) return id;
+    return unquoted(pxr::SdfLayer::GetDisplayNameFromIdentifier(id));
+}
+
+std::string LayersState::layerOwner(const std::string& id) {
+    const auto* known = require(id);
+    if (!known) return {};
+    const auto live = context_.live ? context_.live->state(known->layer) : std::nullopt;
+    return live ? live->owner : known->owner;
+}
+
+// ------------------------------------------------------------------ lists
+
+std::vector<std::string> LayersState::localLayerIdentifiers(bool session, bool anonymous,
+                                                            bool invalid) {
+    if (!structureKnown_) learnStructure();
+    context_.succeed();
+    std::vector<std::string> ids;
+    for (const auto& id : order_) {
+        if (!session && known_[id].session) continue;
+        if (!anonymous && pxr::SdfLayer::IsAnonymousLayerIdentifier(id)) continue;
+        ids.push_back(id);
+    }
+    if (invalid) ids.insert(ids.end(), invalid_.begin(), invalid_.end());
+    return ids;
+}
+
+bool LayersState::hasLocalLayer(const std::string& id) {
+    const auto* known = find(id);
+    return known && known->local;
+}
+
+bool LayersState::hasUsedLayer(const std::string& id) {
+    const auto* known = find(id);
+    return known && known->used;
+}
+
+// ------------------------------------------------------------------ files
+
+bool LayersState::isLayerOutdated(const std::string& id) {
+    const auto* known = require(id);
+    return known && known->outdated;
+}
+
+std::vector<std::string> LayersState::outdatedLayerIdentifiers(Which which, bool notAuto) {
+    if (!structureKnown_) learnStructure();
+    context_.succeed();
+    std::vector<std::string> ids;
+    for (const auto& id : used_) {
+        const auto& known = known_[id];
+        if (!known.outdated || (notAuto && reloadsItself(id, known))) continue;
+        if (which == Which::All || (which == Which::Sublayers) == known.local) ids.push_back(id);
+    }
+    return ids;
+}
+
+bool LayersState::reloadOutdatedLayers(Which which, bool notAuto) {
+    const auto ids = outdatedLayerIdentifiers(which, notAuto);
+    if (ids.empty()) return true;
+    const bool read = reload(ids);
+    context_.events.push(LayerEventType::OutdateStateChanged, ids);
+    if (read) return true;
+    return context_.fail(LayerErrorType::NotFound, "not all outdated layers can be read");
+}
+
+/// Of a live layer the server is asked, which says when it is no longer outdated.
+bool LayersState::reload(const std::vector<std::string>& ids) {
+    std::vector<std::string> files;
+    for (const auto& id : ids) {
+        auto* known = find(id);
+        if (!known) continue;
+        if (context_.live && context_.live->state(known->layer)) {
+            context_.live->reload(known->layer);
+        } else {
+            files.push_back(id);
+        }
+    }
+    if (!files.empty() && !LayerUtils::reloadLayers(files)) return false;
+    for (const auto& id : files) {
+        auto* known = find(id);
+        if (!known) continue;
+        watch_.accept(known->layer->GetRealPath());
+        known->outdated = false;
+    }
+    return true;
+}
+
+void LayersState::layerSaved(const pxr::SdfLayerHandle& layer) {
+    if (layer) watch_.accept(layer->GetRealPath());
+}
+
+void LayersState::watch(double nowMs) {
+    followMuteness();
+    if (nowMs < nextLookMs_) return;
+    nextLookMs_ = nowMs + kLookEveryMs;
+    const auto before = used_;
+    learnStructure();
+    if (before != used_) context_.events.push(LayerEventType::UsedLayersChanged);
+    look(nowMs);
+    nextLookMs_ = nowMs + kLookEveryMs;
+}
+
+void LayersState::look(double) {
+    std::vector<std::string> outdated, permission, reload;
+    for (auto& [id, known] : known_) {
+        if (!known.layer || known.layer->IsAnonymous()) continue;
+        if (const auto live = context_.live ? context_.live->state(known.layer) : std::nullopt) {
+            // Its file here is a placeholder.
+            if (std::exchange(known.readOnly, !live->writable) == live->writable)
+                permission.push_back(id);
+            if (std::exchange(known.outdated, live->outdated) != live->outdated) {
+                outdated.push_back(id);
+                if (live->outdated && reloadsItself(id, known)) reload.push_back(id);
+            }
+            continue;
+        }
+        const auto seen = watch_.look(known.layer->GetRealPath());
+        if (std::exchange(known.readOnly, seen.readOnly) != seen.readOnly) permission.push_back(id);
+        known.owner = seen.owner;
+        if (std::exchange(known.outdated, seen.changed) != seen.changed) outdated.push_back(id);
+        if (seen.changed && reloadsItself(id, known)) reload.push_back(id);
+    }
+    if (!outdated.empty())
+        context_.events.push(LayerEventType::OutdateStateChanged, std::move(outdated));
+    if (!permission.empty())
+        context_.events.push(LayerEventType::LayerFilePermissionChanged, std::move(permission));
+    if (!reload.empty()) this->reload(reload);
+}
+
+// ------------------------------------------------------------------ auto reload
+
+bool LayersState::reloadsItself(const std::string& id, const Known& known) const {
+    return autoReload_.contains(id) ||
+           (known.local ? autoReloadKinds_.sublayers : autoReloadKinds_.nonSublayers);
+}
+
+bool LayersState::isAutoReloadLayer(const std::string& id) {
+    const auto* known = find(id);
+    return known && known->used && reloadsItself(id, *known);
+}
+
+void LayersState::setAutoReload(AutoReload kinds) {
+    if (std::exchange(autoReloadKinds_, kinds) == kinds) return;
+    reloadWhatReloadsItself();
+}
+
+bool LayersState::addAutoReloadLayer(const std::string& id) {
+    const auto* known = require(id);
+    if (!known || !known->used) return false;
+    if (!autoReload_.insert(id).second) return false;
+    context_.events.push({LayerEventType::AutoReloadLayersChanged, id, {}, {}, {}});
+    if (known->outdated) reloadWhatReloadsItself();
+    return true;
+}
+
+/// Files are with the next look, which is soon.
+void LayersState::reloadWhatReloadsItself() {
+    nextLookMs_ = 0;
+    std::vector<std::string> live;
+    for (const auto& [id, known] : known_)
+        if (known.outdated && reloadsItself(id, known) && context_.live &&
+            context_.live->state(known.layer))
+            live.push_back(id);
+    if (!live.empty()) reload(live);
+}
+
+bool LayersState::removeAutoReloadLayer(const std::string& id) {
+    context_.succeed();
+    if (autoReload_.erase(id) == 0) return false;
+    context_.events.push({LayerEventType::AutoReloadLayersChanged, id, {}, {}, {}});
+    return true;
+}
+
+std::vector<std::string> LayersState::autoReloadLayers() const {
+    return {autoReload_.begin(), autoReload_.end()};
+}
+
+}  // namespace usdlive::layers

@@ -1,0 +1,33 @@
+#include "usdlive/client/usd/layers/LiveLayers.h"
+
+#include "usdlive/client/usd/Client.h"
+
+namespace usdlive::layers {
+
+std::string ClientLayers::user() const { return client_.user(); }
+
+std::optional<LiveState> ClientLayers::state(const pxr::SdfLayerHandle& layer) const {
+    const auto id = client_.layerId(layer);
+    if (!id) return std::nullopt;
+    LiveState live;
+    const auto& states = client_.layerStates();
+    const auto found = states.find(*id);
+    if (found == states.end()) return live;
+    live.dirty = found->second.dirty;
+    live.lockHolder = found->second.holder.value;
+    live.outdated = found->second.outdated;
+    live.writable = found->second.writable;
+    live.owner = found->second.owner;
+    return live;
+}
+
+bool ClientLayers::setLocked(const pxr::SdfLayerHandle& layer, bool locked) {
+    const auto id = client_.layerId(layer);
+    return id && client_.setLocked(*id, locked).has_value();
+}
+
+void ClientLayers::reload(const pxr::SdfLayerHandle& layer) {
+    if (const auto id = client_.layerId(layer)) client_.reload({*id});
+}
+
+}  // namespace usdlive::layers

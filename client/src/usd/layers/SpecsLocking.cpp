@@ -1,0 +1,330 @@
+#include "usdlive/client/usd/layers/SpecsLocking.h"
+
+#include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/copyUtils.h>
+#include <pxr/usd/sdf/primSpec.h>
+
+#include <algorithm>
+#include <utility>
+
+#include "MappedValue.h"
+#include "SpecEdits.h"
+#include "usdlive/client/usd/layers/LiveLayers.h"
+#include "usdlive/client/usd/layers/OmniLayerData.h"
+#include "usdlive/client/usd/layers/SpecPaths.h"
+#include "usdlive/common/usd/SdfLayerStore.h"
+
+namespace usdlive::layers {
+
+using pxr::SdfLayerHandle;
+using pxr::SdfPath;
+
+namespace {
+
+const std::string kLocks = "specs_locking";
+
+// The spec's own fields in `to` as they are in `from`. True: something was other.
+bool copyFields(const SdfLayerHandle& from, const SdfLayerHandle& to, const SdfPath& path) {
+    bool changed = false;
+    auto fields = from->ListFields(path);
+    for (const auto& field : to->ListFields(path))
+        if (std::ranges::find(fields, field) == fields.end()) fields.push_back(field);
+    for (const auto& field : fields) {
+        if (usd::isStructural(field)) continue;
+        const auto value = from->GetField(path, field), present = to->GetField(path, field);
+        if (value == present) continue;
+        changed = true;
+        if (isListOp(value) || isListOp(present))
+            setListOp(to, path, field, value);
+        else if (value.IsEmpty())
+            to->EraseField(path, field);
+        else
+            to->SetField(path, field, value);
+    }
+    return changed;
+}
+
+bool copySpec(const SdfLayerHandle& from, const SdfLayerHandle& to, const SdfPath& path) {
+    const SdfPath parent = path.GetParentPath();
+    if (parent.IsPrimPath() && !to->HasSpec(parent) && !pxr::SdfJustCreatePrimInLayer(to, parent))
+        return false;
+    return pxr::SdfCopySpec(from, path, to, path);
+}
+
+}  // namespace
+
+SpecsLocking::SpecsLocking(LayersContext& context, std::string user)
+    : context_(context), user_(std::move(user)) {
+    dataChanged();
+    admit();
+}
+
+SpecsLocking::~SpecsLocking() = default;
+
+// ------------------------------------------------------------------ locks
+
+SpecsLocking::Paths SpecsLocking::lockSpec(const std::string& path, bool hierarchy) {
+    const auto spec = specPath(context_.host, path);
+    if (!spec) {
+        context_.fail(LayerErrorType::InvalidParam,
+                      "the stage has no prim or property at '" + path + "'");
+        return {};
+    }
+    Table changed = all();
+    const std::string owner = context_.live ? context_.live->user() : user_;
+    for (const auto& one : specsOf(context_.host, *spec, hierarchy)) changed.emplace(one, owner);
+    return change(std::move(changed));
+}
+
+// Also what is gone from the stage can be unlocked.
+SpecsLocking::Paths SpecsLocking::unlockSpec(const std::string& path, bool hierarchy) {
+    if (!SdfPath::IsValidPathString(path) || !SdfPath(path).IsAbsolutePath()) {
+        context_.fail(LayerErrorType::InvalidParam, "'" + path + "' is no path of a spec");
+        return {};
+    }
+    const SdfPath spec(path);
+    Table changed = all();
+    std::erase_if(changed, [&](const auto& lock) {
+        if (lock.first == spec) return true;
+        if (hierarchy) return lock.first.HasPrefix(spec);
+        return lock.first.IsPropertyPath() && lock.first.GetPrimPath() == spec;
+    });
+    return change(std::move(changed));
+}
+
+SpecsLocking::Table SpecsLocking::all() const {
+    Table locks = locks_;
+    locks.insert(incoming_.begin(), incoming_.end());
+    return locks;
+}
+
+void SpecsLocking::unlockAllSpecs() { change({}); }
+
+SpecsLocking::Paths SpecsLocking::allLockedSpecs() const {
+    Paths paths;
+    for (const auto& [path, owner] : all()) paths.push_back(path);
+    return paths;
+}
+
+bool SpecsLocking::isSpecLocked(const std::string& path) const {
+    if (!SdfPath::IsValidPathString(path)) return false;
+    const SdfPath spec(path);
+    return locks_.contains(spec) || incoming_.contains(spec);
+}
+
+std::optional<LastError> SpecsLocking::whyLocked(const SdfPath& spec) const {
+    if (locks_.empty()) return std::nullopt;
+    const SdfPath path = spec.StripAllVariantSelections();
+    const auto found = locks_.find(path);
+    if (found == locks_.end()) return std::nullopt;
+    const auto by = found->second.empty() ? std::string() : " by " + found->second;
+    return LastError{LayerErrorType::ReadOnly, spec.GetString() + " is locked" + by};
+}
+
+SpecsLocking::Paths SpecsLocking::change(Table changed) {
+    context_.succeed();
+    Paths paths;
+    const Table before = all();
+    for (const auto& [path, owner] : changed)
+        if (!before.contains(path)) paths.push_back(path);
+    for (const auto& [path, owner] : before)
+        if (!changed.contains(path)) paths.push_back(path);
+    if (paths.empty()) return {};
+    pxr::VtDictionary stored;
+    for (const auto& [path, owner] : changed) stored[path.GetString()] = pxr::VtValue(owner);
+    const pxr::SdfChangeBlock block;
+    settleAll();  // under the locks it was written under
+    changing_ = true;
+    const bool kept = setOmniDictionary(context_.host.rootLayer(), kLocks, std::move(stored));
+    changing_ = false;
+    if (!kept) {
+        context_.fail(LayerErrorType::ReadOnly,
+                      "the root layer, in which locks of specs are kept, takes no edits");
+        return {};
+    }
+    follow(std::move(changed));
+    admit();
+    return paths;
+}
+
+void SpecsLocking::dataChanged() {
+    if (changing_) return;
+    Table stored;
+    for (const auto& [path, owner] : omniDictionary(context_.host.rootLayer(), kLocks))
+        if (SdfPath::IsValidPathString(path))
+            stored[SdfPath(path)] = owner.GetWithDefault<std::string>();
+    follow(std::move(stored));
+}
+
+// May come from within a notice: nothing is written here.
+void SpecsLocking::follow(Table locks) {
+    const Table now = all();
+    if (locks == now) return;
+    LayerEvent event;
+    event.type = LayerEventType::SpecsLockingChanged;
+    for (const auto& [path, owner] : locks)
+        if (!now.contains(path)) event.paths.push_back(path);
+    for (const auto& [path, owner] : now)
+        if (!locks.contains(path)) event.paths.push_back(path);
+    if (!event.paths.empty()) context_.events.push(std::move(event));
+    // Whoever unlocks and edits at once means the edit; whoever locks means what stands there then.
+    std::erase_if(locks_, [&](const auto& lock) { return !locks.contains(lock.first); });
+    incoming_ = std::move(locks);
+    std::erase_if(incoming_, [&](const auto& lock) { return locks_.contains(lock.first); });
+}
+
+void SpecsLocking::admit() {
+    if (incoming_.empty()) return;
+    locks_.merge(incoming_);
+    incoming_.clear();
+    shadows_.clear();
+    takeShadows();
+}
+
+// ------------------------------------------------------------------ shadows
+
+bool SpecsLocking::covers(const SdfPath& path) const {
+    if (locks_.contains(path)) return true;
+    for (SdfPath prim = path.GetPrimPath(); prim.IsPrimPath(); prim = prim.GetParentPath())
+        if (locks_.contains(prim)) return true;
+    return false;
+}
+
+bool SpecsLocking::hasLockBelow(const SdfPath& path) const {
+    const auto first = locks_.lower_bound(path);
+    return first != locks_.end() && first->first.HasPrefix(path);
+}
+
+void SpecsLocking::structureChanged() { structureKnown_ = false; }
+
+void SpecsLocking::takeShadows() {
+    structureKnown_ = true;
+    auto before = std::exchange(shadows_, {});
+    if (locks_.empty()) return;
+    for (const auto& one : context_.stack.layers()) {
+        if (one.layer == delegate_) continue;
+        const std::string& id = one.layer->GetIdentifier();
+        auto& shadow = shadows_[id];
+        if (const auto known = before.find(id); known != before.end())
+            shadow = std::move(known->second);
+        else
+            takeShadow(one.layer, shadow);
+    }
+}
+
+void SpecsLocking::takeShadow(const SdfLayerHandle& layer, Shadow& shadow) {
+    shadow.content = pxr::SdfLayer::CreateAnonymous(".usda");
+    shadow.changed.clear();
+    SdfPath top;
+    for (const auto& [path, owner] : locks_) {
+        // Sorted: what stands below a locked prim comes with it.
+        if (!top.IsEmpty() && path.HasPrefix(top)) continue;
+        if (path.IsPrimPath()) top = path;
+        if (layer->HasSpec(path)) copySpec(layer, shadow.content, path);
+    }
+}
+
+void SpecsLocking::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChangeList& changes) {
+    if (locks_.empty()) return;
+    const auto found = shadows_.find(layer->GetIdentifier());
+    if (found == shadows_.end()) return;
+    for (const auto& [path, entry] : changes.GetEntryList()) {
+        if (entry.flags.didReplaceContent) {
+            takeShadow(layer, found->second);
+            return;
+        }
+        const SdfPath spec =
+            path.ContainsTargetPath() ? path.GetPrimOrPrimVariantSelectionPath() : path;
+        if (spec == SdfPath::AbsoluteRootPath()) continue;
+        const SdfPath composed = spec.StripAllVariantSelections();
+        if (covers(composed) || hasLockBelow(composed)) found->second.changed.insert(spec);
+        if (entry.flags.didRename) found->second.changed.insert(entry.oldPath);
+    }
+}
+
+// ------------------------------------------------------------------ taking back
+
+std::vector<RefusedEdit> SpecsLocking::update(const SdfLayerHandle& delegate) {
+    delegate_ = delegate;
+    settleAll();
+    admit();
+    if (!structureKnown_) takeShadows();
+    return std::exchange(refused_, {});
+}
+
+void SpecsLocking::settleAll() {
+    if (locks_.empty() || shadows_.empty()) return;
+    for (const auto& one : context_.stack.layers()) {
+        const auto found = shadows_.find(one.layer->GetIdentifier());
+        if (found == shadows_.end() || !one.layer->PermissionToEdit()) continue;
+        // What is gone comes back from above; what is too much goes from below.
+        const auto changed = std::exchange(found->second.changed, {});
+        for (const auto& path : changed)
+            if (!one.layer->HasSpec(path)) settleMissing(one.layer, found->second, path);
+        for (auto path = changed.rbegin(); path != changed.rend(); ++path)
+            if (one.layer->HasSpec(*path)) settle(one.layer, found->second, *path);
+    }
+}
+
+void SpecsLocking::refuse(const SdfLayerHandle& layer, const SdfPath& path) {
+    auto why = whyLocked(path);
+    if (!why) why = LastError{LayerErrorType::ReadOnly, "something below it is locked"};
+    refused_.push_back({path, "", layer->GetIdentifier(), why->type, why->text});
+}
+
+void SpecsLocking::settleMissing(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
+    if (hasLockBelow(path.StripAllVariantSelections())) return restoreBelow(layer, shadow, path);
+    if (shadow.content->HasSpec(path)) removeSpec(shadow.content, path);
+}
+
+void SpecsLocking::settle(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
+    const SdfPath composed = path.StripAllVariantSelections();
+    if (locks_.contains(composed)) {
+        restore(layer, shadow, path);
+    } else if (covers(composed)) {
+        if (shadow.content->HasSpec(path))
+            copyFields(layer, shadow.content, path);
+        else
+            copySpec(layer, shadow.content, path);
+    }
+}
+
+void SpecsLocking::restore(const SdfLayerHandle& layer, const Shadow& shadow, const SdfPath& path) {
+    if (!shadow.content->HasSpec(path)) return removeStray(layer, path);
+    if (copyFields(shadow.content, layer, path)) refuse(layer, path);
+}
+
+// Something is gone from the layer that is locked, or that has locked specs below it.
+void SpecsLocking::restoreBelow(const SdfLayerHandle& layer, const Shadow& shadow,
+                                const SdfPath& path) {
+    if (locks_.contains(path) && shadow.content->HasSpec(path)) {
+        if (copySpec(shadow.content, layer, path)) refuse(layer, path);
+        return;
+    }
+    for (auto lock = locks_.lower_bound(path); lock != locks_.end() && lock->first.HasPrefix(path);
+         ++lock) {
+        if (layer->HasSpec(lock->first) || !shadow.content->HasSpec(lock->first)) continue;
+        if (copySpec(shadow.content, layer, lock->first)) refuse(layer, lock->first);
+    }
+}
+
+// The layer had nothing there; what stands below and is not locked stays.
+void SpecsLocking::removeStray(const SdfLayerHandle& layer, const SdfPath& path) {
+    const auto prim = path.IsPrimPath() ? layer->GetPrimAtPath(path) : pxr::SdfPrimSpecHandle();
+    const bool stays = prim && (!prim->GetNameChildren().empty() || !prim->GetProperties().empty());
+    if (!stays) {
+        removeSpec(layer, path);
+        return refuse(layer, path);
+    }
+    bool changed = prim->GetSpecifier() != pxr::SdfSpecifierOver;
+    if (changed) prim->SetSpecifier(pxr::SdfSpecifierOver);
+    for (const auto& field : layer->ListFields(path)) {
+        if (usd::isStructural(field) || field == pxr::SdfFieldKeys->Specifier) continue;
+        layer->EraseField(path, field);
+        changed = true;
+    }
+    if (changed) refuse(layer, path);
+}
+
+}  // namespace usdlive::layers

@@ -1,0 +1,80 @@
+#include "usdlive/client/usd/layers/SpecsLinking.h"
+
+#include "LayersFixture.h"
+
+namespace usdlive::layers {
+
+using pxr::SdfPath;
+using Paths = SpecsLinking::Paths;
+
+class SpecsLinkingTest : public LayersFixture {
+protected:
+    SpecsLinkingTest() {
+        set(weak, "/A.x", 1);
+        set(weak, "/A/B.y", 2);
+    }
+    SpecsLinking& links() { return layers().specsLinking(); }
+};
+
+TEST_F(SpecsLinkingTest, APrimIsLinkedWithItsPropertiesAndAHierarchyWithAllBelow) {
+    const auto& layer = strong->GetIdentifier();
+    EXPECT_EQ(links().linkSpec("/A", layer, false), (Paths{SdfPath("/A"), SdfPath("/A.x")}));
+    EXPECT_EQ(links().linkSpec("/A", layer, false), Paths()) << "nothing changed";
+    EXPECT_EQ(links().linkSpec("/", layer, false), Paths());
+    EXPECT_EQ(links().linkSpec("/", layer, true), (Paths{SdfPath("/A/B"), SdfPath("/A/B.y")}));
+    EXPECT_TRUE(links().isSpecLinked("/A/B.y", ""));
+    EXPECT_TRUE(links().isSpecLinked("/A/B.y", layer));
+    EXPECT_FALSE(links().isSpecLinked("/A/B.y", weak->GetIdentifier()));
+    EXPECT_EQ(links().unlinkSpec("/A/B", layer, false).size(), 2u);
+    EXPECT_EQ(links().linksForLayer(layer).size(), 2u);
+    EXPECT_EQ(links().unlinkSpecsToLayer(layer).size(), 2u);
+    EXPECT_TRUE(links().allLinks().empty());
+}
+
+TEST_F(SpecsLinkingTest, WhatIsNotThereIsNotLinked) {
+    for (const char* path : {"", "A", "/Nothing", "/A.nothing", "/A{v=x}", "not a path"}) {
+        EXPECT_TRUE(links().linkSpec(path, strong->GetIdentifier(), true).empty()) << path;
+        EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam) << path;
+    }
+    EXPECT_TRUE(links().linkSpec("/A", "nowhere.usda", false).empty());
+    EXPECT_EQ(layers().lastError().type, LayerErrorType::NotFound);
+    EXPECT_FALSE(find(frameEvents(), LayerEventType::SpecsLinkingChanged));
+}
+
+TEST_F(SpecsLinkingTest, EditsGoToAllLinkedLayersAndAPropertysOwnLinksCount) {
+    ASSERT_TRUE(layers().setEditMode(LayerEditMode::SpecsLinking));
+    links().linkSpec("/A", root->GetIdentifier(), false);
+    links().linkSpec("/A", strong->GetIdentifier(), false);
+    set(target(), "/A.x", 5);
+    set(target(), "/A.added", 6);
+    set(target(), "/A/B.y", 7);
+    frame();
+    EXPECT_EQ(get(root, "/A.x"), 5);
+    EXPECT_EQ(get(strong, "/A.x"), 5);
+    EXPECT_EQ(get(weak, "/A.x"), 1);
+    EXPECT_EQ(get(strong, "/A.added"), 6) << "as its prim";
+    EXPECT_EQ(get(weak, "/A/B.y"), 7) << "not linked: the strongest opinion";
+    EXPECT_EQ(links().unlinkSpecFromAllLayers("/A.x", false), Paths{SdfPath("/A.x")});
+    EXPECT_EQ(links().linkSpec("/A.x", root->GetIdentifier(), false), Paths{SdfPath("/A.x")});
+    set(target(), "/A.x", 8);
+    frame();
+    EXPECT_EQ(get(root, "/A.x"), 8);
+    EXPECT_EQ(get(strong, "/A.x"), 5);
+}
+
+TEST_F(SpecsLinkingTest, LinksAreFoundAgainAndFollowTheRootLayer) {
+    links().linkSpec("/A.x", strong->GetIdentifier(), false);
+    const auto events = frameEvents();
+    const auto* event = find(events, LayerEventType::SpecsLinkingChanged);
+    ASSERT_TRUE(event);
+    EXPECT_EQ(event->entries,
+              (LayerEvent::Entries{{strong->GetIdentifier(), {std::string("/A.x")}}}));
+    closeStage();
+    EXPECT_EQ(links().allLinks().at(SdfPath("/A.x")), std::vector{strong->GetIdentifier()});
+    (void)frameEvents();
+    root->SetCustomLayerData({});  // as another editor's edit arrives
+    EXPECT_FALSE(links().isSpecLinked("/A.x", ""));
+    EXPECT_TRUE(find(frameEvents(), LayerEventType::SpecsLinkingChanged));
+}
+
+}  // namespace usdlive::layers

@@ -1,0 +1,106 @@
+#include "usdlive/client/usd/layers/SpecsLocking.h"
+
+#include <pxr/usd/sdf/reference.h>
+
+#include "LayersFixture.h"
+
+namespace usdlive::layers {
+
+using pxr::SdfPath;
+using Paths = SpecsLocking::Paths;
+
+class SpecsLockingTest : public LayersFixture {
+protected:
+    SpecsLockingTest() {
+        set(weak, "/A.x", 1);
+        set(weak, "/A/B.y", 2);
+        frame();
+    }
+    SpecsLocking& locks() { return layers().specsLocking(); }
+};
+
+TEST_F(SpecsLockingTest, ALockedSpecGoesBackInEveryLayer) {
+    EXPECT_EQ(locks().lockSpec("/A", false), (Paths{SdfPath("/A"), SdfPath("/A.x")}));
+    EXPECT_TRUE(locks().isSpecLocked("/A.x"));
+    EXPECT_FALSE(locks().isSpecLocked("/A/B"));
+    const auto before = weak->GetPrimAtPath(SdfPath("/A"));
+    for (const auto& layer : {session, root, strong, weak}) set(layer, "/A.x", 9);
+    before->GetReferenceList().Prepend(pxr::SdfReference("a.usda"));
+    set(weak, "/A/B.y", 3);
+    frame();
+    for (const auto& layer : {session, root, strong}) EXPECT_FALSE(has(layer, "/A"));
+    EXPECT_EQ(get(weak, "/A.x"), 1);
+    EXPECT_FALSE(before->HasReferences());
+    EXPECT_EQ(get(weak, "/A/B.y"), 3) << "not locked";
+    EXPECT_FALSE(layers().refusedEdits().empty());
+    EXPECT_NE(layers().refusedEdits().front().reason.find("ada"), std::string::npos);
+    const auto said = layers().refusedEdits().size();
+    frame();
+    EXPECT_EQ(layers().refusedEdits().size(), said) << "once";
+}
+
+TEST_F(SpecsLockingTest, ARemovedPrimComesBackWithAllThatItHadLast) {
+    locks().lockSpec("/A", false);
+    set(weak, "/A/B.y", 3);
+    set(weak, "/A/C.z", 4);
+    frame();
+    weak->RemoveRootPrim(weak->GetPrimAtPath(SdfPath("/A")));
+    frame();
+    EXPECT_EQ(get(weak, "/A.x"), 1);
+    EXPECT_EQ(get(weak, "/A/B.y"), 3);
+    EXPECT_EQ(get(weak, "/A/C.z"), 4);
+}
+
+TEST_F(SpecsLockingTest, WhatIsUnlockedCanBeEdited) {
+    locks().lockSpec("/", true);
+    EXPECT_EQ(locks().allLockedSpecs().size(), 4u);
+    EXPECT_EQ(locks().unlockSpec("/A/B", false), (Paths{SdfPath("/A/B"), SdfPath("/A/B.y")}));
+    set(weak, "/A/B.y", 5);
+    set(weak, "/A.x", 5);
+    frame();
+    EXPECT_EQ(get(weak, "/A/B.y"), 5);
+    EXPECT_EQ(get(weak, "/A.x"), 1);
+    locks().unlockAllSpecs();
+    set(weak, "/A.x", 6);
+    frame();
+    EXPECT_EQ(get(weak, "/A.x"), 6);
+    EXPECT_TRUE(locks().lockSpec("/Nothing", false).empty());
+    EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam);
+    EXPECT_TRUE(locks().unlockSpec("no path", false).empty());
+}
+
+TEST_F(SpecsLockingTest, WhatWasWrittenBeforeALockStays) {
+    set(weak, "/A.x", 7);
+    locks().lockSpec("/A.x", false);
+    frame();
+    EXPECT_EQ(get(weak, "/A.x"), 7);
+}
+
+TEST_F(SpecsLockingTest, LocksAreFoundAgainAndFollowTheRootLayer) {
+    locks().lockSpec("/A.x", false);
+    const auto events = frameEvents();
+    ASSERT_TRUE(find(events, LayerEventType::SpecsLockingChanged));
+    EXPECT_EQ(find(events, LayerEventType::SpecsLockingChanged)->paths, Paths{SdfPath("/A.x")});
+    closeStage();
+    EXPECT_TRUE(locks().isSpecLocked("/A.x"));
+    set(weak, "/A.x", 9);
+    frame();
+    EXPECT_EQ(get(weak, "/A.x"), 1);
+    root->SetCustomLayerData({});
+    set(weak, "/A.x", 9);  // unlocked and edited by another one, at once
+    frame();
+    EXPECT_EQ(get(weak, "/A.x"), 9);
+    EXPECT_FALSE(locks().isSpecLocked("/A.x"));
+}
+
+TEST_F(SpecsLockingTest, TheDelegatesEditsOfALockedSpecGoBackToo) {
+    ASSERT_TRUE(layers().setEditMode(LayerEditMode::AutoAuthoring));
+    locks().lockSpec("/A", false);
+    set(target(), "/A.x", 9);
+    frame();
+    EXPECT_EQ(get(weak, "/A.x"), 1);
+    EXPECT_FALSE(has(target(), "/A.x"));
+    EXPECT_EQ(layers().refusedEdits().back().path, SdfPath("/A.x"));
+}
+
+}  // namespace usdlive::layers
