@@ -5,13 +5,17 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
     # GCC 12 sees members of a std::variant's other alternatives, and writes past the end of a
     # std::vector that insert() has just made larger.
     list(APPEND USDLIVE_WARNINGS -Wno-maybe-uninitialized -Wno-stringop-overflow -Wno-array-bounds)
+    if(CMAKE_UNITY_BUILD)
+        # What is private to one .cpp seems to be in a header where another one includes it.
+        list(APPEND USDLIVE_WARNINGS $<$<COMPILE_LANGUAGE:CXX>:-Wno-subobject-linkage>)
+    endif()
 elseif(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
     # Of the comparisons of TfWeakPtr, which C++20 can also read from right to left.
     list(APPEND USDLIVE_WARNINGS -Wno-ambiguous-reversed-operator)
 endif()
 
 # usdlive_library(name PUBLIC_INCLUDE dir FOLDERS folder...): a static library of all .cpp in the folders,
-# found again whenever one is added. Without any, an INTERFACE library of the same name, so that the
+# found again whenever one is added; of several a file where the preset says so. Without any, an INTERFACE library of the same name, so that the
 # others still link to it. Links are given with usdlive_link.
 function(usdlive_library name)
     cmake_parse_arguments(ARG "" "PUBLIC_INCLUDE" "FOLDERS;SOURCES" ${ARGN})
@@ -49,6 +53,8 @@ function(usdlive_executable name)
     if(sources)
         add_executable(${name} ${sources})
         target_compile_options(${name} PRIVATE ${USDLIVE_WARNINGS})
+        # Tests use the same short names in many files, and some take one file of a library anew.
+        set_target_properties(${name} PROPERTIES UNITY_BUILD OFF)
         target_link_libraries(${name} PRIVATE ${ARG_LINK})
     endif()
 endfunction()

@@ -34,7 +34,7 @@ static void digest(Digest& out, const Answer& part) {
     out(after, frame, repeats, closing);
 }
 static void digest(Digest& out, const LayersSaved::Failure& part) { out(part.layer, part.code); }
-static void digest(Digest& out, const Session& part) {
+static void digest(Digest& out, const server::Session& part) {
     const auto& [id, phase, client, user, application, features, open, presence, heard, heardMs,
                  shown, greetedAt, position, ahead, opened, stream, logs, reads, transactions,
                  transactionBytes, answers, historyReads, failedSaves] = part;

@@ -22,17 +22,17 @@ std::string fieldKey(std::string_view path, std::string_view field) {
     return std::string(path).append(1, '\0').append(field);
 }
 
-const std::string* fieldOf(const EditAction& action) {
-    if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
-    if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
-    return nullptr;
-}
-
 std::string destination(std::string_view path, const MoveSpec& move) {
     return specpath::child(move.parent.path, specpath::last(path).list, move.name);
 }
 
 }  // namespace
+
+const std::string* fieldOf(const EditAction& action) {
+    if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
+    if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
+    return nullptr;
+}
 
 void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)>& visit) {
     for (Edit& edit : edits) {

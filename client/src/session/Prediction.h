@@ -17,6 +17,9 @@ namespace usdlive::client {
 /// edits name specs that it creates by this.
 inline constexpr std::uint64_t kThisPreview = ~std::uint64_t(0);
 
+/// The field that it sets or erases; none where it does something else.
+[[nodiscard]] const std::string* fieldOf(const EditAction& action);
+
 /// What the editor sees where that is not simply the confirmed layers: previews of others and one's
 /// own transactions on top of them (M7). Only layers that one of these names have a doc here; of
 /// all others the confirmed doc is what is seen, and is not copied.

@@ -6,12 +6,6 @@ namespace usdlive::client {
 
 namespace {
 
-const std::string* fieldOf(const EditAction& action) {
-    if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
-    if (const auto* erase = std::get_if<EraseField>(&action)) return &erase->field;
-    return nullptr;
-}
-
 // Edits that the model does not hold, carried along by one that it does.
 void carry(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
     const auto below = [&](const AuthoredEdit& other) {

@@ -51,7 +51,8 @@ const char* problemOf(std::string_view text) {
 
 Result<LayerId> parseLayerId(std::string_view text) {
     if (const char* problem = problemOf(text))
-        return fail(ErrorCode::InvalidLayerName, "the layer name " + quoted(text) + " " + problem);
+        return fail(ErrorCode::InvalidLayerName,
+                    "the layer name " + inQuotes(text) + " " + problem);
     return LayerId{std::string(text)};
 }
 

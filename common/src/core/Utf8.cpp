@@ -61,7 +61,7 @@ std::optional<char32_t> takeCodePoint(std::string_view& text) {
     return point;
 }
 
-std::string quoted(std::string_view text) {
+std::string inQuotes(std::string_view text) {
     static constexpr std::size_t kMaxShown = 100;
     std::string out = "'";
     while (!text.empty() && out.size() <= kMaxShown) {

@@ -15,7 +15,7 @@ namespace {
 using Samples = std::vector<std::pair<double, Value>>;
 
 tl::unexpected<Error> misfit(const std::string& field, const char* problem) {
-    return fail(ErrorCode::InvalidEdit, "the edit of the field " + quoted(field) + " " + problem);
+    return fail(ErrorCode::InvalidEdit, "the edit of the field " + inQuotes(field) + " " + problem);
 }
 
 // The fields that list the children of a spec: they follow from the specs.

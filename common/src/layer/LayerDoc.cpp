@@ -33,7 +33,7 @@ constexpr std::size_t slotOf(ChildList list) {
 }
 
 tl::unexpected<Error> noSpec(std::string_view path) {
-    return fail(ErrorCode::SpecNotFound, "there is no spec at " + quoted(path));
+    return fail(ErrorCode::SpecNotFound, "there is no spec at " + inQuotes(path));
 }
 
 const ChildEntry* childOf(const Node& parent, const PathElement& element) {
@@ -321,7 +321,8 @@ public:
         if (!parent) return tl::unexpected(parent.error());
         if (!hasParentPlace(move.parent.path, list)) return misplaced(entry->node->kind);
         if (!specpath::isName(list, move.name))
-            return fail(ErrorCode::InvalidPath, quoted(move.name) + " is no name for such a spec");
+            return fail(ErrorCode::InvalidPath,
+                        inQuotes(move.name) + " is no name for such a spec");
         const std::string target = specpath::child(move.parent.path, list, move.name);
         const auto targetElements = specpath::parse(target);
         if (!targetElements) return tl::unexpected(targetElements.error());
@@ -408,7 +409,7 @@ private:
         return fail(ErrorCode::SpecKindConflict, std::string("there is a spec of kind ") +
                                                      std::string(specKindName(entry.node->kind)) +
                                                      " and not " + std::string(specKindName(kind)) +
-                                                     " at " + quoted(path_));
+                                                     " at " + inQuotes(path_));
     }
 
     // Can `parent` be extended by a child of that list? The grammar of paths alone decides.
@@ -425,7 +426,7 @@ private:
         const std::uint64_t order = entry.order;
         if (target != path_ && specpath::hasPrefix(target, path_))
             return fail(ErrorCode::MoveIntoItself,
-                        quoted(path_) + " cannot be moved below itself, to " + quoted(target));
+                        inQuotes(path_) + " cannot be moved below itself, to " + inQuotes(target));
         const Elements parentElements = targetElements.first(targetElements.size() - 1);
         const Node* parent = walk(*doc_.root_, parentElements);
         if (!parent) return noSpec(specpath::parent(target));
@@ -436,10 +437,10 @@ private:
         Applied applied{false, node->id, parent->id, order};
         if (target == path_) return applied;
         if (childOf(*parent, targetElements.back()))
-            return fail(ErrorCode::SpecExists, "there is a spec at " + quoted(target));
+            return fail(ErrorCode::SpecExists, "there is a spec at " + inQuotes(target));
         if (!fits(*node, target.size(), targetElements.size()))
             return fail(ErrorCode::InvalidPath,
-                        "moved to " + quoted(target) + ", a path below would get too long");
+                        "moved to " + inQuotes(target) + ", a path below would get too long");
 
         applied.changed = true;
         std::string name(targetElements.back().name);
@@ -487,8 +488,8 @@ private:
 
     [[nodiscard]] tl::unexpected<Error> misplaced(SpecKind kind) const {
         return fail(ErrorCode::InvalidEdit, "a spec of kind " + std::string(specKindName(kind)) +
-                                                " cannot stand where the edit of " + quoted(path_) +
-                                                " puts it");
+                                                " cannot stand where the edit of " +
+                                                inQuotes(path_) + " puts it");
     }
     static tl::unexpected<Error> rootStays() {
         return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
@@ -710,7 +711,7 @@ std::optional<ChildList> listFor(SpecKind kind) {
 Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_t order,
                                         SpecKind kind, std::string_view name) {
     const auto problem = [&](ErrorCode code, const char* what) {
-        return fail(code, "spec " + std::to_string(node) + ", " + quoted(name) + ": " + what);
+        return fail(code, "spec " + std::to_string(node) + ", " + inQuotes(name) + ": " + what);
     };
     if (node == kRootNode && kind == SpecKind::PseudoRoot) return {};  // is there already
     const State::Built* above = state_->find(parent);
@@ -742,7 +743,7 @@ Result<void> LayerDoc::Builder::addField(NodeId node, std::string_view name, Fie
     const bool isLast = fields.empty() || fields.back().first < name;
     const auto at = isLast ? fields.end() : fieldPosition(fields, name);
     if (!isLast && at->first == name)
-        return fail(ErrorCode::SpecExists, "the field " + quoted(name) + " is there already");
+        return fail(ErrorCode::SpecExists, "the field " + inQuotes(name) + " is there already");
     fields.emplace(at, name, std::move(value));
     return {};
 }

@@ -90,7 +90,7 @@ Result<std::vector<PathElement>> parse(std::string_view path) {
     elements.reserve(16);
     const char* problem =
         path.size() > kMaxBytes ? "is longer than 16 KiB" : Parser(path).run(elements);
-    if (problem) return fail(ErrorCode::InvalidPath, "the path " + quoted(path) + " " + problem);
+    if (problem) return fail(ErrorCode::InvalidPath, "the path " + inQuotes(path) + " " + problem);
     return elements;
 }
 

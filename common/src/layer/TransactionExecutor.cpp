@@ -116,7 +116,8 @@ private:
     // refused after some of them are set.
     [[nodiscard]] Result<void> check(const Edit& edit) const {
         if (!layers_.contains(edit.layer))
-            return fail(ErrorCode::LayerNotFound, "there is no layer " + quoted(edit.layer.value));
+            return fail(ErrorCode::LayerNotFound,
+                        "there is no layer " + inQuotes(edit.layer.value));
         if (auto valid = checkPath(edit.address); !valid) return valid;
         if (const auto* move = std::get_if<MoveSpec>(&edit.action)) return checkPath(move->parent);
         const bool root = !edit.address.creation && edit.address.path == "/";
@@ -185,11 +186,11 @@ private:
         if (!entry) return drop(ErrorCode::SpecDeleted, "what the edit is for was never created");
         if (entry->layer != layer)
             return refuse({ErrorCode::InvalidEdit,
-                           "what the edit is for was created in " + quoted(entry->layer.value)});
+                           "what the edit is for was created in " + inQuotes(entry->layer.value)});
         auto path = absolutePath(address.path, entry->path);
         if (!path)
             return refuse({ErrorCode::InvalidPath,
-                           quoted(address.path) + " cannot follow " + quoted(entry->path)});
+                           inQuotes(address.path) + " cannot follow " + inQuotes(entry->path)});
         if (const auto valid = specpath::parse(*path); !valid) return refuse(valid.error());
         return Origin{*std::move(path), entry->mark};
     }
@@ -204,7 +205,7 @@ private:
         auto path = origin.mark ? log_.translateFrom(layer, origin.path, *origin.mark)
                                 : log_.translate(layer, origin.path, transaction_.base);
         if (!path)
-            return drop(ErrorCode::SpecDeleted, quoted(origin.path) + " was deleted meanwhile");
+            return drop(ErrorCode::SpecDeleted, inQuotes(origin.path) + " was deleted meanwhile");
         return *std::move(path);
     }
 
@@ -287,7 +288,7 @@ Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& com
         diverged.insert(edit.layer);
         if (result)
             result = fail(applied.error().code,
-                          "layer " + quoted(edit.layer.value) + " has diverged at revision " +
+                          "layer " + inQuotes(edit.layer.value) + " has diverged at revision " +
                               std::to_string(commit.revision) + ": " + applied.error().message);
     }
     return result;

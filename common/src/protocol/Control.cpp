@@ -19,11 +19,11 @@ constexpr std::size_t kMaxTextBytes = 64 * 1024;
 constexpr std::size_t kMaxIdBytes = 256;
 constexpr int kMaxDepth = 16;
 
-struct Stop {
+struct Malformed {
     Error error;
 };
 [[noreturn]] void stop(std::string message) {
-    throw Stop{{ErrorCode::MalformedControl, std::move(message)}};
+    throw Malformed{{ErrorCode::MalformedControl, std::move(message)}};
 }
 
 template <class Message, class T>
@@ -268,7 +268,7 @@ private:
     }
     static void read(const char* name, const Json& json, LayerId& value) {
         auto layer = parseLayerId(text(name, json, kMaxTextBytes));
-        if (!layer) throw Stop{layer.error()};
+        if (!layer) throw Malformed{layer.error()};
         value = std::move(*layer);
     }
     static int digit(char character) {
@@ -350,7 +350,7 @@ Result<ControlMessage> decodeControl(std::string_view json) {
         return fail(ErrorCode::MalformedControl, "a control message has no type");
     try {
         return readMessage(type->get_ref<const std::string&>(), object);
-    } catch (const Stop& stopped) {
+    } catch (const Malformed& stopped) {
         return tl::unexpected(stopped.error);
     }
 }

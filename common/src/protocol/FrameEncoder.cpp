@@ -12,7 +12,7 @@ namespace {
 
 template <class T>
 using Offset = flatbuffers::Offset<T>;
-using Text = Offset<flatbuffers::String>;
+using TextOffset = Offset<flatbuffers::String>;
 using Vector = Offset<flatbuffers::Vector<std::uint8_t>>;
 
 /// Writes one frame. Texts up to kSharedTextBytes are written once, however often they occur:
@@ -66,14 +66,14 @@ private:
         for (int shift = 0; shift < 32; shift += 8) bytes.push_back(std::uint8_t(length >> shift));
     }
 
-    Text text(std::string_view value) {
+    TextOffset text(std::string_view value) {
         if (value.size() > kSharedTextBytes) return builder_.CreateString(value);
         const auto [entry, added] = texts_.try_emplace(std::string(value));
         if (added) entry->second = builder_.CreateString(value);
         return entry->second;
     }
     /// Most paths are new, or that of the edit before.
-    Text path(const std::string& value) {
+    TextOffset path(const std::string& value) {
         if (lastPath_ && *lastPath_ == value && value.size() <= kSharedTextBytes)
             return lastPathText_;
         lastPath_ = &value;
@@ -99,7 +99,7 @@ private:
             Overloaded{
                 [&](const std::monostate&) { return Pair(wire::Part::NONE, 0); },
                 [&](const DictionaryKey& key) {
-                    std::vector<Text> keys;
+                    std::vector<TextOffset> keys;
                     for (const std::string& name : key.path) keys.push_back(text(name));
                     const auto path = builder_.CreateVector(keys);
                     return Pair(wire::Part::DictionaryKey,
@@ -147,12 +147,13 @@ private:
                                 wire::CreateMoveSpec(builder_, parent, text(move.name)).Union());
                 },
                 [&](const PlaceSpec& place) {
-                    const Text before = place.before.empty() ? Text() : text(place.before);
+                    const TextOffset before =
+                        place.before.empty() ? TextOffset() : text(place.before);
                     return Pair(wire::Action::PlaceSpec,
                                 wire::CreatePlaceSpec(builder_, before).Union());
                 },
                 [&](const SetField& set) {
-                    const Text field = text(set.field);
+                    const TextOffset field = text(set.field);
                     const auto [type, part] = this->part(set.part);
                     const bool valued = !std::holds_alternative<ListItem>(set.part);
                     const Vector value = valued ? content(set.value) : Vector();
@@ -162,7 +163,7 @@ private:
                         wire::CreateSetField(builder_, field, type, part, value, form).Union());
                 },
                 [&](const EraseField& erase) {
-                    const Text field = text(erase.field);
+                    const TextOffset field = text(erase.field);
                     const auto [type, part] = this->part(erase.part);
                     return Pair(wire::Action::EraseField,
                                 wire::CreateEraseField(builder_, field, type, part).Union());
@@ -173,7 +174,7 @@ private:
 
     Offset<wire::Edit> edit(const Edit& edit) {
         const std::uint32_t layer = layerIndex(edit.layer);
-        const Text path = this->path(edit.address.path);
+        const TextOffset path = this->path(edit.address.path);
         const Creation creation = edit.address.creation.value_or(Creation{});
         const auto [type, action] = this->action(edit.action);
         return wire::CreateEdit(builder_, layer, path, creation.sequence, creation.edit, type,
@@ -184,7 +185,7 @@ private:
                    std::vector<Offset<wire::Edit>>& out) {
         const std::uint32_t index = layerIndex(layer);
         const bool shared = spec.path.size() <= kSharedTextBytes;
-        Text path;
+        TextOffset path;
         const auto add = [&](wire::Action type, Offset<void> action) {
             if (!shared || path.IsNull()) path = builder_.CreateString(spec.path);
             out.push_back(wire::CreateEdit(builder_, index, path, 0, 0, type, action));
@@ -193,7 +194,7 @@ private:
             add(wire::Action::CreateSpec,
                 wire::CreateCreateSpec(builder_, std::uint8_t(spec.kind)).Union());
         for (const auto& [name, value] : *spec.fields) {
-            const Text field = text(name);
+            const TextOffset field = text(name);
             const Vector bytes = content(value);
             add(wire::Action::SetField,
                 wire::CreateSetField(builder_, field, wire::Part::NONE, 0, bytes).Union());
@@ -209,7 +210,7 @@ private:
         std::vector<Offset<wire::Dropped>> written;
         for (const DroppedEdit& one : dropped) {
             const auto edit = this->edit(one.edit);
-            const Text reason = text(errorName(one.reason));
+            const TextOffset reason = text(errorName(one.reason));
             written.push_back(wire::CreateDropped(builder_, one.index, reason, edit));
         }
         return builder_.CreateVector(written);
@@ -222,7 +223,7 @@ private:
         const Transaction& transaction = frame.transaction;
         const auto edits = this->edits(transaction.edits);
         const auto layers = builder_.CreateVector(layers_);
-        const Text client = text(transaction.id.client.value);
+        const TextOffset client = text(transaction.id.client.value);
         return wire::CreateSubmit(builder_, client, transaction.id.sequence, transaction.base,
                                   transaction.gesture, layers, edits);
     }
@@ -234,9 +235,9 @@ private:
         const Commit& commit = frame.commit;
         const auto dropped = this->dropped(commit.dropped);
         const auto layers = builder_.CreateVector(layers_);
-        const Text client = text(commit.id.client.value);
-        const Text user = text(commit.user.value);
-        const Text imported = commit.imported ? text(commit.imported->value) : Text();
+        const TextOffset client = text(commit.id.client.value);
+        const TextOffset user = text(commit.user.value);
+        const TextOffset imported = commit.imported ? text(commit.imported->value) : TextOffset();
         const Vector previous = bytes(commit.previous.bytes);
         const Vector hashAfter = frame.hashAfter ? bytes(frame.hashAfter->bytes) : Vector();
         return wire::CreateCommit(builder_, commit.revision, commit.epoch, client,
@@ -244,14 +245,14 @@ private:
                                   layers, edits, dropped, previous, hashAfter, commit.conflated);
     }
     Offset<wire::Refusal> write(const RefusalFrame& frame) {
-        const Text code = text(errorName(frame.error.code));
-        const Text message = text(frame.error.message);
+        const TextOffset code = text(errorName(frame.error.code));
+        const TextOffset message = text(frame.error.message);
         return wire::CreateRefusal(builder_, frame.sequence, frame.edit, code, message);
     }
     Offset<wire::Preview> write(const PreviewFrame& frame) {
         const auto edits = this->edits(frame.edits);
         const auto layers = builder_.CreateVector(layers_);
-        const Text author = text(frame.author.value);
+        const TextOffset author = text(frame.author.value);
         return wire::CreatePreview(builder_, author, frame.gesture, frame.base, layers, edits);
     }
     Offset<wire::Snapshot> write(const SnapshotFrame& frame) {
@@ -265,11 +266,11 @@ private:
     }
 
     flatbuffers::FlatBufferBuilder builder_;
-    std::unordered_map<std::string, Text> texts_;
+    std::unordered_map<std::string, TextOffset> texts_;
     std::unordered_map<LayerId, std::uint32_t> layerIndices_;
-    std::vector<Text> layers_;
+    std::vector<TextOffset> layers_;
     const std::string* lastPath_ = nullptr;
-    Text lastPathText_;
+    TextOffset lastPathText_;
     Bytes scratch_;
 };
 

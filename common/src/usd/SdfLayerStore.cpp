@@ -71,7 +71,7 @@ public:
         if (const auto present = delegate_.kind(path_)) {
             if (*present == create.kind) return {};
             return fail(ErrorCode::SpecKindConflict,
-                        "there is a spec of another kind at " + quoted(text_));
+                        "there is a spec of another kind at " + inQuotes(text_));
         }
         delegate_.CreateSpec(path_, pxr::SdfSpecType(create.kind), false);
         append(parent, list(), path_.GetNameToken());
@@ -99,7 +99,7 @@ public:
         const auto elements = specpath::parse(target);
         if (!elements) return tl::unexpected(elements.error());
         if (elements->size() != parent->size() + 1 || elements->back().list != list())
-            return fail(ErrorCode::InvalidPath, quoted(move.name) + " is no name for a spec");
+            return fail(ErrorCode::InvalidPath, inQuotes(move.name) + " is no name for a spec");
         return moveTo(target, TfToken(move.name));
     }
 
@@ -188,7 +188,8 @@ private:
 
     Result<void> moveTo(const std::string& target, const TfToken& name) {
         if (target != text_ && specpath::hasPrefix(target, text_))
-            return fail(ErrorCode::MoveIntoItself, quoted(text_) + " cannot be moved below itself");
+            return fail(ErrorCode::MoveIntoItself,
+                        inQuotes(text_) + " cannot be moved below itself");
         const SdfPath to = delegate_.paths(target);
         const SdfPath parent = parentOf(to);
         const auto above = delegate_.kind(parent);
@@ -198,7 +199,7 @@ private:
             return misplaced();
         if (to == path_) return {};
         if (delegate_.kind(to))
-            return fail(ErrorCode::SpecExists, "there is a spec at " + quoted(target));
+            return fail(ErrorCode::SpecExists, "there is a spec at " + inQuotes(target));
         if (sameParent)
             rename(to, parent, name);
         else
@@ -347,11 +348,11 @@ private:
     // ---- errors
 
     static tl::unexpected<Error> noSpec(std::string_view path) {
-        return fail(ErrorCode::SpecNotFound, "there is no spec at " + quoted(path));
+        return fail(ErrorCode::SpecNotFound, "there is no spec at " + inQuotes(path));
     }
     [[nodiscard]] tl::unexpected<Error> misplaced() const {
         return fail(ErrorCode::InvalidEdit,
-                    "such a spec cannot stand where the edit of " + quoted(text_) + " puts it");
+                    "such a spec cannot stand where the edit of " + inQuotes(text_) + " puts it");
     }
     static tl::unexpected<Error> rootStays() {
         return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");

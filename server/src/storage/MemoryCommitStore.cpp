@@ -5,17 +5,14 @@
 #include <mutex>
 #include <utility>
 
-#include "CheckpointRules.h"
+#include "StoreRules.h"
 #include "usdlive/common/protocol/Frame.h"
 
 namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kFrameLengthBytes = 4;
-constexpr std::uint64_t kRemembered = 1'024;  // transactions of a client (M9)
-
-struct StoredNode {
+struct NodeRecord {
     NodeId parent = 0;
     std::uint64_t order = 0;
     SpecKind kind{};
@@ -78,7 +75,7 @@ public:
             const auto [begin, end] = children.equal_range(parents.back());
             parents.pop_back();
             for (auto child = begin; child != end; ++child) {
-                const StoredNode& node = nodes_.at(child->second);
+                const NodeRecord& node = nodes_.at(child->second);
                 const auto added =
                     builder.addSpec(child->second, node.parent, node.order, node.kind, node.name);
                 if (!added) return tl::unexpected(added.error());
@@ -100,7 +97,7 @@ private:
             [](const auto& sample, double wanted) { return sample.first < wanted; });
     }
 
-    std::map<NodeId, StoredNode> nodes_;
+    std::map<NodeId, NodeRecord> nodes_;
     std::map<NodeId, std::map<std::string, FieldValue>> fields_;
 };
 
@@ -132,7 +129,7 @@ public:
     }
     Result<void> append(std::span<const CommitRecord> commits) override {
         const std::lock_guard lock(disk_->mutex);
-        if (const auto fits = check(commits); !fits) return fits;
+        if (const auto fits = mayAppend(commits, disk_->head); !fits) return fits;
         for (const CommitRecord& commit : commits) add(commit);
         return {};
     }
@@ -229,21 +226,6 @@ private:
     }
 
     // The lock is held from here on.
-    Result<void> check(std::span<const CommitRecord> commits) const {
-        Head head = disk_->head;
-        for (const CommitRecord& commit : commits) {
-            if (commit.revision != head.revision + 1 || !commit.frame ||
-                commit.frame->size() < kFrameLengthBytes ||
-                chainHash(head.hash, ByteView(*commit.frame).subspan(kFrameLengthBytes)) !=
-                    commit.hash)
-                return fail(ErrorCode::Internal, "commit " + std::to_string(commit.revision) +
-                                                     " does not follow revision " +
-                                                     std::to_string(head.revision));
-            head.revision = commit.revision;
-            head.hash = commit.hash;
-        }
-        return {};
-    }
     void add(const CommitRecord& commit) {
         disk_->commits.push_back({commit.revision, commit.frame, commit.hash});
         disk_->head.revision = commit.revision;

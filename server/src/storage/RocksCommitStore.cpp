@@ -12,13 +12,13 @@
 #include <set>
 #include <shared_mutex>
 
-#include "CheckpointRules.h"
 #include "FreeSpace.h"
 #include "RocksSupport.h"
 #include "RocksTuning.h"
 #include "StateRecords.h"
 #include "StoreFolder.h"
 #include "StoreKeys.h"
+#include "StoreRules.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/Frame.h"
 
@@ -28,10 +28,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr std::uint64_t kMib = 1024 * 1024;
-constexpr std::size_t kFrameLengthBytes = 4;
 constexpr std::size_t kHashBytes = sizeof(Hash::bytes);
-constexpr std::uint64_t kRemembered = 1'024;  // transactions of a client (M9)
 
 constexpr std::chrono::milliseconds kSpaceCacheTime{100};
 // Free space that append() leaves: half of what is kept for everything, within these.
@@ -138,8 +135,6 @@ std::optional<Checkpoint> decodedCheckpoint(std::string_view name, ByteView byte
     return in.finished() ? std::optional(std::move(checkpoint)) : std::nullopt;
 }
 
-ByteView withoutLength(ByteView frame) { return frame.subspan(kFrameLengthBytes); }
-
 Bytes encoded(std::span<const NamespaceChange> changes) {
     Bytes bytes;
     for (const NamespaceChange& change : changes) {
@@ -228,7 +223,6 @@ private:
     Result<void> takeEpoch();
 
     // Appending.
-    Result<void> checkSequence(std::span<const CommitRecord> commits) const;
     Result<void> addTo(Group& group, StateWriter& state, const CommitRecord& commit);
     void addRecord(Group& group, const CommitRecord& commit);
     Layer& layerOf(Group& group, const LayerId& name);
@@ -460,7 +454,8 @@ CommitStore::Head RocksCommitStore::head() const {
 
 Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
     if (commits.empty()) return {};
-    if (const auto ready = checkFailed().and_then([&] { return checkSequence(commits); }); !ready)
+    if (const auto ready = checkFailed().and_then([&] { return mayAppend(commits, head_); });
+        !ready)
         return ready;
     std::size_t bytes = 0;
     for (const CommitRecord& commit : commits) bytes += 2 * commit.frame->size();
@@ -497,24 +492,6 @@ void RocksCommitStore::flushSoon() {
     rocksdb::FlushOptions options;
     options.wait = false;
     db_->Flush(options, handles_).PermitUncheckedError();
-}
-
-// A wrong number or hash would make the whole store unreadable from here on.
-Result<void> RocksCommitStore::checkSequence(std::span<const CommitRecord> commits) const {
-    Head head = head_;
-    for (const CommitRecord& commit : commits) {
-        if (commit.revision != head.revision + 1)
-            return fail(ErrorCode::Internal, "commit " + std::to_string(commit.revision) +
-                                                 " was appended to revision " +
-                                                 std::to_string(head.revision));
-        if (!commit.frame || commit.frame->size() < kFrameLengthBytes ||
-            chainHash(head.hash, withoutLength(*commit.frame)) != commit.hash)
-            return fail(ErrorCode::Internal, "commit " + std::to_string(commit.revision) +
-                                                 " was appended with a wrong hash");
-        head.revision = commit.revision;
-        head.hash = commit.hash;
-    }
-    return {};
 }
 
 Result<void> RocksCommitStore::addTo(Group& group, StateWriter& state, const CommitRecord& commit) {

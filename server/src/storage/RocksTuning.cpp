@@ -9,7 +9,7 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kKib = 1024, kMib = 1024 * kKib;
+constexpr std::size_t kKib = 1024;
 constexpr std::size_t kWriteBufferBytes = 16 * kMib;
 
 struct NoLog : rocksdb::Logger {

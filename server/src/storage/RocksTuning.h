@@ -3,10 +3,13 @@
 #include <rocksdb/db.h>
 #include <rocksdb/sst_file_manager.h>
 
+#include <cstdint>
 #include <memory>
 #include <vector>
 
 namespace usdlive::server {
+
+inline constexpr std::uint64_t kMib = 1024 * 1024;
 
 /// The column families of the store, in the order they are opened. `default` holds what is said
 /// about the store: head, epoch, layers, checkpoints, moves and deletes.

@@ -52,12 +52,12 @@ TEST(Utf8, RefusesWhatIsNotWellFormed) {
 }
 
 TEST(Utf8, QuotesForeignTextSoThatItCanBeShown) {
-    EXPECT_EQ(quoted("a/b"), "'a/b'");
-    EXPECT_EQ(quoted("a\n\x7F\xC2\x85z"), "'a???z'");
-    EXPECT_EQ(quoted("\xFFz"), "'?z'");
+    EXPECT_EQ(inQuotes("a/b"), "'a/b'");
+    EXPECT_EQ(inQuotes("a\n\x7F\xC2\x85z"), "'a???z'");
+    EXPECT_EQ(inQuotes("\xFFz"), "'?z'");
     std::string eggs = "a";
     for (int count = 0; count < 1000; ++count) eggs += "\xC3\xA4";
-    const std::string text = usdlive::quoted(eggs);  // of a string, std::quoted is found as well
+    const std::string text = inQuotes(eggs);
     EXPECT_TRUE(isUtf8(text));
     EXPECT_LT(text.size(), 120U);
     EXPECT_TRUE(text.ends_with("...'"));

@@ -2,15 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include "MustApply.h"
+
 namespace usdlive {
 namespace {
 
 using Layers = std::set<LayerId>;
 const LayerId kRoot{"shots/one/root.usda"}, kAnim{"shots/one/anim.usda"}, kSet{"sets/set.usd"};
-
-void make(LayerDoc& doc, const std::vector<EditAction>& actions) {
-    for (const EditAction& action : actions) ASSERT_TRUE(doc.apply("/", action));
-}
 
 EditAction entry(const std::string& key, FieldValue value) {
     return SetField{"customLayerData", DictionaryKey{{"omni_layer", "muteness", key}},
@@ -21,22 +19,23 @@ TEST(GlobalMuteness, MU1IsWhatWasMade) {
     LayerDoc doc;
     EXPECT_EQ(globallyMuted(kRoot, doc), Layers());
     EXPECT_TRUE(globalMuteEdits(kRoot, doc, kAnim, false).empty());
-    make(doc, globalMuteEdits(kRoot, doc, kAnim, true));
-    make(doc, globalMuteEdits(kRoot, doc, kSet, true));
+    mustApply(doc, globalMuteEdits(kRoot, doc, kAnim, true));
+    mustApply(doc, globalMuteEdits(kRoot, doc, kSet, true));
     EXPECT_EQ(globallyMuted(kRoot, doc), (Layers{kAnim, kSet}));
-    make(doc, globalMuteEdits(kRoot, doc, kAnim, false));
+    mustApply(doc, globalMuteEdits(kRoot, doc, kAnim, false));
     EXPECT_EQ(globallyMuted(kRoot, doc), Layers{kSet});
 }
 
 TEST(GlobalMuteness, MU1ReadsAndKeepsTheKeysOfOthers) {
     LayerDoc doc;
-    make(doc, {entry("anim.usda", boolValue(true)), entry("../../sets/./set.usd", boolValue(true)),
+    mustApply(doc,
+              {entry("anim.usda", boolValue(true)), entry("../../sets/./set.usd", boolValue(true)),
                entry("../../../outside.usda", boolValue(true)), entry("", boolValue(true)),
                entry("/absolute.usda", boolValue(true)), entry("./off.usda", boolValue(false)),
                entry("./odd.usda", doubleValue(1))});
     EXPECT_EQ(globallyMuted(kRoot, doc), (Layers{kAnim, kSet}));
-    make(doc, globalMuteEdits(kRoot, doc, kAnim, false));
-    make(doc, globalMuteEdits(kRoot, doc, kAnim, true));
+    mustApply(doc, globalMuteEdits(kRoot, doc, kAnim, false));
+    mustApply(doc, globalMuteEdits(kRoot, doc, kAnim, true));
     const auto edits = globalMuteEdits(kRoot, doc, kAnim, true);
     ASSERT_EQ(edits.size(), 1u);
     EXPECT_EQ(edits[0], entry("anim.usda", boolValue(true)));
@@ -44,7 +43,7 @@ TEST(GlobalMuteness, MU1ReadsAndKeepsTheKeysOfOthers) {
 
 TEST(GlobalMuteness, MU1OfARootLayerAtTheTop) {
     LayerDoc doc;
-    make(doc, globalMuteEdits({"root.usda"}, doc, {"sub/a.usda"}, true));
+    mustApply(doc, globalMuteEdits({"root.usda"}, doc, {"sub/a.usda"}, true));
     EXPECT_EQ(globallyMuted({"root.usda"}, doc), Layers{{"sub/a.usda"}});
 }
 

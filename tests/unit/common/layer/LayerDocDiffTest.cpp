@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "MustApply.h"
 #include "RandomEdits.h"
 #include "usdlive/common/layer/LayerDoc.h"
 
@@ -10,11 +11,6 @@ using namespace usdlive;
 namespace {
 
 using Edits = std::vector<std::pair<std::string, EditAction>>;
-
-void mustApply(LayerDoc& doc, const std::string& path, const EditAction& action) {
-    const auto applied = doc.apply(path, action);
-    ASSERT_TRUE(applied) << path << ": " << applied.error().message;
-}
 
 LayerDoc docWith(const std::vector<std::string>& prims) {
     LayerDoc doc;

@@ -9,17 +9,12 @@
 #include <numeric>
 #include <thread>
 
+#include "MustApply.h"
 #include "RandomEdits.h"
 
 using namespace usdlive;
 
 namespace {
-
-LayerDoc::Applied mustApply(LayerDoc& doc, const std::string& path, const EditAction& action) {
-    const auto applied = doc.apply(path, action);
-    EXPECT_TRUE(applied) << path << ": " << applied.error().message;
-    return applied.value_or(LayerDoc::Applied{});
-}
 
 // The edit is refused and nothing changes.
 ErrorCode refusalOf(LayerDoc& doc, const std::string& path, const EditAction& action) {

@@ -2,31 +2,29 @@
 
 #include <gtest/gtest.h>
 
+#include "MustApply.h"
+
 namespace usdlive {
 namespace {
-
-void make(LayerDoc& doc, const std::vector<EditAction>& actions) {
-    for (const EditAction& action : actions) ASSERT_TRUE(doc.apply("/", action));
-}
 
 TEST(LayerLock, IsWhatWasMade) {
     LayerDoc doc;
     EXPECT_EQ(lockOf(doc), LayerLock());
     const LayerLock lock{true, {"ada"}, 1'700'000'000'500};
-    make(doc, lockEdits(lock));
+    mustApply(doc, lockEdits(lock));
     EXPECT_EQ(lockOf(doc), lock);
-    make(doc, lockEdits({}));
+    mustApply(doc, lockEdits({}));
     EXPECT_EQ(lockOf(doc), LayerLock());
 }
 
 // customLayerData = { dictionary omni_layer = { bool locked = 1 } }
 TEST(LayerLock, OfKitNamesNobody) {
     LayerDoc doc;
-    make(doc,
-         {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked"}}, boolValue(true)}});
+    mustApply(doc, {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked"}},
+                             boolValue(true)}});
     EXPECT_EQ(lockOf(doc), (LayerLock{true, {}, 0}));
-    make(doc,
-         {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked_by"}}, doubleValue(7)}});
+    mustApply(doc, {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked_by"}},
+                             doubleValue(7)}});
     EXPECT_EQ(lockOf(doc), (LayerLock{true, {}, 0}));
 }
 

@@ -16,6 +16,6 @@ namespace usdlive {
 
 /// Foreign text as a message may show it: in quotes, cut at some 100 bytes, without control
 /// characters, always UTF-8.
-[[nodiscard]] std::string quoted(std::string_view text);
+[[nodiscard]] std::string inQuotes(std::string_view text);
 
 }  // namespace usdlive

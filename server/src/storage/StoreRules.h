@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "usdlive/common/protocol/Control.h"
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitStore.h"
+
+// What is the same in every store.
+namespace usdlive::server {
+
+inline constexpr std::size_t kFrameLengthBytes = 4;
+inline constexpr std::uint64_t kRemembered = 1'024;  ///< transactions of a client (M9)
+
+/// Of a commit's frame what its chain hash is made of.
+inline ByteView withoutLength(ByteView frame) { return frame.subspan(kFrameLengthBytes); }
+
+/// The commits continue the log that ends at `head`: a wrong number or hash would make the whole
+/// store unreadable from there on.
+inline Result<void> mayAppend(std::span<const CommitRecord> commits, CommitStore::Head head) {
+    for (const CommitRecord& commit : commits) {
+        if (commit.revision != head.revision + 1)
+            return fail(ErrorCode::Internal, "commit " + std::to_string(commit.revision) +
+                                                 " was appended to revision " +
+                                                 std::to_string(head.revision));
+        if (!commit.frame || commit.frame->size() < kFrameLengthBytes ||
+            chainHash(head.hash, withoutLength(*commit.frame)) != commit.hash)
+            return fail(ErrorCode::Internal, "commit " + std::to_string(commit.revision) +
+                                                 " was appended with a wrong hash");
+        head.revision = commit.revision;
+        head.hash = commit.hash;
+    }
+    return {};
+}
+
+/// `head`: the store's newest revision; `known`: it has one of that name.
+inline Result<void> mayAdd(const Checkpoint& checkpoint, Revision head, bool known) {
+    if (checkpoint.revision > head)
+        return fail(ErrorCode::FutureRevision, "the newest revision is " + std::to_string(head));
+    if (known)
+        return fail(ErrorCode::CheckpointExists,
+                    "there is a checkpoint '" + checkpoint.name + "' already");
+    return {};
+}
+
+}  // namespace usdlive::server
