@@ -172,7 +172,7 @@ Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creati
     doc->reserveIds(ownBlock(creation.sequence));
     Result<Edit> told = addressed(edit, *doc);
     if (!told) return told;
-    const auto applied = doc->apply(edit.path, edit.action);
+    const auto applied = doc->apply(edit.path, edit.action, LayerDoc::By::Author);
     if (!applied) return tl::unexpected(applied.error());
 
     const Edit executed{edit.layer, {edit.path, {}}, edit.action};

@@ -4,6 +4,8 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <iterator>
+#include <string_view>
 
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
@@ -221,6 +223,17 @@ Result<void> checkErase(const EraseField& erase) {
     if (item && std::size_t(item->list) >= kListNames)
         return misfit(erase.field, "names a list that does not exist");
     return {};
+}
+
+bool canHave(SpecKind kind, const SetField& set) {
+    static constexpr std::string_view kOfAttributes[] = {"connectionPaths", "spline", "timeSamples",
+                                                         "typeName"};
+    if (kind == SpecKind::Attribute) return set.field != "targetPaths";
+    if (kind != SpecKind::Relationship) return true;
+    if (set.field == "default")
+        return std::holds_alternative<std::monostate>(set.part) &&
+               set.value.type() == ValueType::Path;
+    return std::ranges::find(kOfAttributes, set.field) == std::end(kOfAttributes);
 }
 
 bool holdsAlready(const FieldValue* field, const SetField& set) {

@@ -277,8 +277,8 @@ FieldValue& insertField(Fields& fields, std::string_view name) {
 // One edit of one spec.
 class LayerDoc::Editor {
 public:
-    Editor(LayerDoc& doc, std::string_view path, Elements elements)
-        : doc_(doc), path_(path), elements_(elements) {}
+    Editor(LayerDoc& doc, std::string_view path, Elements elements, By by)
+        : doc_(doc), path_(path), elements_(elements), by_(by) {}
 
     Result<Applied> operator()(const CreateSpec& create) {
         if (elements_.empty() || !belongsIn(create.kind, elements_.back().list))
@@ -352,6 +352,7 @@ public:
             return tl::unexpected(checked.error());
         const Node* node = walk(*doc_.root_, elements_);
         if (!node) return noSpec(path_);
+        if (by_ == By::Author && !canHave(node->kind, set)) return noSuchField(node->kind, set);
         Applied applied{false, node->id};
         if (holdsAlready(node->field(set.field), set)) return applied;
 
@@ -491,6 +492,11 @@ private:
                                                 " cannot stand where the edit of " +
                                                 inQuotes(path_) + " puts it");
     }
+    [[nodiscard]] tl::unexpected<Error> noSuchField(SpecKind kind, const SetField& set) const {
+        return fail(ErrorCode::SpecKindConflict,
+                    inQuotes(path_) + " is of kind " + std::string(specKindName(kind)) +
+                        " and cannot have such a field " + inQuotes(set.field));
+    }
     static tl::unexpected<Error> rootStays() {
         return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
     }
@@ -498,6 +504,7 @@ private:
     LayerDoc& doc_;
     std::string_view path_;
     Elements elements_;
+    By by_;
 };
 
 // --- LayerDoc ---------------------------------------------------------------------------------
@@ -509,10 +516,10 @@ LayerDoc& LayerDoc::operator=(const LayerDoc&) = default;
 LayerDoc& LayerDoc::operator=(LayerDoc&&) noexcept = default;
 LayerDoc::~LayerDoc() = default;
 
-Result<LayerDoc::Applied> LayerDoc::apply(std::string_view path, const EditAction& action) {
+Result<LayerDoc::Applied> LayerDoc::apply(std::string_view path, const EditAction& action, By by) {
     const auto elements = specpath::parse(path);
     if (!elements) return tl::unexpected(elements.error());
-    return std::visit(Editor(*this, path, *elements), action);
+    return std::visit(Editor(*this, path, *elements, by), action);
 }
 
 namespace {

@@ -154,7 +154,8 @@ private:
             move->parent = {*std::move(parent), {}};
         }
         auto applied =
-            layers_.find(edit.layer)->second.apply(done.edit.address.path, done.edit.action);
+            layers_.find(edit.layer)
+                ->second.apply(done.edit.address.path, done.edit.action, LayerDoc::By::Author);
         if (!applied) return tl::unexpected(stopFor(edit, applied.error()));
         done.applied = *std::move(applied);
         if (done.applied.changed) record(log_, revision_, done.edit);
@@ -171,6 +172,9 @@ private:
                              !std::holds_alternative<MoveSpec>(edit.action);
         if (error.code == ErrorCode::SpecNotFound || tooLong)
             return {Stop::What::Drop, {ErrorCode::SpecNotFound, error.message}};
+        // ED7: it was meant for another spec of that name.
+        if (error.code == ErrorCode::SpecKindConflict && isValueEdit(edit.action))
+            return {Stop::What::Drop, error};
         return {Stop::What::Refuse, error};
     }
 

@@ -320,6 +320,36 @@ TEST(LayerDoc, ED5RefusesWhatDoesNotFit) {
               ErrorCode::InvalidEdit);
 }
 
+TEST(LayerDoc, ED7FieldsAreOfOneKindOfProperty) {
+    LayerDoc doc = abc();
+    create(doc, "/a.attribute", SpecKind::Attribute);
+    create(doc, "/a.relationship", SpecKind::Relationship);
+    const auto accepts = [&](const char* path, const SetField& set) {
+        const LayerDoc before = doc;
+        const auto applied = doc.apply(path, set, LayerDoc::By::Author);
+        if (applied) return true;
+        EXPECT_EQ(applied.error().code, ErrorCode::SpecKindConflict);
+        EXPECT_EQ(doc.dump(), before.dump());
+        return false;
+    };
+    const SetField target{
+        "targetPaths", ListItem{ListName::Explicit, pathValue("/b"), {}}, {}, ValueType::Path};
+    EXPECT_FALSE(accepts("/a.attribute", target));
+    EXPECT_TRUE(accepts("/a.relationship", target));
+    for (const char* field : {"default", "typeName", "spline", "timeSamples", "connectionPaths"}) {
+        EXPECT_TRUE(accepts("/a.attribute", setInt(field, 1)));
+        EXPECT_FALSE(accepts("/a.relationship", setInt(field, 1))) << field;
+    }
+    EXPECT_TRUE(accepts("/a.relationship", setWhole("default", pathValue("/b"))));
+    EXPECT_FALSE(accepts("/a.relationship",
+                         {"timeSamples", SampleTime{1}, pathValue("/b"), ValueType::None}));
+    EXPECT_TRUE(accepts("/a.relationship", setInt("weight", 1)));
+    EXPECT_TRUE(accepts("/a", setInt("targetPaths", 1)));
+    // What is in a history stays readable, and can be taken away.
+    mustApply(doc, "/a.relationship", setInt("typeName", 1));
+    EXPECT_TRUE(doc.apply("/a.relationship", EraseField{"typeName", {}}, LayerDoc::By::Author));
+}
+
 TEST(LayerDoc, D1RefusesTimeCodesThatHangComposition) {
     LayerDoc doc = abc();
     const auto set = [](double number) {

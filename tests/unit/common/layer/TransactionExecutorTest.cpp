@@ -195,6 +195,20 @@ TEST(TransactionExecutor, M2MergesAreKeptInTheCommit) {
     EXPECT_NE(server.doc().field("/A", "f"), nullptr);
 }
 
+// Simulated seed 8733: a server whose store was rolled back has another spec of that name.
+TEST(TransactionExecutor, ED7AnEditForTheOtherKindOfPropertyIsDropped) {
+    Server server;
+    server.foreign({on("/A", kPrim), on("/A.x", CreateSpec{SpecKind::Relationship})});
+    const auto executed = server.accepted(
+        server.revision, {on("/A", setInt("f", 1)), on("/A.x", setInt("default", 1)),
+                          on("/A.x", EraseField{"default", {}})});
+    EXPECT_EQ(pathsOf(executed), (Paths{"/A", "/A.x"}));
+    ASSERT_EQ(executed.dropped.size(), 1U);
+    EXPECT_EQ(executed.dropped[0].index, 1U);
+    EXPECT_EQ(executed.dropped[0].reason, ErrorCode::SpecKindConflict);
+    EXPECT_EQ(server.doc().field("/A.x", "default"), nullptr);
+}
+
 TEST(TransactionExecutor, M6ARefusedTransactionChangesNothing) {
     Server server;
     server.foreign({on("/A", kPrim), on("/B", kPrim), on("/A.x", kAttribute)});

@@ -219,6 +219,37 @@ TEST(ExportText, IsWhatALayerOfThatContentExports) {
     EXPECT_EQ(*exportText(LayerDoc(), blobs), textOf(SdfLayer::CreateAnonymous(".usda")));
 }
 
+// ED7 drops what no text holds, and nothing else.
+TEST(ExportText, ED7FieldsOfTheOtherKindOfPropertyDoNotSurviveIt) {
+    MemoryBlobs blobs;
+    const auto samples = [](const Value& value) { return TimeSamples{{{1, value}}}; };
+    const auto paths = *encodeValue(VtValue(SdfPathListOp::CreateExplicit({SdfPath("/B")})), blobs);
+    const FieldValue one = doubleValue(1), path = pathValue("/B"), token = tokenValue("double");
+    const std::pair<const char*, FieldValue> fields[] = {{"default", one},
+                                                         {"default", path},
+                                                         {"timeSamples", samples(doubleValue(1))},
+                                                         {"targetPaths", paths},
+                                                         {"connectionPaths", paths},
+                                                         {"timeSamples", samples(pathValue("/B"))},
+                                                         {"typeName", token},
+                                                         {"displayName", stringValue("x")},
+                                                         {"noLoadHint", boolValue(true)}};
+    for (const auto& [field, value] : fields) {
+        LayerDoc doc;
+        ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
+        ASSERT_TRUE(doc.apply("/A.r", CreateSpec{SpecKind::Relationship}));
+        LayerDoc authored = doc;
+        const SetField set{field, {}, value};
+        ASSERT_TRUE(doc.apply("/A.r", set));
+        const auto text = exportText(doc, blobs);
+        const bool survives = text && *readLayer(fromText(*text), blobs) == doc;
+        const auto applied = authored.apply("/A.r", set, LayerDoc::By::Author);
+        const auto refused = applied ? std::nullopt : std::optional(applied.error().code);
+        EXPECT_EQ(refused, survives ? std::nullopt : std::optional(ErrorCode::SpecKindConflict))
+            << field;
+    }
+}
+
 TEST(ExportText, RefusesTextThatCannotBeReadBack) {
     MemoryBlobs blobs;
     LayerDoc doc;

@@ -12,6 +12,10 @@ namespace usdlive {
 [[nodiscard]] Result<void> checkSet(bool pseudoRoot, const SetField& set);
 [[nodiscard]] Result<void> checkErase(const EraseField& erase);
 
+/// ED7: no text could hold it otherwise. Whatever else a property of the other kind has is only
+/// metadata.
+[[nodiscard]] bool canHave(SpecKind kind, const SetField& set);
+
 // The following take edits that have passed the checks.
 
 /// Would the edit leave the field as it is? nullptr is "absent".

@@ -52,8 +52,9 @@ public:
     /// than PA1 allows), SpecNotFound, SpecKindConflict (M2), SpecExists and MoveIntoItself (M5),
     /// InvalidEdit (a kind that cannot stand there, a value that does not fit the part, a field
     /// that lists children), InvalidValue, ForbiddenValue (D1: `timeCodesPerSecond` <= 0 or not
-    /// finite).
-    Result<Applied> apply(std::string_view path, const EditAction& action);
+    /// finite). By an author also SpecKindConflict (ED7).
+    enum class By { History, Author };  ///< what a commit, or a file, holds applies as it is
+    Result<Applied> apply(std::string_view path, const EditAction& action, By by = By::History);
 
     [[nodiscard]] bool has(std::string_view path) const;
     [[nodiscard]] std::optional<SpecKind> kind(std::string_view path) const;

@@ -128,8 +128,8 @@ using Outcome = std::variant<Executed, Refused>;
 /// `revision` is the one the commit will have. Refusals: StaleBase, FutureRevision (base >
 /// revision-1), LayerNotFound, SpecKindConflict, SpecExists, MoveIntoItself, InvalidPath,
 /// InvalidEdit, InvalidValue, ForbiddenValue. Drops: SpecDeleted (also: created by a transaction
-/// that was refused, so that `creation` is unknown), SpecNotFound. Also of a Create whose parent,
-/// and a Move whose spec or new parent is gone.
+/// that was refused, so that `creation` is unknown), SpecNotFound, SpecKindConflict (ED7). Also of
+/// a Create whose parent, and a Move whose spec or new parent is gone.
 ///
 /// When it is executed, the moves and deletes are recorded in `log`, and what the transaction
 /// created in `creations`; there is no need of recordCreations() then. Forgetting is the caller's:
