@@ -258,7 +258,7 @@ void SimClient::settle(bool all) {
 }
 
 bool SimClient::isSettled() const {
-    return session_.isConnected() && session_.pendingTransactions() == 0 &&
+    return session_.isConnected() && session_.pendingTransactions() == 0 && askedFor_.empty() &&
            session_.revision() == server_.store().head().revision &&
            std::all_of(opened_.begin(), opened_.end(), [this](const LayerId& layer) {
                return session_.isJoined(layer) && editor_.contains(layer);
@@ -273,7 +273,8 @@ std::string SimClient::describe() const {
            std::to_string(
                std::count_if(opened_.begin(), opened_.end(),
                              [this](const LayerId& layer) { return session_.isJoined(layer); })) +
-           "/" + std::to_string(opened_.size());
+           "/" + std::to_string(opened_.size()) + " big values not come " +
+           std::to_string(askedFor_.size());
 }
 
 // ---- what it is told
@@ -376,7 +377,6 @@ void SimClient::compareEditor() const {
 }
 
 void SimClient::check(const std::map<LayerId, std::string>& truth) const {
-    require(askedFor_.empty(), "big values were asked for and did not come");
     for (const LayerId& layer : opened_) {
         const std::string name = "client" + std::to_string(number_) + " " + layer.value;
         const std::string expected = truth.contains(layer) ? truth.at(layer) : LayerDoc().dump();

@@ -156,7 +156,8 @@ void SimNetwork::cut(SessionId id, bool halfOpen) {
 
 void SimNetwork::cutAll() {
     for (auto& [id, link] : links_) {
-        if (link.serverOpen && link.clientOpen) tellClientClosed(id, delayUs());
+        // Over DDS somebody whom the server had closed may still wait to hear of it.
+        if (link.clientOpen && (link.serverOpen || link.dds)) tellClientClosed(id, delayUs());
         link.serverOpen = false;
         if (link.dds) link.dds->end();
     }
