@@ -623,35 +623,45 @@ void LayerDoc::reserveIds(NodeId firstFree) { nextId_ = std::max(nextId_, firstF
 
 struct LayerDoc::Builder::State {
     struct Built {
-        NodeId id;
-        Node* node;
-        std::size_t pathBytes;
-        std::size_t pathElements;
+        Node* node = nullptr;
+        std::uint32_t pathBytes = 0;
+        std::uint32_t pathElements = 0;
     };
 
-    /// nullptr when it is not there. Valid until the next call of add().
-    const Built* find(NodeId id) {
-        for (std::size_t at = above.size(); at-- > 0;)
-            if (above[at].id == id) {
-                above.resize(at + 1);
-                return &above.back();
+    /// By id. Those of a doc are mostly dense, as they are handed out one after the other.
+    class Index {
+    public:
+        /// nullptr when it is not there. Valid until the next call of add().
+        [[nodiscard]] const Built* find(NodeId id) const {
+            if (id < dense_.size() && dense_[id].node) return &dense_[id];
+            const auto found = sparse_.find(id);
+            return found == sparse_.end() ? nullptr : &found->second;
+        }
+        void add(NodeId id, const Built& built) {
+            ++count_;
+            if (id >= kSlotsEach * (count_ + kSlotsFirst)) {
+                sparse_.emplace(id, built);
+            } else {
+                if (id >= dense_.size()) dense_.resize(id + 1);
+                dense_[id] = built;
             }
-        const auto& all = byId();
-        const auto found = all.find(id);
-        if (found == all.end()) return nullptr;
-        above.assign(1, found->second);
-        return &above.back();
-    }
+        }
+        [[nodiscard]] std::size_t count() const { return count_; }
 
-    [[nodiscard]] bool has(NodeId id) { return id <= highest && byId().contains(id); }
+    private:
+        // At most so many times what is used.
+        static constexpr std::size_t kSlotsEach = 4, kSlotsFirst = 32 * 1024;
 
-    void add(const Built& built) {
-        highest = std::max(highest, built.id);
-        extent.bytes = std::max(extent.bytes, built.pathBytes);
-        extent.elements = std::max(extent.elements, built.pathElements);
-        ++specs;
-        if (index) index->emplace(built.id, built);
-        above.push_back(built);
+        std::vector<Built> dense_;
+        std::unordered_map<NodeId, Built> sparse_;
+        std::size_t count_ = 0;
+    };
+
+    void add(NodeId id, const Built& built) {
+        highest = std::max(highest, id);
+        extent.bytes = std::max<std::size_t>(extent.bytes, built.pathBytes);
+        extent.elements = std::max<std::size_t>(extent.elements, built.pathElements);
+        index.add(id, built);
     }
 
     /// Begins with the fields of this node; those of the one before become its own, in one piece of
@@ -666,40 +676,15 @@ struct LayerDoc::Builder::State {
         if (node && !node->fields.empty()) gatheredFields = std::move(node->fields);
     }
 
+    State() { add(kRootNode, {&root.editable(), 1, 0}); }
+
     // The root is shared with nobody before finish(), nor is what is below.
     Ref<Node> root{new Node(kRootNode, SpecKind::PseudoRoot)};
-    // The way down to the latest spec, or a part of it: children follow their parent.
-    std::vector<Built> above{{kRootNode, &root.editable(), 1, 0}};
-    std::size_t specs = 1;
-    NodeId highest = kRootNode;
-    Extent extent{1, 0};
+    Index index;
+    NodeId highest = 0;
+    Extent extent{0, 0};
     Node* gathered = nullptr;  // whose fields are being added
     Fields gatheredFields;
-
-private:
-    // Whoever adds a tree from the top down, with growing ids, does without.
-    std::unordered_map<NodeId, Built>& byId() {
-        if (index) return *index;
-        index.emplace();
-        std::vector<Built> waiting{{kRootNode, &root.editable(), 1, 0}};
-        while (!waiting.empty()) {
-            const Built built = waiting.back();
-            waiting.pop_back();
-            index->emplace(built.id, built);
-            for (const ChildList list : kChildLists) {
-                if (!hasList(built.node->kind, list)) continue;
-                ChildSequence& children = built.node->editableChildren(list);
-                for (const ChildEntry* entry : children.entries())
-                    waiting.push_back(
-                        {entry->node->id, &children.editableNode(entry->order),
-                         built.pathBytes + stepBytes(built.node->kind, list, entry->name),
-                         built.pathElements + 1});
-            }
-        }
-        return *index;
-    }
-
-    std::optional<std::unordered_map<NodeId, Built>> index;
 };
 
 LayerDoc::Builder::Builder() : state_(std::make_unique<State>()) {}
@@ -721,7 +706,7 @@ Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_
         return fail(code, "spec " + std::to_string(node) + ", " + inQuotes(name) + ": " + what);
     };
     if (node == kRootNode && kind == SpecKind::PseudoRoot) return {};  // is there already
-    const State::Built* above = state_->find(parent);
+    const State::Built* above = state_->index.find(parent);
     if (!above) return problem(ErrorCode::SpecNotFound, "no such parent");
     const auto list = listFor(kind);
     if (node == 0 || !list || !hasList(above->node->kind, *list) || !specpath::isName(*list, name))
@@ -734,16 +719,17 @@ Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_
                         above->pathElements + 1};
     if (extent.bytes > kMaxPathBytes || extent.elements > kMaxPathElements)
         return problem(ErrorCode::InvalidEdit, "its path is too long");
-    if (state_->has(node)) return problem(ErrorCode::SpecExists, "is there already");
+    if (state_->index.find(node)) return problem(ErrorCode::SpecExists, "is there already");
 
-    const State::Built built{node, new Node(node, kind), extent.bytes, extent.elements};
+    const State::Built built{new Node(node, kind), static_cast<std::uint32_t>(extent.bytes),
+                             static_cast<std::uint32_t>(extent.elements)};
     siblings.insert({std::string(name), order, Ref<Node>(built.node)});
-    state_->add(built);
+    state_->add(node, built);
     return {};
 }
 
 Result<void> LayerDoc::Builder::addField(NodeId node, std::string_view name, FieldValue value) {
-    const State::Built* built = state_->find(node);
+    const State::Built* built = state_->index.find(node);
     if (!built) return fail(ErrorCode::SpecNotFound, "there is no spec " + std::to_string(node));
     state_->gather(built->node);
     Fields& fields = state_->gatheredFields;
@@ -760,7 +746,7 @@ LayerDoc LayerDoc::Builder::finish() {
     LayerDoc doc;
     doc.root_ = state_->root;
     doc.nextId_ = state_->highest + 1;
-    doc.specCount_ = state_->specs;
+    doc.specCount_ = state_->index.count();
     doc.maxPathBytes_ = static_cast<std::uint32_t>(state_->extent.bytes);
     doc.maxPathElements_ = static_cast<std::uint32_t>(state_->extent.elements);
     state_ = std::make_unique<State>();
