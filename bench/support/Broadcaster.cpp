@@ -1,5 +1,8 @@
 #include "Broadcaster.h"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
@@ -10,6 +13,7 @@
 #include <fstream>
 #include <memory>
 #include <set>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 
@@ -30,7 +34,15 @@ struct Room {
     asio::io_context io{1};
     std::size_t frameBytes = 0;
     bool joins = false;
+    int log = -1;
     std::set<std::shared_ptr<Peer>> peers;
+
+    void store(const Message& message) const {
+        if (log < 0) return;
+        if (::write(log, message->data(), message->size()) != ssize_t(message->size()) ||
+            ::fdatasync(log) != 0)
+            throw std::runtime_error("the broadcaster cannot write its log");
+    }
 };
 
 class Peer : public std::enable_shared_from_this<Peer> {
@@ -78,6 +90,7 @@ private:
             RelayHead answer = head;
             answer.length = static_cast<std::uint32_t>(room_.frameBytes - 4);
             std::memcpy(message->data(), &answer, sizeof answer);
+            room_.store(message);
             for (const auto& peer : room_.peers) peer->send(message);
         }
         buffer_.consume(buffer_.size());
@@ -123,16 +136,18 @@ void accept(Room& room, tcp::acceptor& acceptor) {
 }  // namespace
 
 std::vector<std::string> broadcasterCommand(const BroadcasterOptions& options) {
-    return {"/proc/self/exe", std::string(kVerb), options.portFile,
-            std::to_string(options.frameBytes), options.joins ? "1" : "0"};
+    return {"/proc/self/exe",          std::string(kVerb),
+            options.portFile,          std::to_string(options.frameBytes),
+            options.joins ? "1" : "0", options.log};
 }
 
-bool isBroadcaster(int argc, char** argv) { return argc == 5 && argv[1] == kVerb; }
+bool isBroadcaster(int argc, char** argv) { return argc == 6 && argv[1] == kVerb; }
 
 int runBroadcaster(int, char** argv) {
     Room room;
     room.frameBytes = std::max<std::size_t>(std::stoul(argv[3]), sizeof(RelayHead));
     room.joins = argv[4][0] == '1';
+    if (*argv[5]) room.log = ::open(argv[5], O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
     tcp::acceptor acceptor(room.io, {asio::ip::make_address("127.0.0.1"), 0});
     accept(room, acceptor);
     std::ofstream(argv[2]) << acceptor.local_endpoint().port() << '\n';

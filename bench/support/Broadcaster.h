@@ -17,12 +17,15 @@ struct [[gnu::packed]] RelayHead {
 };
 
 /// The ceiling: a server of bare Beast that sends each message it gets on to everybody, as
-/// `frameBytes` bytes. It knows no layers and no disk.
+/// `frameBytes` bytes. It knows no layers.
 struct BroadcasterOptions {
     std::filesystem::path portFile;
     std::size_t frameBytes = 0;
     /// What one turn of the event loop brought leaves as one message; otherwise one for each frame.
     bool joins = false;
+    /// Each message is appended to this file and synced before anybody gets it, on the same thread;
+    /// empty: it knows no disk.
+    std::filesystem::path log;
 };
 /// Its command line: this program again; main() hands it over when `isBroadcaster`.
 [[nodiscard]] std::vector<std::string> broadcasterCommand(const BroadcasterOptions& options);

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <random>
 #include <stdexcept>
 
@@ -68,9 +69,11 @@ nlohmann::ordered_json orNothing(double figure) {
     return figure > 0 ? nlohmann::ordered_json(figure) : nlohmann::ordered_json();
 }
 
+/// `log`: of one that stores what it sends.
 LoadFigures measureCeiling(const LoadFigures& real, const LoadPlan& plan, const Cores& cores,
-                           const std::filesystem::path& folder) {
-    const BroadcasterOptions options{folder / "ceiling-port", real.frameBytes, plan.window > 0};
+                           const std::filesystem::path& folder, const std::filesystem::path& log) {
+    const BroadcasterOptions options{folder / (log.empty() ? "ceiling-port" : "durable-port"),
+                                     real.frameBytes, plan.window > 0, log};
     ChildProcess broadcaster(broadcasterCommand(options), cores.server);
     const std::uint16_t port = awaitPort(broadcaster, options.portFile);
     RelayDialect dialect(real.submissionBytes);
@@ -89,9 +92,12 @@ void measureFanout(const char* name, const FanoutConfiguration& configuration) {
     auto syncs = measureSyncs(folder.path());
     pinThisThread(cores.load);
     const LoadFigures real = measureServer(configuration, plan, cores, folder.path());
-    const LoadFigures ceiling = configuration.transport == "dds"
-                                    ? runDdsPerf(plan, real.frameBytes, ddsSettings(), cores.server)
-                                    : measureCeiling(real, plan, cores, folder.path());
+    const bool dds = configuration.transport == "dds";
+    const LoadFigures ceiling = dds ? runDdsPerf(plan, real.frameBytes, ddsSettings(), cores.server)
+                                    : measureCeiling(real, plan, cores, folder.path(), {});
+    std::optional<LoadFigures> durable;
+    if (!dds && plan.window == 0)
+        durable = measureCeiling(real, plan, cores, folder.path(), folder.path() / "log");
 
     const auto cpuUs = [&](const LoadFigures& figures) {
         return figures.cpuSeconds * 1e6 / double(figures.delivered) / configuration.edits;
@@ -99,23 +105,26 @@ void measureFanout(const char* name, const FanoutConfiguration& configuration) {
     const auto perSecond = [&](const LoadFigures& figures) {
         return double(figures.delivered) * configuration.edits / figures.seconds;
     };
-    nlohmann::ordered_json line{{"bench", name},
-                                {"transport", configuration.transport},
-                                {"clients", configuration.clients},
-                                {"edits", configuration.edits},
-                                {"deliveredPerSec", perSecond(real)},
-                                {"serverCpuUsPerDelivered", cpuUs(real)},
-                                {"p50Ms", real.p50Ms},
-                                {"p99Ms", real.p99Ms},
-                                {"ceilingServerCpuUsPerDelivered", cpuUs(ceiling)},
-                                {"ceilingP99Ms", orNothing(ceiling.p99Ms)},
-                                {"ceilingDeliveredPerSec", perSecond(ceiling)},
-                                {"syncP50Ms", percentile(syncs, 0.5)},
-                                {"syncP99Ms", percentile(syncs, 0.99)},
-                                {"frameBytes", real.frameBytes},
-                                {"durability", configuration.durability},
-                                {"flushIntervalMs", configuration.flushIntervalMs},
-                                {"fields", configuration.fields}};
+    nlohmann::ordered_json line{
+        {"bench", name},
+        {"transport", configuration.transport},
+        {"clients", configuration.clients},
+        {"edits", configuration.edits},
+        {"deliveredPerSec", perSecond(real)},
+        {"serverCpuUsPerDelivered", cpuUs(real)},
+        {"p50Ms", real.p50Ms},
+        {"p99Ms", real.p99Ms},
+        {"ceilingServerCpuUsPerDelivered", cpuUs(ceiling)},
+        {"ceilingP99Ms", orNothing(ceiling.p99Ms)},
+        {"ceilingDeliveredPerSec", perSecond(ceiling)},
+        {"durableCeilingServerCpuUsPerDelivered", orNothing(durable ? cpuUs(*durable) : 0)},
+        {"durableCeilingP99Ms", orNothing(durable ? durable->p99Ms : 0)},
+        {"syncP50Ms", percentile(syncs, 0.5)},
+        {"syncP99Ms", percentile(syncs, 0.99)},
+        {"frameBytes", real.frameBytes},
+        {"durability", configuration.durability},
+        {"flushIntervalMs", configuration.flushIntervalMs},
+        {"fields", configuration.fields}};
     print(line.dump());
 }
 

@@ -30,13 +30,18 @@ void StorageThread::stop() {
 }
 
 void StorageThread::append(CommitRecord commit) {
-    const std::lock_guard lock(mutex_);
-    if (throwingAway_) return;
-    const std::size_t before = waiting_.bytes;
-    if (commit.frame) waiting_.bytes += commit.frame->size();
-    waiting_.commits.push_back(std::move(commit));
-    const bool full = before < kFullGroup && waiting_.bytes >= kFullGroup;
-    if (waiting_.commits.size() == 1 || full) changed_.notify_all();
+    bool wakes = false;
+    {
+        const std::lock_guard lock(mutex_);
+        if (throwingAway_) return;
+        const std::size_t before = waiting_.bytes;
+        if (commit.frame) waiting_.bytes += commit.frame->size();
+        waiting_.commits.push_back(std::move(commit));
+        const bool full = before < kFullGroup && waiting_.bytes >= kFullGroup;
+        wakes = waiting_.commits.size() == 1 || full;
+    }
+    // Not while the lock is held: who is woken on the same core would only wait for it.
+    if (wakes) changed_.notify_all();
 }
 
 bool StorageThread::goOn() {
@@ -66,7 +71,7 @@ StorageThread::Work StorageThread::nextWork() {
         return stopping_ || !waiting_.flushes.empty() || waiting_.bytes >= kFullGroup;
     };
     changed_.wait(lock, [&] { return urgent() || !waiting_.commits.empty(); });
-    changed_.wait_until(lock, nextGroup_, urgent);
+    if (Clock::now() < nextGroup_) changed_.wait_until(lock, nextGroup_, urgent);
     nextGroup_ = Clock::now() + interval_;
     return std::exchange(waiting_, {});
 }
