@@ -123,8 +123,8 @@ def test_s1_a_stopped_reader_is_cut_and_harms_no_other(root, serve, capfd):
     with capfd.disabled():
         print(f"\nS1: cut after {took:.1f} s; p99 of the {READERS - 1} others {with_:.1f} ms, "
               f"before {without:.1f} ms")
-    # Who waits for the one that does not read is late by seconds.
-    assert with_ < 2 * without + 50
+    # Who waits for the one that does not read is late by seconds; on a busy machine all are late by some 100 ms.
+    assert with_ < without + 1000
 
 
 def test_a_thousand_sessions_come_back_at_once(root, serve, capfd):
