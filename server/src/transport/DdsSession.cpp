@@ -4,9 +4,9 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
+#include "ErrorFrame.h"
+#include "FrameSources.h"
 #include "usdlive/common/dds/Topics.h"
-#include "usdlive/common/protocol/Control.h"
-#include "usdlive/common/protocol/Frame.h"
 
 namespace usdlive::server {
 
@@ -24,11 +24,6 @@ constexpr milliseconds kKeepAlive{2'000};
 constexpr milliseconds kCloseTime{5'000};
 // What one request for missed commits brings at most.
 constexpr std::size_t kResentBytes = 1024 * 1024;
-
-SharedBytes errorFrame(const Error& error) {
-    ErrorMessage message{std::string(errorName(error.code)), error.message, true, {}, {}};
-    return std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)}));
-}
 
 std::uint8_t flagsOf(const dds::Segment& segment) {
     return std::uint8_t((segment.more ? dds::kMore : 0) | (segment.end ? dds::kEnd : 0) |
@@ -48,7 +43,8 @@ public:
           client_(first.client),
           connection_(first.connection),
           participant_(first.participant),
-          submits_(hub.options.maxMessageBytes) {
+          submits_(hub.options.maxMessageBytes),
+          sources_(std::make_shared<FrameSources>(hub.io, hub.background, beside())) {
         const auto partition = dds::partitionOf(hub.server, client_);
         writers_ = std::make_shared<Writers>(
             Writers{dds::Writer<dds::ReplySample>(*hub.domain, partition),
@@ -77,7 +73,7 @@ public:
         answer_ = answer_ || submit.answer;
         hub_.counters.bytesIn += submit.segment.bytes.size();
         if (replies_.acknowledged(submit.ackReply, now)) onAcknowledged();
-        if (beside_.acknowledged(submit.ackBeside, now)) produce();
+        if (beside_.acknowledged(submit.ackBeside, now)) sources_->produce();
         if (submit.segment.sequence != 0 && !submits_.received(submit.segment, now))
             hub_.ignored(Oddity::Malformed, submit);
         if (submit.resendFrom != 0) resend(submit.resendFrom, submit.resendTo);
@@ -140,17 +136,15 @@ public:
 
     void sendBeside(FrameSource source) override {
         if (state_ != State::Open) return;
-        if (sources_.size() >= Transport::kMaxSources)
-            return tooSlow("more was asked for at once than a connection may have");
-        sources_.push_back(std::make_shared<FrameSource>(std::move(source)));
-        produce();
+        if (!sources_->add(std::move(source)))
+            tooSlow("more was asked for at once than a connection may have");
     }
 
     void close(const std::optional<Error>& why) override {
         if (state_ != State::Open) return;
         state_ = State::Closing;
         closeDeadline_ = steady_clock::now() + kCloseTime;
-        sources_.clear();
+        sources_->clear();
         if (why)
             hub_.log.write(
                 LogLevel::Warning, "session refused",
@@ -226,7 +220,7 @@ private:
         } catch (const std::exception& fault) {
             hub_.log.write(LogLevel::Error, "session met a fault",
                            {{"session", id_}, {"error", fault.what()}});
-            close(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+            close(internal());
         }
     }
 
@@ -331,40 +325,14 @@ private:
         guarded([this] { hub_.handler.drained(id_); });
     }
 
-    // --- Sources
-
-    void produce() {
-        if (state_ != State::Open || producing_ || sources_.empty()) return;
-        if (beside_.waitingBytes() > Transport::kBesideBytes) return;  // received() comes back
-        producing_ = true;
-        auto source = std::move(sources_.front());
-        sources_.pop_front();
-        hub_.background([source, &io = hub_.io, weak = weak_from_this()] {
-            std::optional<SharedBytes> frame;
-            try {
-                frame = (*source)();
-            } catch (const std::exception&) {
-                // A bug; without it the client would wait for the rest for ever.
-            }
-            asio::post(io, [source, frame = std::move(frame), weak] {
-                if (const auto self = weak.lock()) self->onProduced(source, frame);
-            });
-        });
-    }
-
-    void onProduced(const std::shared_ptr<FrameSource>& source,
-                    const std::optional<SharedBytes>& frame) {
-        producing_ = false;
-        if (state_ != State::Open) return;
-        if (!frame)
-            return close(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
-        if (*frame) {
-            sources_.push_back(source);
-            ++hub_.counters.framesOut;
-            beside_.push(*frame);
-            flushLater();
-        }
-        produce();
+    FrameSources::Session beside() {
+        return {[this] { return beside_.waitingBytes() <= Transport::kBesideBytes; },
+                [this](SharedBytes frame) {
+                    ++hub_.counters.framesOut;
+                    beside_.push(std::move(frame));
+                    flushLater();
+                },
+                [this] { close(internal()); }};
     }
 
     // --- The end
@@ -381,7 +349,7 @@ private:
         if (before == State::Open) hub_.tellClosed(id_);
         if (before != State::Closing)
             hub_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
-        sources_.clear();
+        sources_->clear();
         // Should it still be there, it comes again at once.
         dds::ReplySample reset{};
         reset.flags = dds::kEnd;
@@ -410,8 +378,7 @@ private:
     bool tellDrained_ = false;
     TimePoint spoke_, closeDeadline_;
 
-    std::deque<std::shared_ptr<FrameSource>> sources_;
-    bool producing_ = false;  // one of them is at work, and not in sources_
+    const std::shared_ptr<FrameSources> sources_;
 };
 
 }  // namespace

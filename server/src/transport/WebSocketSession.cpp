@@ -4,16 +4,14 @@
 #include <sys/socket.h>
 
 #include <algorithm>
-#include <boost/asio/post.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket/stream.hpp>
-#include <deque>
 #include <utility>
 #include <vector>
 
+#include "ErrorFrame.h"
+#include "FrameSources.h"
 #include "Upgrade.h"
-#include "usdlive/common/protocol/Control.h"
-#include "usdlive/common/protocol/Frame.h"
 #include "usdlive/server/transport/SendQueue.h"
 
 namespace usdlive::server {
@@ -49,11 +47,6 @@ constexpr bool kTextMessages = true;
 #else
 constexpr bool kTextMessages = false;
 #endif
-
-SharedBytes errorFrame(const Error& error) {
-    ErrorMessage message{std::string(errorName(error.code)), error.message, true, {}, {}};
-    return std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)}));
-}
 
 websocket::close_code closeCode(const std::optional<Error>& why) {
     if (!why) return websocket::close_code::normal;
@@ -136,7 +129,10 @@ private:
 class Session final : public WebSocketSession, public std::enable_shared_from_this<Session> {
 public:
     Session(Hub& hub, SessionId id, Socket socket)
-        : hub_(hub), id_(id), stream_(std::move(socket)) {
+        : hub_(hub),
+          id_(id),
+          stream_(std::move(socket)),
+          sources_(std::make_shared<FrameSources>(hub.io, hub.background, beside())) {
         // Without these two a small commit waits for the acknowledgement of the one before, or
         // behind megabytes of a snapshot that the system has taken in advance.
         beast::error_code ignored;
@@ -183,10 +179,8 @@ public:
 
     void sendBeside(FrameSource source) override {
         if (state_ != State::Open) return;
-        if (sources_.size() >= Transport::kMaxSources)
-            return tooSlow("more was asked for at once than a connection may have");
-        sources_.push_back(std::make_shared<FrameSource>(std::move(source)));
-        produce();
+        if (!sources_->add(std::move(source)))
+            tooSlow("more was asked for at once than a connection may have");
     }
 
     void close(const std::optional<Error>& why) override {
@@ -195,7 +189,7 @@ public:
         state_ = State::Closing;
         closeCode_ = closeCode(why);
         closeDeadline_ = steady_clock::now() + kCloseTime;
-        sources_.clear();
+        sources_->clear();
         if (why)
             hub_.log.write(
                 LogLevel::Warning, "session refused",
@@ -232,6 +226,7 @@ public:
 
     void abandon() override {
         state_ = State::Closed;
+        sources_->clear();
         beast::error_code ignored;
         lowest().close(ignored);
     }
@@ -263,7 +258,7 @@ private:
         } catch (const std::exception& fault) {
             hub_.log.write(LogLevel::Error, "session met a fault",
                            {{"session", id_}, {"error", fault.what()}});
-            close(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+            close(internal());
         }
     }
 
@@ -337,40 +332,14 @@ private:
             tellDrained_ = false;
             guarded([this] { hub_.handler.drained(id_); });
         }
-        produce();
+        sources_->produce();
         flush();
     }
 
-    void produce() {
-        if (state_ != State::Open || producing_ || sources_.empty()) return;
-        if (queuedBytes() > Transport::kBesideBytes) return;  // onWritten() comes back
-        producing_ = true;
-        auto source = std::move(sources_.front());
-        sources_.pop_front();
-        hub_.background([source, &io = hub_.io, weak = weak_from_this()] {
-            std::optional<SharedBytes> frame;
-            try {
-                frame = (*source)();
-            } catch (const std::exception&) {
-                // A bug; without it the client would wait for the rest for ever.
-            }
-            asio::post(io, [source, frame = std::move(frame), weak] {
-                if (const auto self = weak.lock()) self->onProduced(source, frame);
-            });
-        });
-    }
-
-    void onProduced(const std::shared_ptr<FrameSource>& source,
-                    const std::optional<SharedBytes>& frame) {
-        producing_ = false;
-        if (state_ != State::Open) return;
-        if (!frame)
-            return close(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
-        if (*frame) {
-            sources_.push_back(source);
-            push(*frame);
-        }
-        produce();
+    FrameSources::Session beside() {
+        return {[this] { return queuedBytes() <= Transport::kBesideBytes; },
+                [this](SharedBytes frame) { push(std::move(frame)); },
+                [this] { close(internal()); }};
     }
 
     void tooSlow(std::string message) {
@@ -393,7 +362,7 @@ private:
         if (before == State::Open) hub_.tellClosed(id_);
         if (before != State::Closing)
             hub_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
-        sources_.clear();
+        sources_->clear();
         hub_.counters.queuedBytes -= queuedBytes();
         queue_.clear();
         beast::error_code ignored;
@@ -419,8 +388,7 @@ private:
     websocket::close_code closeCode_ = websocket::close_code::normal;
     bool saidGoodbye_ = false;
 
-    std::deque<std::shared_ptr<FrameSource>> sources_;
-    bool producing_ = false;  // one of them is at work, and not in sources_
+    const std::shared_ptr<FrameSources> sources_;
 };
 
 }  // namespace
