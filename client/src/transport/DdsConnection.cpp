@@ -4,10 +4,9 @@
 #include <thread>
 
 #include "DdsProjects.h"
-#include "Mailbox.h"
+#include "MailboxConnection.h"
 #include "RetryDelay.h"
 #include "usdlive/client/transport/CommitOrder.h"
-#include "usdlive/client/transport/Connection.h"
 #include "usdlive/client/transport/NewsOrder.h"
 #include "usdlive/common/dds/NewsSamples.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
@@ -315,11 +314,11 @@ private:
     std::optional<TimePoint> leaveBy_;
 };
 
-class DdsConnection final : public Connection {
+class DdsConnection final : public MailboxConnection {
 public:
     DdsConnection(const ServerAddress& address, const dds::DomainSettings& settings,
                   std::unique_ptr<dds::Domain> domain)
-        : address_(address),
+        : MailboxConnection(address),
           settings_(settings),
           domain_(std::move(domain)),
           projects_(*domain_),
@@ -334,47 +333,16 @@ public:
         thread_.join();
     }
 
-    void send(SharedBytes frames) override {
-        if (!frames || frames->empty()) return;
-        switch (mailbox_.queue(std::move(frames))) {
-            case Mailbox::Queued::Yes:
-                waitSet_.wake();
-                break;
-            case Mailbox::Queued::Full:
-                drop("it takes nothing any more");
-                break;
-            case Mailbox::Queued::Dropped:
-                break;
-        }
-    }
-
-    std::vector<Happening> poll(std::size_t most) override {
-        bool madeRoom = false;
-        auto happenings = mailbox_.fetch(most, madeRoom);
-        if (madeRoom) waitSet_.wake();
-        return happenings;
-    }
-
-    bool wait(milliseconds time) override { return mailbox_.wait(time); }
-
-    std::size_t queuedBytes() const override { return mailbox_.outboxBytes(); }
-
-    void reset() override { drop("the connection was reset"); }
-
 private:
-    // A connection that is newer than the one meant is left alone.
-    void drop(std::string message) {
+    void queued() override { waitSet_.wake(); }
+    void madeRoom() override { waitSet_.wake(); }
+
+    void drop(std::uint64_t generation, std::string why) override {
         {
             const std::lock_guard lock(dropMutex_);
-            drop_ = {mailbox_.seen(), std::move(message)};
+            drop_ = {generation, std::move(why)};
         }
         waitSet_.wake();
-    }
-
-    [[nodiscard]] std::string where() const {
-        ServerAddress server = address_;
-        server.layer.clear();
-        return server.url();
     }
 
     void run() {
@@ -437,7 +405,7 @@ private:
                 line.doubt(now, projects_.serverOf(address_.project).has_value());
             if (!line.reason()) waitSet_.wait(line.deadline() - steady_clock::now());
         }
-        return {line.reason()->code, "lost " + where() + ": " + line.reason()->message};
+        return lost(line.reason()->message);
     }
 
     void endDropped(Line& line) {
@@ -451,14 +419,12 @@ private:
         std::string message;
     };
 
-    const ServerAddress address_;
     const dds::DomainSettings settings_;
     const std::unique_ptr<dds::Domain> domain_;
     const std::uint64_t client_ = dds::randomNumber();
     std::uint64_t connections_ = 0;
     DdsProjects projects_;
     dds::WaitSet waitSet_;
-    Mailbox mailbox_;
     std::mutex dropMutex_;
     std::optional<Drop> drop_;
     std::atomic<bool> leaving_ = false;

@@ -14,9 +14,8 @@
 #include <optional>
 #include <thread>
 
-#include "Mailbox.h"
+#include "MailboxConnection.h"
 #include "RetryDelay.h"
-#include "usdlive/client/transport/Connection.h"
 #include "usdlive/common/protocol/Frame.h"
 
 namespace usdlive::client {
@@ -66,10 +65,10 @@ struct Line {
     std::optional<Error> reason;
 };
 
-class WebSocketConnection final : public Connection {
+class WebSocketConnection final : public MailboxConnection {
 public:
     explicit WebSocketConnection(const ServerAddress& address)
-        : address_(address), pause_(context_) {
+        : MailboxConnection(address), pause_(context_) {
         asio::co_spawn(context_, run(), asio::detached);
         thread_ = std::thread([this] { context_.run(); });
     }
@@ -79,53 +78,23 @@ public:
         thread_.join();
     }
 
-    void send(SharedBytes frames) override {
-        if (!frames || frames->empty()) return;
-        switch (mailbox_.queue(std::move(frames))) {
-            case Mailbox::Queued::Yes:
-                asio::post(context_, [this] {
-                    if (line_) line_->wake();
-                });
-                break;
-            case Mailbox::Queued::Full:
-                drop(mailbox_.seen(),
-                     {ErrorCode::NotConnected, where() + " takes nothing any more"});
-                break;
-            case Mailbox::Queued::Dropped:
-                break;
-        }
-    }
-
-    std::vector<Happening> poll(std::size_t most) override {
-        bool madeRoom = false;
-        auto happenings = mailbox_.fetch(most, madeRoom);
-        if (madeRoom) asio::post(context_, [this] { pause_.cancel(); });
-        return happenings;
-    }
-
-    bool wait(milliseconds time) override { return mailbox_.wait(time); }
-
-    std::size_t queuedBytes() const override { return mailbox_.outboxBytes(); }
-
-    void reset() override {
-        drop(mailbox_.seen(),
-             {ErrorCode::NotConnected, "the connection to " + where() + " was reset"});
-    }
-
 private:
-    // A connection that is newer than the one meant is left alone.
-    void drop(std::uint64_t generation, Error reason) {
-        asio::post(context_, [this, generation, reason = std::move(reason)] {
-            if (!line_ || line_->generation != generation) return;
-            line_->end(reason);
-            pause_.cancel();
+    void queued() override {
+        asio::post(context_, [this] {
+            if (line_) line_->wake();
         });
     }
 
-    [[nodiscard]] std::string where() const {
-        ServerAddress server = address_;
-        server.layer.clear();
-        return server.url();
+    void madeRoom() override {
+        asio::post(context_, [this] { pause_.cancel(); });
+    }
+
+    void drop(std::uint64_t generation, std::string why) override {
+        asio::post(context_, [this, generation, why = std::move(why)] {
+            if (!line_ || line_->generation != generation) return;
+            line_->end(lost(why));
+            pause_.cancel();
+        });
     }
 
     [[nodiscard]] Error describe(const std::string& what, const error_code& error) const {
@@ -209,7 +178,7 @@ private:
         beast::flat_buffer buffer;
         for (;;) {
             const auto [error, size] = co_await line.stream.async_read(buffer, kTuple);
-            if (error) co_return describe("lost the connection to", error);
+            if (error) co_return lost(error.message());
             if (line.stream.got_text())
                 co_return Error{ErrorCode::TextFrame, where() + " sent a text message"};
             const auto* begin = static_cast<const std::uint8_t*>(buffer.data().data());
@@ -233,7 +202,7 @@ private:
             for (const auto& bytes : batch) buffers.push_back(asio::buffer(*bytes));
             const auto [error, size] = co_await line->stream.async_write(buffers, kTuple);
             if (error) {
-                line->end(describe("lost the connection to", error));
+                line->end(lost(error.message()));
                 co_return;
             }
             // Of a line that has ended meanwhile the mailbox has forgotten everything.
@@ -261,9 +230,6 @@ private:
         line->end({ErrorCode::NotConnected, "left"});
         context_.stop();
     }
-
-    const ServerAddress address_;
-    Mailbox mailbox_;
 
     // Of the network's thread.
     asio::io_context context_{1};
