@@ -53,7 +53,7 @@ function(usdlive_executable name)
     if(sources)
         add_executable(${name} ${sources})
         target_compile_options(${name} PRIVATE ${USDLIVE_WARNINGS})
-        # Tests use the same short names in many files, and some take one file of a library anew.
+        # Some take one file of a library anew.
         set_target_properties(${name} PROPERTIES UNITY_BUILD OFF)
         target_link_libraries(${name} PRIVATE ${ARG_LINK})
     endif()

@@ -7,7 +7,7 @@
 
 using namespace usdlive;
 using namespace usdlive::server;
-using namespace usdlive::server::testing;
+using namespace usdlive::server::projecttest;
 using fuzz::require;
 
 namespace {

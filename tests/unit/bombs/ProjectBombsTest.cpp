@@ -10,7 +10,7 @@ namespace usdlive::bombs {
 namespace {
 
 using namespace server;
-using namespace server::testing;
+using namespace server::projecttest;
 
 class ProjectBombs : public ::testing::Test {
 protected:

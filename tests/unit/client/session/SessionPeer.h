@@ -11,7 +11,7 @@
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/common/protocol/Snapshot.h"
 
-namespace usdlive::client::testing {
+namespace usdlive::client::sessiontest {
 
 inline const LayerId kShot{"shot.usda"}, kLook{"look.usda"};
 inline const ClientId kMe{"me"}, kOther{"other"};
@@ -244,4 +244,4 @@ inline EditAction moveTo(std::string parent, std::string name) {
     return MoveSpec{{std::move(parent), {}}, std::move(name)};
 }
 
-}  // namespace usdlive::client::testing
+}  // namespace usdlive::client::sessiontest

@@ -6,7 +6,7 @@
 
 using namespace usdlive;
 using namespace usdlive::client;
-using namespace usdlive::client::testing;
+using namespace usdlive::client::sessiontest;
 
 namespace {
 

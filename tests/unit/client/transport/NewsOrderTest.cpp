@@ -13,7 +13,7 @@ using dds::TimePoint;
 
 namespace {
 
-const TimePoint kStart = TimePoint{} + 1h;
+const TimePoint kNow = TimePoint{} + 1h;
 
 LayerState state(const std::string& layer, Revision saved) {
     LayerState state;
@@ -50,8 +50,8 @@ CommitOrder liveFrom(Revision next) {
     Segment segment;
     segment.sequence = 1;
     segment.mark.liveFrom = next;
-    commits.replies().received(std::move(segment), kStart);
-    (void)commits.take(kStart);
+    commits.replies().received(std::move(segment), kNow);
+    (void)commits.take(kNow);
     return commits;
 }
 
@@ -89,10 +89,10 @@ TEST(NewsOrder, LS1AStateWaitsForItsCommit) {
     news.state(2, 8, state("b", 2));
     EXPECT_EQ(text(news.takeStates(commits)), "a1 ");
     commits.commit(7, 0, std::make_shared<const Bytes>(Bytes{1}));
-    ASSERT_TRUE(commits.take(kStart));
+    ASSERT_TRUE(commits.take(kNow));
     EXPECT_EQ(text(news.takeStates(commits)), "");
     commits.commit(8, 0, std::make_shared<const Bytes>(Bytes{1}));
-    ASSERT_TRUE(commits.take(kStart));
+    ASSERT_TRUE(commits.take(kNow));
     EXPECT_EQ(text(news.takeStates(commits)), "b2 ");
 }
 
@@ -107,49 +107,49 @@ TEST(NewsOrder, LS1WhileCommitsOfThePastComeAStateWaits) {
 
 TEST(NewsOrder, DD12TellsOthersThanTheFirstAndWhoIsGone) {
     NewsOrder news;
-    news.presence(1, presence("ada", 1), kStart);
-    news.presence(4, presence("bo", 4), kStart);
-    EXPECT_EQ(text(news.takePresences(kStart)), "");
-    news.presencesFrom(3, {{presence("ada", 1), presence("cy", 2)}, {}}, kStart);
-    EXPECT_EQ(text(news.takePresences(kStart)), "bo4 ");
-    news.presence(4, presence("bo", 4), kStart + 1s);  // said again
-    news.presence(5, presence("ada", 5), kStart + 1s);
-    EXPECT_EQ(text(news.takePresences(kStart + 1s)), "ada5 ");
+    news.presence(1, presence("ada", 1), kNow);
+    news.presence(4, presence("bo", 4), kNow);
+    EXPECT_EQ(text(news.takePresences(kNow)), "");
+    news.presencesFrom(3, {{presence("ada", 1), presence("cy", 2)}, {}}, kNow);
+    EXPECT_EQ(text(news.takePresences(kNow)), "bo4 ");
+    news.presence(4, presence("bo", 4), kNow + 1s);  // said again
+    news.presence(5, presence("ada", 5), kNow + 1s);
+    EXPECT_EQ(text(news.takePresences(kNow + 1s)), "ada5 ");
     news.gone({"bo"});
     news.gone({"bo"});
     news.gone({"never here"});
-    EXPECT_EQ(text(news.takePresences(kStart + 1s)), "-bo ");
+    EXPECT_EQ(text(news.takePresences(kNow + 1s)), "-bo ");
 }
 
 TEST(NewsOrder, PS2WhoIsNotHeardOfIsGone) {
     NewsOrder news;
-    news.presencesFrom(3, {{presence("ada", 1)}, {}}, kStart);
-    news.presence(3, presence("bo", 1), kStart);
-    EXPECT_EQ(text(news.takePresences(kStart)), "bo1 ");
-    EXPECT_EQ(news.deadline(), kStart + 3s);
-    news.presence(3, presence("bo", 1), kStart + 2s);
-    EXPECT_EQ(text(news.takePresences(kStart + 2'999ms)), "");
-    EXPECT_EQ(text(news.takePresences(kStart + 3s)), "-ada ");
-    EXPECT_EQ(news.deadline(), kStart + 5s);
+    news.presencesFrom(3, {{presence("ada", 1)}, {}}, kNow);
+    news.presence(3, presence("bo", 1), kNow);
+    EXPECT_EQ(text(news.takePresences(kNow)), "bo1 ");
+    EXPECT_EQ(news.deadline(), kNow + 3s);
+    news.presence(3, presence("bo", 1), kNow + 2s);
+    EXPECT_EQ(text(news.takePresences(kNow + 2'999ms)), "");
+    EXPECT_EQ(text(news.takePresences(kNow + 3s)), "-ada ");
+    EXPECT_EQ(news.deadline(), kNow + 5s);
 }
 
 TEST(NewsOrder, PS2AProcessThatHungTakesNobodyForGone) {
     NewsOrder news;
-    news.presencesFrom(3, {{presence("ada", 1)}, {}}, kStart);
-    EXPECT_EQ(text(news.takePresences(kStart + 10s)), "");
-    EXPECT_EQ(text(news.takePresences(kStart + 12s)), "");
-    EXPECT_EQ(text(news.takePresences(kStart + 13s)), "-ada ");
+    news.presencesFrom(3, {{presence("ada", 1)}, {}}, kNow);
+    EXPECT_EQ(text(news.takePresences(kNow + 10s)), "");
+    EXPECT_EQ(text(news.takePresences(kNow + 12s)), "");
+    EXPECT_EQ(text(news.takePresences(kNow + 13s)), "-ada ");
 }
 
 TEST(NewsOrder, WhatIsKeptIsBounded) {
     const CommitOrder commits = liveFrom(1);
     NewsOrder news;
     news.statesFrom(1);
-    news.presencesFrom(1, {}, kStart);
+    news.presencesFrom(1, {}, kNow);
     for (std::uint64_t number = 1; number <= NewsOrder::kMostLayers + 10; ++number)
         news.state(number, 0, state("l" + std::to_string(number), 1));
     for (std::uint64_t number = 1; number <= NewsOrder::kMostPeople + 10; ++number)
-        news.presence(number, presence("p" + std::to_string(number), 1), kStart);
+        news.presence(number, presence("p" + std::to_string(number), 1), kNow);
     EXPECT_EQ(news.takeStates(commits).layers.size(), NewsOrder::kMostLayers);
-    EXPECT_EQ(news.takePresences(kStart).shown.size(), NewsOrder::kMostPeople);
+    EXPECT_EQ(news.takePresences(kNow).shown.size(), NewsOrder::kMostPeople);
 }

@@ -19,7 +19,7 @@ using Socket = websocket::stream<asio::ip::tcp::socket>;
 
 namespace {
 
-SharedBytes bytes(std::string_view text) {
+SharedBytes bytesOf(std::string_view text) {
     const auto view = asBytes(text);
     return std::make_shared<const Bytes>(view.begin(), view.end());
 }
@@ -104,7 +104,7 @@ TEST(WebSocketConnection, SpeaksBinaryAtLive) {
     EXPECT_EQ(server.request().count("Sec-WebSocket-Extensions"), 0u);
 
     ASSERT_TRUE(isNext<Connection::Opened>(*connection));
-    connection->send(bytes("hello"));
+    connection->send(bytesOf("hello"));
     EXPECT_EQ(read(socket), "hello");
     EXPECT_TRUE(socket.got_binary());
     socket.write(asio::buffer(std::string("welcome")));
@@ -122,7 +122,7 @@ TEST(WebSocketConnection, WhatIsQueuedTogetherLeavesInOrder) {
     std::string all;
     for (int i = 0; i < 2000; ++i) {
         const std::string part = std::to_string(i) + std::string(std::size_t(i % 3000), '.') + "\n";
-        connection->send(bytes(part));
+        connection->send(bytesOf(part));
         all += part;
     }
     std::string got;
@@ -178,7 +178,7 @@ TEST(WebSocketConnection, ComesBackAfterALoss) {
     for (int i = 0; i < 3; ++i) {
         auto socket = server.accept();
         ASSERT_TRUE(isNext<Connection::Opened>(*connection));
-        connection->send(bytes("hello " + std::to_string(i)));
+        connection->send(bytesOf("hello " + std::to_string(i)));
         EXPECT_EQ(read(socket), "hello " + std::to_string(i));
         socket.next_layer().close();
         ASSERT_TRUE(isNext<Connection::Lost>(*connection));
@@ -195,13 +195,13 @@ TEST(WebSocketConnection, SendsNothingOfAnEarlierConnectionToALaterOne) {
     // The second one is open already when the owner still thinks of the first.
     auto socket = server.accept();
     for (int i = 0; i < 50; ++i) {
-        connection->send(bytes("late"));
+        connection->send(bytesOf("late"));
         std::this_thread::sleep_for(2ms);
     }
     ASSERT_TRUE(isNext<Connection::Lost>(*connection));
-    connection->send(bytes("late"));
+    connection->send(bytesOf("late"));
     ASSERT_TRUE(isNext<Connection::Opened>(*connection));
-    connection->send(bytes("hello"));
+    connection->send(bytesOf("hello"));
     EXPECT_EQ(read(socket), "hello");
 }
 
@@ -253,7 +253,7 @@ TEST(WebSocketConnection, LeavesInGoodOrderAndSendsWhatIsQueued) {
     auto connection = client::createWebSocketConnection(server.address());
     auto socket = server.accept();
     ASSERT_TRUE(isNext<Connection::Opened>(*connection));
-    connection->send(bytes("last words"));
+    connection->send(bytesOf("last words"));
     auto closed = std::async(std::launch::async, [&] { connection.reset(); });
     EXPECT_EQ(read(socket), "last words");
     EXPECT_EQ(codeOfRead(socket), "The WebSocket stream was gracefully closed at both endpoints");

@@ -163,7 +163,7 @@ TEST(LayerDocDiff, LooksOnlyWhereStructureIsNotShared) {
 
 // Also with ids that mean different specs in the two, which must cost edits but never truth.
 TEST(LayerDocDiff, LeadsFromAnyDocToAnyOther) {
-    for (unsigned seed = 0; seed < 3000; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(3000); ++seed) {
         SCOPED_TRACE(seed);
         RandomEdits random{seed};
         LayerDoc ancestor;

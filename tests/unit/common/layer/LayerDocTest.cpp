@@ -620,7 +620,7 @@ std::string print(const LayerDoc& doc) {
 }  // namespace
 
 TEST(LayerDoc, ED1ToED6DoWhatAModelDoes) {
-    for (unsigned seed = 0; seed < 300; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(300); ++seed) {
         SCOPED_TRACE(seed);
         RandomEdits random{seed};
         LayerDoc doc;

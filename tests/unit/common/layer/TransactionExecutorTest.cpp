@@ -491,10 +491,11 @@ private:
 }  // namespace
 
 TEST(TransactionExecutor, M3ToM6HoldForTwoAuthorsWithOldBases) {
-    int executed = 0;
-    int dropped = 0;
-    int refused = 0;
-    for (unsigned seed = 0; seed < 1000; ++seed) {
+    constexpr unsigned kSeeds = seedsOf(1000);
+    unsigned executed = 0;
+    unsigned dropped = 0;
+    unsigned refused = 0;
+    for (unsigned seed = 0; seed < kSeeds; ++seed) {
         SCOPED_TRACE(seed);
         Authoring authoring(seed);
         authoring.run(60);
@@ -504,7 +505,7 @@ TEST(TransactionExecutor, M3ToM6HoldForTwoAuthorsWithOldBases) {
         refused += authoring.refused;
     }
     // That the seeds reach all that is to be tested.
-    EXPECT_GT(executed, 10000);
-    EXPECT_GT(dropped, 10000);
-    EXPECT_GT(refused, 1000);
+    EXPECT_GT(executed, 10 * kSeeds);
+    EXPECT_GT(dropped, 10 * kSeeds);
+    EXPECT_GT(refused, kSeeds);
 }

@@ -3,7 +3,7 @@
 
 #include "FakeHost.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 class CheckpointsTest : public ::testing::Test {
@@ -82,4 +82,4 @@ TEST_F(CheckpointsTest, CP2AreToldInOrder) {
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

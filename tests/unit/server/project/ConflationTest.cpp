@@ -3,7 +3,7 @@
 
 #include "FakeHost.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 class SlowReader : public ::testing::Test {
@@ -156,4 +156,4 @@ TEST_F(SlowReader, CF1ComesFromTheStoreToo) {
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

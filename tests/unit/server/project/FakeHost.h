@@ -10,7 +10,7 @@
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/server/project/Project.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 
 /// Notes what a project asks for; the test answers when it wants to.
 class FakeHost : public ProjectHost {
@@ -275,4 +275,4 @@ inline Edit inCreated(std::uint64_t sequence, std::uint32_t edit, const std::str
     return {layer, {path, Creation{sequence, edit}}, std::move(action)};
 }
 
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

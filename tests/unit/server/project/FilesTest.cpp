@@ -8,7 +8,7 @@
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 const LayerId kLayer{"a.usda"};
@@ -279,4 +279,4 @@ TEST(Reload, FI3GivesWhatTheFileHolds) {
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

@@ -2,7 +2,7 @@
 
 #include "FakeHost.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 TEST(ProjectLayers, SeveralOpensShareOneLoad) {
@@ -324,4 +324,4 @@ TEST(ProjectPreviews, M11EndWithTheirTransaction) {
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

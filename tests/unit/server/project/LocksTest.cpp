@@ -4,7 +4,7 @@
 #include "FakeHost.h"
 #include "usdlive/common/layer/LayerLock.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 class ProjectLocks : public ::testing::Test {
@@ -293,4 +293,4 @@ TEST_F(ProjectPresence, ACameraIsAMatrixAndAllOfItHasABound) {
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

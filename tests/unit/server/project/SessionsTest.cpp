@@ -2,7 +2,7 @@
 
 #include "FakeHost.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 TEST(ProjectSessions, HelloIsAnsweredByAWelcome) {
@@ -264,4 +264,4 @@ TEST_F(ProjectResume, TheLogOfTheFutureIsAnError) {
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

@@ -6,7 +6,7 @@
 #include "FakeHost.h"
 #include "usdlive/common/core/ByteStream.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 const LayerId kRoot{"a.usda"}, kSub{"b.usda"};
@@ -130,4 +130,4 @@ TEST_F(ProjectSpecLocks, LK5IsKeptByAReload) {
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest

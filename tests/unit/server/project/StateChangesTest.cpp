@@ -65,7 +65,7 @@ private:
     std::map<Key, FieldValue> fields_;
 };
 
-const LayerId kLayer{"a.usda"};
+const LayerId kEdited{"a.usda"};
 
 class Random {
 public:
@@ -107,24 +107,25 @@ Edit randomEdit(Random& random, const LayerDoc& doc) {
     switch (random.below(14)) {
         case 0:
         case 1:
-            return {kLayer, {child(prim, random.of(kNames)), {}}, CreateSpec{SpecKind::Prim}};
+            return {kEdited, {child(prim, random.of(kNames)), {}}, CreateSpec{SpecKind::Prim}};
         case 2:
         case 3:
-            return {kLayer, {prim + ".x", {}}, CreateSpec{SpecKind::Attribute}};
+            return {kEdited, {prim + ".x", {}}, CreateSpec{SpecKind::Attribute}};
         case 4:
-            return {kLayer, {prim, {}}, DeleteSpec{}};
+            return {kEdited, {prim, {}}, DeleteSpec{}};
         case 5:
-            return {kLayer, {prim, {}}, MoveSpec{{random.of(prims), {}}, random.of(kNames)}};
+            return {kEdited, {prim, {}}, MoveSpec{{random.of(prims), {}}, random.of(kNames)}};
         case 6:
-            return {kLayer, {prim, {}}, PlaceSpec{random.of(kNames)}};
+            return {kEdited, {prim, {}}, PlaceSpec{random.of(kNames)}};
         case 7:
-            return {kLayer, {attribute, {}}, SetField{"default", {}, number, {}}};
+            return {kEdited, {attribute, {}}, SetField{"default", {}, number, {}}};
         case 8:
-            return {kLayer, {attribute, {}}, SetField{"timeSamples", SampleTime{time}, number, {}}};
+            return {
+                kEdited, {attribute, {}}, SetField{"timeSamples", SampleTime{time}, number, {}}};
         case 9:
-            return {kLayer, {attribute, {}}, usdlive::EraseField{"timeSamples", SampleTime{time}}};
+            return {kEdited, {attribute, {}}, usdlive::EraseField{"timeSamples", SampleTime{time}}};
         case 10:
-            return {kLayer,
+            return {kEdited,
                     {attribute, {}},
                     SetField{random.below(2) ? "timeSamples" : "customData",
                              DictionaryKey{{random.of(kNames)}},
@@ -132,16 +133,16 @@ Edit randomEdit(Random& random, const LayerDoc& doc) {
                              {}}};
         case 11:
             return {
-                kLayer,
+                kEdited,
                 {prim, {}},
                 SetField{
                     "apiSchemas", ListItem{ListName::Appended, token, {}}, {}, ValueType::Token}};
         case 12:
-            return {kLayer,
+            return {kEdited,
                     {prim, {}},
                     usdlive::EraseField{"apiSchemas", ListItem{ListName::Appended, token, {}}}};
         default:
-            return {kLayer,
+            return {kEdited,
                     {attribute, {}},
                     usdlive::EraseField{random.below(2) ? "timeSamples" : "customData",
                                         std::monostate{}}};
@@ -153,23 +154,23 @@ TEST(StateChanges, TheStateFollowsTheLayerWhateverIsExecuted) {
     for (std::uint64_t seed = 1; seed <= 60; ++seed) {
         Random random(seed);
         LayerDocs layers;
-        layers[kLayer] = LayerDoc();
+        layers[kEdited] = LayerDoc();
         NamespaceLog log;
         OwnCreations creations;
         StoredState state;
         for (Revision revision = 1; revision <= 40; ++revision) {
             Transaction transaction{{{"c"}, revision}, revision - 1, 0, {}};
             for (std::size_t count = random.below(12) + 1; count > 0; --count)
-                transaction.edits.push_back(randomEdit(random, layers[kLayer]));
+                transaction.edits.push_back(randomEdit(random, layers[kEdited]));
             const Outcome outcome = execute(layers, log, creations, transaction, revision);
             const auto* executed = std::get_if<Executed>(&outcome);
             if (!executed) continue;
             executedEdits += executed->edits.size();
             state.apply(stateChanges(layers, executed->edits));
-            ASSERT_EQ(state.doc(), layers[kLayer])
+            ASSERT_EQ(state.doc(), layers[kEdited])
                 << "seed " << seed << ", revision " << revision << "\n"
                 << state.doc().dump() << "\n"
-                << layers[kLayer].dump();
+                << layers[kEdited].dump();
         }
     }
     EXPECT_GT(executedEdits, 3'000u);
@@ -177,18 +178,18 @@ TEST(StateChanges, TheStateFollowsTheLayerWhateverIsExecuted) {
 
 class StateOfOneLayer : public ::testing::Test {
 protected:
-    void SetUp() override { layers[kLayer] = LayerDoc(); }
+    void SetUp() override { layers[kEdited] = LayerDoc(); }
     /// Executes, brings the state up and expects it to be right.
     std::vector<StateChange> execute(std::vector<Edit> edits) {
         const Transaction transaction{{{"c"}, ++revision}, revision - 1, 0, std::move(edits)};
         const Outcome outcome = usdlive::execute(layers, log, creations, transaction, revision);
         const auto changes = stateChanges(layers, std::get<Executed>(outcome).edits);
         state.apply(changes);
-        EXPECT_EQ(state.doc(), layers[kLayer]);
+        EXPECT_EQ(state.doc(), layers[kEdited]);
         return changes;
     }
     static Edit edit(const std::string& path, EditAction action) {
-        return {kLayer, {path, {}}, std::move(action)};
+        return {kEdited, {path, {}}, std::move(action)};
     }
     static std::string prim(int number) { return "/P" + std::to_string(number); }
 

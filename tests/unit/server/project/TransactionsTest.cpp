@@ -4,7 +4,7 @@
 
 #include "FakeHost.h"
 
-namespace usdlive::server::testing {
+namespace usdlive::server::projecttest {
 namespace {
 
 class ProjectTransactions : public ::testing::Test {
@@ -438,4 +438,4 @@ TEST_F(ProjectTransactions, WhoHasNothingOnTheWayIsRefusedAtOnceWhileTheStoreIsC
 }
 
 }  // namespace
-}  // namespace usdlive::server::testing
+}  // namespace usdlive::server::projecttest
