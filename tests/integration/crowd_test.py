@@ -111,7 +111,7 @@ def test_s1_a_stopped_reader_is_cut_and_harms_no_other(root, serve, capfd):
     load.ignored = (stopped,)
     load.crowd.stop_reading(stopped)
     begin = time.monotonic()
-    load.run("with", 9)
+    load.run("with", 8)
     # While this process asks, it reads nothing: what comes meanwhile would be late by its own doing.
     assert not was_cut(server), "a reader has 10 s"
     assert load.run("cut", 11, lambda: was_cut(server)), "a reader that does not read is never cut"

@@ -47,13 +47,14 @@ public:
         std::vector<NodeId> erased = {};  ///< of a Delete: the spec and all below it
     };
 
+    /// Whose an edit is: what a commit or a file holds applies as it is.
+    enum class By { History, Author };
     /// Applies one edit whose address is an absolute path of this doc (Address::creation unset).
     /// Errors leave the doc as it was: InvalidPath (also when a move would make a path below longer
     /// than PA1 allows), SpecNotFound, SpecKindConflict (M2), SpecExists and MoveIntoItself (M5),
     /// InvalidEdit (a kind that cannot stand there, a value that does not fit the part, a field
     /// that lists children), InvalidValue, ForbiddenValue (D1: `timeCodesPerSecond` <= 0 or not
     /// finite). By an author also SpecKindConflict (ED7).
-    enum class By { History, Author };  ///< what a commit, or a file, holds applies as it is
     Result<Applied> apply(std::string_view path, const EditAction& action, By by = By::History);
 
     [[nodiscard]] bool has(std::string_view path) const;
