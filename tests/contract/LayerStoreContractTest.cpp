@@ -21,6 +21,7 @@
 
 #include "unit/common/usd/MemoryBlobs.h"
 #include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 using namespace usdlive;

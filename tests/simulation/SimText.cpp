@@ -1,7 +1,7 @@
 #include "SimText.h"
 
 #include "SimClock.h"
-#include "usdlive/common/usd/SdfLayerStore.h"
+#include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::simulation {
 

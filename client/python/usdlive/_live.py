@@ -121,7 +121,8 @@ class Live:
 
     def tick(self, budget_ms: float = 4.0) -> bool:
         """Sends what was authored, applies what has arrived within about `budget_ms`, calls the
-        handlers. True when more has arrived than could be applied."""
+        handlers. True when more has arrived than could be applied. The content of a big layer is made
+        beside, and comes with a later tick."""
         _, more, happened = self._client.tick(budget_ms)
         self._follow_muteness()
         self._tell(happened)

@@ -17,7 +17,7 @@
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
-#include "usdlive/common/usd/SdfLayerStore.h"
+#include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::cli {
 

@@ -176,6 +176,8 @@ bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {
     Incoming& snapshot = joining.snapshot;
     if (!snapshot.whole || !snapshot.opened || snapshot.opened->revision > revision_) return false;
     LayerDoc doc = snapshot.decoder->take();
+    // A frozen layer is reset at the thaw, all at once.
+    if (layers_.at(layer).wanted && !frozen_) editor_.arrived(layer, doc);
     for (const auto& [revision, edit] : joining.later) {
         if (revision <= snapshot.opened->revision) continue;
         if (doc.apply(edit.address.path, edit.action)) continue;

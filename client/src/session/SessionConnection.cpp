@@ -136,23 +136,26 @@ void Session::Impl::handle(PreviewFrame&& frame) {
 }
 
 void Session::Impl::handle(SnapshotFrame&& frame) {
-    const auto add = [&](Incoming& snapshot) {
+    const auto add = [&](Incoming& snapshot, const SnapshotFrame& chunk) {
         if (!snapshot.decoder) snapshot.decoder = std::make_unique<SnapshotDecoder>();
-        const auto whole = snapshot.decoder->add(frame);
-        if (!whole) return protocolFault(whole.error());
-        snapshot.whole = *whole;
+        const auto whole = snapshot.decoder->add(chunk);
+        if (!whole) protocolFault(whole.error());
+        snapshot.whole = whole && *whole;
+        return bool(whole);
     };
     for (auto& [layer, opened] : layers_) {
         if (!opened.joining || opened.joining->snapshot.request != frame.request) continue;
         Incoming& snapshot = opened.joining->snapshot;
-        add(snapshot);
+        const auto chunk = std::make_shared<const SnapshotFrame>(std::move(frame));
+        if (opened.wanted) editor_.arriving(layer, chunk);
+        if (!add(snapshot, *chunk)) return;
         const std::uint64_t total = snapshot.opened ? snapshot.opened->specs : 0;
         if (opened.wanted)
             events_.push_back(event::Joining{{layer, snapshot.decoder->specs(), total}});
         return;
     }
     for (Peek& peek : peeks_)
-        if (peek.snapshot.request == frame.request) return add(peek.snapshot);
+        if (peek.snapshot.request == frame.request) return void(add(peek.snapshot, frame));
 }
 
 void Session::Impl::handle(RefusalFrame&& frame) {

@@ -20,6 +20,7 @@
 #include "usdlive/client/usd/LostWorkLayer.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
+#include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive {
 
@@ -165,6 +166,11 @@ public:
     void close(const LayerId& id) {
         if (!find(id)) return;
         flush(options_.connectTimeoutMs);
+        // The layer keeps its content: also one that has just been reloaded, and is to get it back.
+        for (auto* live = find(id); live && live->isRefilling(); live = find(id)) {
+            connection_->wait(milliseconds(1));
+            tick(kBlockingBudgetMs);
+        }
         session_.closeLayer(id);
         live_.erase(id);
         closed_.insert(id);
@@ -253,6 +259,12 @@ public:
 
     // --- LayerView ---
 
+    void arriving(const LayerId& id, std::shared_ptr<const SnapshotFrame> chunk) override {
+        if (auto* live = find(id)) live->arriving(std::move(chunk));
+    }
+    void arrived(const LayerId& id, const LayerDoc& snapshot) override {
+        if (auto* live = find(id)) live->arrived(snapshot);
+    }
     void reset(const LayerId& id, const LayerDoc& doc) override {
         if (auto* live = find(id)) live->reset(doc);
     }
@@ -324,7 +336,8 @@ private:
         if (layer->IsDirty()) keepEarlyWork(id, layer);
         live_[id] = std::make_unique<LiveLayer>(
             id, layer,
-            LiveLayer::Surroundings{source_, blobs_, [this, id] { return session_.view(id); },
+            LiveLayer::Surroundings{source_, blobs_, blobs_, worker_,
+                                    [this, id] { return session_.view(id); },
                                     [this](Error error) { report(std::move(error)); }});
         session_.openLayer(id);
     }
@@ -350,7 +363,7 @@ private:
         auto heard = Clock::now();
         auto connected = Clock::now();
         while (!ids.empty() || !awaitedBlobs_.empty()) {
-            tick(kBlockingBudgetMs);
+            const TickResult ticked = tick(kBlockingBudgetMs);
             for (const auto& id : asked)
                 if (const auto failure = failed_.find(id); failure != failed_.end())
                     return tl::unexpected(failure->second);
@@ -365,7 +378,8 @@ private:
             const bool advanced = waiting != ids;
             ids = std::move(waiting);
             if (session_.isConnected()) connected = Clock::now();
-            if (advanced || connection_->wait(milliseconds(isFilling() ? 0 : 10)))
+            if (advanced || ticked.more ||
+                connection_->wait(milliseconds(ticked.filling ? 1 : 10)) || ticked.filling)
                 heard = Clock::now();
             if (msSince(connected) > options_.connectTimeoutMs) return tl::unexpected(notThere());
             if (msSince(heard) > kSilenceMs)
@@ -374,14 +388,10 @@ private:
         return {};
     }
 
-    [[nodiscard]] bool isFilling() const {
-        return std::any_of(live_.begin(), live_.end(),
-                           [](const auto& entry) { return entry.second->isFilling(); });
-    }
-
     // The layers of the project that this one names, opened; those that are on their way here.
     std::vector<LayerId> joinUsed(LiveLayer& live) {
         std::vector<LayerId> joining;
+        if (!live.namesLayers()) return joining;
         const auto& layer = live.layer();
         for (const auto& asset : layer->GetCompositionAssetDependencies()) {
             const auto path = pxr::SdfComputeAssetPathRelativeToLayer(layer, asset);
@@ -433,15 +443,15 @@ private:
     void work(double budgetMs, TickResult& result) {
         const Raised ticking(ticking_);
         const auto start = Clock::now();
-        const auto left = [&] { return std::max(budgetMs - msSince(start), 0.1); };
         adoptLoaded();
         {
             const pxr::SdfChangeBlock block;
             seal();
             hearConnection();
-            result.more = !session_.advance(left(), nowMs());
+            const double left = std::max(budgetMs - msSince(start), 0.1);
+            result.more = !session_.advance(left, nowMs());
             bringBlobs();
-            if (!fillLayers(left())) result.more = true;
+            result.filling = fillLayers();
         }
         takeEvents(result);
     }
@@ -503,16 +513,15 @@ private:
             if (awaitedBlobs_.insert(hash).second) session_.requestBlob(hash);
     }
 
-    bool fillLayers(double budgetMs) {
-        const auto start = Clock::now();
-        bool done = true;
+    // How many are not made yet.
+    std::size_t fillLayers() {
+        std::size_t filling = 0;
         for (const auto& [id, live] : live_) {
-            if (!live->isFilling()) continue;
-            // The first one works in any case, so that each tick brings some of it.
-            if (!done || !live->fill(std::max(budgetMs - msSince(start), 0.0))) done = false;
+            live->fill();
+            filling += live->isFilling() ? 1 : 0;
         }
         requestMissing();
-        return done;
+        return filling;
     }
 
     // --- events ---
@@ -593,6 +602,7 @@ private:
     const CacheFolder cacheFolder_;
     LayerFolders folders_;
     BlobCache blobs_;
+    client::Worker worker_;  // makes what the layers hold
     Source source_{*this};
     const std::unique_ptr<Connection> connection_;
     Session session_;

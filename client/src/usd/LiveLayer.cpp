@@ -7,13 +7,12 @@ namespace usdlive::client {
 
 namespace {
 
-// Fields that name other layers.
-bool namesLayers(const EditAction& action) {
-    const auto is = [](const std::string& field) {
-        return field == "subLayers" || field == "references" || field == "payload";
-    };
-    if (const auto* set = std::get_if<SetField>(&action)) return is(set->field);
-    return false;
+// Edits since a snapshot, brought in one by one; of more it is quicker to make the content anew.
+constexpr std::size_t kMostSince = 5'000;
+
+bool namesOthers(const EditAction& action) {
+    const auto* set = std::get_if<SetField>(&action);
+    return set && usd::namesLayers(set->field);
 }
 
 }  // namespace
@@ -51,26 +50,60 @@ void LiveLayer::open() {
     closed_ = false;
 }
 
+std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
+    return std::make_unique<BackgroundFill>(layer_, surroundings_.workerSource,
+                                            surroundings_.worker);
+}
+
+void LiveLayer::arriving(std::shared_ptr<const SnapshotFrame> chunk) {
+    if (chunk->index == 0) {
+        arriving_ = newFill();
+        snapshot_.reset();
+    }
+    if (arriving_) arriving_->add(std::move(chunk));
+}
+
+void LiveLayer::arrived(const LayerDoc& snapshot) {
+    if (arriving_) snapshot_ = snapshot;
+}
+
 void LiveLayer::reset(const LayerDoc& doc) {
     capture_.discard();
     close();
     waiting_.clear();
-    fill_ = std::make_unique<usd::LayerFill>(doc, surroundings_.source);
+    auto arriving = std::move(arriving_);
+    const auto snapshot = std::exchange(snapshot_, std::nullopt);
+    if (snapshot && doc.specCount() > BackgroundFill::kMadeAtOnce) {
+        auto since = difference(*snapshot, doc);
+        if (since.size() <= kMostSince) {
+            for (auto& [path, action] : since)
+                waiting_.push_back({std::move(path), std::move(action)});
+            fill_ = std::move(arriving);
+            return;
+        }
+    }
+    fill_ = newFill();
+    fill_->add(doc);
 }
 
-bool LiveLayer::fill(double budgetMs) {
-    if (!fill_) return true;
-    if (!fill_->fill(budgetMs)) return false;
+void LiveLayer::fill() {
+    if (!fill_ || !fill_->isDone()) return;
+    if (fill_->hasFailed()) {
+        // The session made something of the same chunks: that is shown.
+        if (const LayerDoc* view = surroundings_.view()) reset(*view);
+        return;
+    }
     open();
     if (!store_)
         store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
-    expectsReplacement_ = true;
+    // Sdf does not compare what streams with what it becomes, and tells that all is replaced.
+    expectsReplacement_ = layer_->StreamsData() && !layer_->GetRootPrims().empty();
+    namesLayers_ = fill_->namesLayers();
     const auto filled = fill_->into(*store_);
     fill_.reset();
     if (!filled) surroundings_.report(filled.error());
     for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action);
     usesChanged_ = true;
-    return true;
 }
 
 void LiveLayer::apply(const std::string& path, const EditAction& action) {
@@ -82,7 +115,7 @@ void LiveLayer::apply(const std::string& path, const EditAction& action) {
 
 void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
     const auto applied = store_->apply(path, action);
-    if (namesLayers(action)) usesChanged_ = true;
+    if (namesOthers(action)) namesLayers_ = usesChanged_ = true;
     if (!applied && !layer_->IsMuted())
         surroundings_.report(
             {applied.error().code, id_.value + " <" + path + ">: " + applied.error().message});
@@ -96,7 +129,8 @@ Capture::Sealed LiveLayer::seal() {
     if (startOver_) startOver();
     if (!hasWrites()) return {};
     auto sealed = capture_.seal(*store_, surroundings_.sink);
-    for (const auto& edit : sealed.edits) usesChanged_ = usesChanged_ || namesLayers(edit.action);
+    for (const auto& edit : sealed.edits)
+        if (namesOthers(edit.action)) namesLayers_ = usesChanged_ = true;
     return sealed;
 }
 

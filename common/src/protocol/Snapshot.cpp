@@ -96,7 +96,9 @@ std::optional<SnapshotFrame> SnapshotEncoder::next() {
                          std::uint32_t(raw.size()), deflate(raw)};
 }
 
-struct SnapshotDecoder::State {
+struct SnapshotReader::State {
+    explicit State(SnapshotRecords& to) : records(to) {}
+
     Result<void> addChunk(ByteView raw) {
         ByteReader reader(raw);
         while (reader.left() != 0) {
@@ -106,12 +108,14 @@ struct SnapshotDecoder::State {
         return {};
     }
 
-    LayerDoc::Builder builder;
+    SnapshotRecords& records;
     std::uint64_t specs = 0;
     std::uint32_t chunks = 0;
     bool last = false;
     std::optional<Error> failed;
     Bytes raw;  // of the chunk being read
+
+    [[nodiscard]] bool inField() const { return !part.empty(); }
 
 private:
     static tl::unexpected<Error> malformed(const char* message) {
@@ -141,12 +145,8 @@ private:
         const bool isRoot = kind == SpecKind::PseudoRoot;
         if (isRoot != (specs == 0) || isRoot != (id == kRootNode))
             return malformed("a snapshot does not begin with its root");
-        node = id;
         ++specs;
-        if (isRoot) return {};
-        auto added = builder.addSpec(id, parent, order, kind, name);
-        if (!added) return fail(ErrorCode::MalformedFrame, added.error().message);
-        return {};
+        return records.spec(id, parent, order, kind, name);
     }
 
     Result<void> addField(ByteReader& reader) {
@@ -180,25 +180,19 @@ private:
             return malformed("a snapshot's field has no spec or no name");
         auto value = decodeFieldValue(bytes);
         if (!value) return tl::unexpected(value.error());
-        auto added = builder.addField(node, name, std::move(*value));
-        if (!added) return fail(ErrorCode::MalformedFrame, added.error().message);
-        return {};
+        return records.field(name, std::move(*value));
     }
 
-    [[nodiscard]] bool inField() const { return !part.empty(); }
-
-    NodeId node = 0;
     std::string partName;
     std::uint64_t partSize = 0;
     Bytes part;
-
-    friend class SnapshotDecoder;
 };
 
-SnapshotDecoder::SnapshotDecoder() : state_(std::make_unique<State>()) {}
-SnapshotDecoder::~SnapshotDecoder() = default;
+SnapshotReader::SnapshotReader(SnapshotRecords& records)
+    : state_(std::make_unique<State>(records)) {}
+SnapshotReader::~SnapshotReader() = default;
 
-Result<bool> SnapshotDecoder::add(const SnapshotFrame& frame) {
+Result<bool> SnapshotReader::add(const SnapshotFrame& frame) {
     if (state_->failed) return tl::unexpected(*state_->failed);
     const auto failWith = [this](Error error) {
         state_->failed = error;
@@ -217,7 +211,32 @@ Result<bool> SnapshotDecoder::add(const SnapshotFrame& frame) {
     return frame.last;
 }
 
-std::uint64_t SnapshotDecoder::specs() const { return state_->specs; }
-LayerDoc SnapshotDecoder::take() { return state_->builder.finish(); }
+std::uint64_t SnapshotReader::specs() const { return state_->specs; }
+
+class SnapshotDecoder::Records final : public SnapshotRecords {
+public:
+    Result<void> spec(NodeId node, NodeId parent, std::uint64_t order, SpecKind kind,
+                      std::string_view name) override {
+        node_ = node;
+        return malformedUnless(builder.addSpec(node, parent, order, kind, name));
+    }
+    Result<void> field(std::string_view name, FieldValue value) override {
+        return malformedUnless(builder.addField(node_, name, std::move(value)));
+    }
+
+    LayerDoc::Builder builder;
+
+private:
+    static Result<void> malformedUnless(Result<void> added) {
+        if (!added) return fail(ErrorCode::MalformedFrame, added.error().message);
+        return added;
+    }
+
+    NodeId node_ = 0;
+};
+
+SnapshotDecoder::SnapshotDecoder() : records_(std::make_unique<Records>()), reader_(*records_) {}
+SnapshotDecoder::~SnapshotDecoder() = default;
+LayerDoc SnapshotDecoder::take() { return records_->builder.finish(); }
 
 }  // namespace usdlive

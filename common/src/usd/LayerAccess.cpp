@@ -24,6 +24,15 @@ public:
     using pxr::SdfFileFormat::_SetLayerData;
 };
 
+// Sdf exchanges a layer's data like this itself (SdfLayer::_SwapData), for itself alone. What an
+// explicit instantiation names may be private.
+pxr::SdfAbstractDataRefPtr& dataOf(pxr::SdfLayer& layer);
+template <pxr::SdfAbstractDataRefPtr pxr::SdfLayer::* Data>
+struct LayerData {
+    friend pxr::SdfAbstractDataRefPtr& dataOf(pxr::SdfLayer& layer) { return layer.*Data; }
+};
+template struct LayerData<&pxr::SdfLayer::_data>;
+
 bool isSubLayers(const pxr::SdfPath& path, const pxr::TfToken& field) {
     return field == pxr::SdfFieldKeys->SubLayers && path == pxr::SdfPath::AbsoluteRootPath();
 }
@@ -83,6 +92,10 @@ pxr::SdfAbstractDataConstPtr layerData(const pxr::SdfLayer& layer) {
 
 void setLayerData(const pxr::SdfLayerHandle& layer, pxr::SdfAbstractDataRefPtr data) {
     FormatAccess::_SetLayerData(get_pointer(layer), data);
+}
+
+void swapLayerData(const pxr::SdfLayerHandle& layer, pxr::SdfAbstractDataRefPtr& data) {
+    dataOf(*layer).swap(data);
 }
 
 const pxr::TfToken& childrenField(ChildList list) {

@@ -17,6 +17,8 @@ namespace usdlive::usd {
 [[nodiscard]] pxr::SdfAbstractDataConstPtr layerData(const pxr::SdfLayer& layer);
 /// Turns the layer's content into `data`'s, spec by spec, telling of each difference.
 void setLayerData(const pxr::SdfLayerHandle& layer, pxr::SdfAbstractDataRefPtr data);
+/// Gives the layer `data` for its own, as it is, and tells nobody.
+void swapLayerData(const pxr::SdfLayerHandle& layer, pxr::SdfAbstractDataRefPtr& data);
 
 /// The field that lists the children.
 [[nodiscard]] const pxr::TfToken& childrenField(ChildList list);

@@ -1,14 +1,19 @@
+#include "usdlive/common/usd/LayerFill.h"
+
 #include <pxr/base/vt/value.h>
+#include <pxr/usd/sdf/abstractData.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/fileFormat.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
-#include <chrono>
 #include <deque>
+#include <functional>
+#include <unordered_map>
 
 #include "StoreDelegate.h"
+#include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::usd {
@@ -19,192 +24,223 @@ using pxr::VtValue;
 
 namespace {
 
-ChildList listOf(SpecKind kind) {
-    for (const ChildList list : kChildLists)
-        if (belongsIn(kind, list)) return list;
-    return ChildList::Prims;
+std::size_t listNumber(SpecKind kind) {
+    std::size_t number = 0;
+    while (number < kChildLists.size() && !belongsIn(kind, kChildLists[number])) ++number;
+    return number;
 }
 
-// The tokens of the few names that all fields of a layer have.
-class FieldTokens {
+// Of the kind that the layer has: what `.usd` begins with is for binary files, where the layer may
+// have been read from a text.
+pxr::SdfAbstractDataRefPtr emptyData(const pxr::SdfLayer& layer) {
+    const auto data = layer.GetFileFormat()->InitData(layer.GetFileFormatArguments());
+    if (!data->StreamsData() || layer.StreamsData()) return data;
+    return pxr::SdfFileFormat::FindById(TfToken("usda"))->InitData({});
+}
+
+// Those of the names that come again and again, of fields and properties above all, and Tf
+// looks each up under a lock.
+class Tokens {
 public:
-    const TfToken& operator()(const std::string& name) {
-        for (const auto& [known, token] : tokens_)
-            if (known == name) return token;
-        if (tokens_.size() == kMost) tokens_.pop_back();
-        return tokens_.emplace_back(name, TfToken(name)).second;
+    TfToken operator()(std::string_view name) {
+        if (const auto known = tokens_.find(name); known != tokens_.end()) return known->second;
+        TfToken token{std::string(name)};
+        if (tokens_.size() < kMost) tokens_.emplace(name, token);
+        return token;
     }
 
 private:
-    static constexpr std::size_t kMost = 32;
-    std::vector<std::pair<std::string, TfToken>> tokens_;
+    struct NameHash : std::hash<std::string_view> {
+        using is_transparent = void;
+    };
+    static constexpr std::size_t kMost = 4096;
+    std::unordered_map<std::string, TfToken, NameHash, std::equal_to<>> tokens_;
 };
 
 }  // namespace
 
+bool namesLayers(std::string_view field) {
+    return field == "subLayers" || field == "references" || field == "payload";
+}
+
 struct LayerFill::State {
     using FieldValues = std::vector<std::pair<TfToken, VtValue>>;
 
-    // A spec in the order of the doc: parents before children, siblings in order.
-    struct Spec {
+    // Root prims stand beside the data until all is done: that they come is what Sdf tells of.
+    struct RootPrim {
         SdfPath path;
-        SpecKind kind;
-        std::size_t fieldsEnd = 0;  // its fields are those from where the spec before ends
+        FieldValues fields;
     };
-    struct Children {
-        std::size_t parent;  // in `specs`
-        ChildList list;
-        pxr::TfTokenVector names;
-    };
-    // A spec whose children are being filled.
+    // A spec to which children may still be added.
     struct Level {
         NodeId node;
-        std::size_t spec;
-        std::optional<ChildList> list;  // of the last child
-        std::size_t children = 0;       // that list's
+        SdfPath path;
+        SpecKind kind;
+        std::size_t list = 0;  // of the last child, in kChildLists
+        std::uint64_t order = 0;
+        pxr::TfTokenVector names = {};  // that list's
+    };
+    struct Waiting {
+        SdfPath path;
+        TfToken field;
+        FieldValue value;
     };
 
-    State(LayerDoc doc, BlobSource& source)
-        : total(doc.specCount()), walk(std::move(doc)), blobs(source) {
-        specs.reserve(total);
+    State(const pxr::SdfLayerHandle& layer, BlobSource& source)
+        : data(emptyData(*layer)), blobs(source) {}
+
+    Result<void> addSpec(NodeId node, NodeId parent, std::uint64_t order, SpecKind kind,
+                         std::string_view name) {
+        if (kind == SpecKind::PseudoRoot && !begun) {
+            begun = true;
+            above.push_back({node, SdfPath::AbsoluteRootPath(), kind});
+            return {};
+        }
+        while (!above.empty() && above.back().node != parent) leave();
+        if (above.empty() || !startChild(above.back(), order, kind))
+            return fail(ErrorCode::InvalidEdit, "the spec " + inQuotes(name) + " is out of order");
+        const TfToken token = specNames(name);
+        above.back().names.push_back(token);
+        SdfPath path = childOf(above.back().path, kChildLists[above.back().list], token);
+        if (above.size() == 1)
+            rootPrims.push_back({path, {}});
+        else
+            data->CreateSpec(path, pxr::SdfSpecType(kind));
+        above.push_back({node, std::move(path), kind});
+        return {};
     }
 
-    /// False: that was all.
-    bool fillNext() {
-        const LayerDoc::SpecView* view = walk.next();
-        if (!view) return false;
-        while (!above.empty() && above.back().node != view->parent) above.pop_back();
-        const SdfPath path =
-            above.empty() ? SdfPath::AbsoluteRootPath() : addChild(view->kind, view->name);
-        above.push_back({view->node, specs.size(), {}});
-        Spec& spec = specs.emplace_back(Spec{path, view->kind});
-        for (const auto& [name, value] : *view->fields) fillField(spec, tokens(name), value);
-        spec.fieldsEnd = fields.size();
+    // False: such a child does not come after those that are there.
+    bool startChild(Level& level, std::uint64_t order, SpecKind kind) {
+        const std::size_t list = listNumber(kind);
+        const bool first = level.names.empty() || list != level.list;
+        if (list == kChildLists.size() || !hasList(level.kind, kChildLists[list]) ||
+            list < level.list || (!first && order <= level.order))
+            return false;
+        if (first) setNames(level);
+        level.list = list;
+        level.order = order;
         return true;
     }
 
-    SdfPath addChild(SpecKind kind, std::string_view name) {
-        Level& level = above.back();
-        const ChildList list = listOf(kind);
-        if (level.list != list) {
-            level.list = list;
-            level.children = children.size();
-            children.push_back({level.spec, list, {}});
-        }
-        const TfToken token{std::string(name)};
-        children[level.children].names.push_back(token);
-        return childOf(specs[level.spec].path, list, token);
+    // Of the spec that `above` ends with.
+    void set(const TfToken& field, VtValue value) {
+        if (above.size() == 1)
+            rootFields.emplace_back(field, std::move(value));
+        else if (above.size() == 2)
+            rootPrims.back().fields.emplace_back(field, std::move(value));
+        else
+            data->Set(above.back().path, field, value);
     }
 
-    void fillField(const Spec& spec, const TfToken& field, const FieldValue& value) {
+    void setNames(Level& level) {
+        if (level.names.empty()) return;
+        const TfToken& field = childrenField(kChildLists[level.list]);
+        set(field, VtValue::Take(level.names));
+        level.names.clear();
+    }
+
+    void leave() {
+        setNames(above.back());
+        above.pop_back();
+    }
+
+    void addField(const TfToken& field, const FieldValue& value) {
         if (isStructural(field)) return;
+        namesLayers = namesLayers || usd::namesLayers(field.GetString());
+        const Level& spec = above.back();
         auto decoded = decodeField(spec.path, field, value, blobs);
         if (!decoded) {
             if (decoded.error().code == ErrorCode::BlobNotFound)
-                waiting.emplace_back(spec.path, field, &value);
+                waiting.push_back({spec.path, field, value});
             else
                 leftOut.push_back(decoded.error());
             return;
         }
-        if (decoded->offsets)
-            fields.emplace_back(pxr::SdfFieldKeys->SubLayerOffsets, VtValue(*decoded->offsets));
-        if (const auto targets = targetFields(spec.kind, field))
-            fillTargets(spec, *targets, decoded->value);
-        fields.emplace_back(field, std::move(decoded->value));
+        if (decoded->offsets) set(pxr::SdfFieldKeys->SubLayerOffsets, VtValue(*decoded->offsets));
+        if (const auto names = targetFields(spec.kind, field))
+            addTargets(spec.path, *names, decoded->value);
+        set(field, std::move(decoded->value));
     }
 
-    void fillTargets(const Spec& spec, const TargetFields& names, const VtValue& value) {
+    void addTargets(const SdfPath& property, const TargetFields& names, const VtValue& value) {
         auto paths = targetsIn(value);
         if (paths.empty()) return;
         for (const SdfPath& path : paths)
-            targets.emplace_back(spec.path.AppendTarget(path), names.childType);
-        fields.emplace_back(names.children, VtValue::Take(paths));
+            data->CreateSpec(property.AppendTarget(path), names.childType);
+        set(names.children, VtValue::Take(paths));
     }
 
-    // All but the pseudo-root's. `create` makes a spec.
-    void write(pxr::SdfAbstractData& data, const auto& create) {
-        std::size_t at = specs.front().fieldsEnd;
-        for (std::size_t index = 1; index < specs.size(); ++index) {
-            const Spec& spec = specs[index];
-            create(spec);
-            for (; at < spec.fieldsEnd; ++at)
-                data.Set(spec.path, fields[at].first, fields[at].second);
+    void setRootPrims(const auto& create) {
+        for (const RootPrim& prim : rootPrims) {
+            create(prim.path);
+            for (const auto& [field, value] : prim.fields) data->Set(prim.path, field, value);
         }
-        for (Children& list : children)
-            if (list.parent != 0)
-                data.Set(specs[list.parent].path, childrenField(list.list),
-                         VtValue::Take(list.names));
-        for (const auto& [path, type] : targets) data.CreateSpec(path, type);
     }
 
-    /// Of the pseudo-root, with its children.
-    [[nodiscard]] FieldValues rootFields() {
-        FieldValues all(fields.begin(), fields.begin() + std::ptrdiff_t(specs.front().fieldsEnd));
-        for (Children& list : children)
-            if (list.parent == 0)
-                all.emplace_back(childrenField(list.list), VtValue::Take(list.names));
-        return all;
-    }
-
-    // Into a layer without prims: a change notice for each root prim says all, so the rest goes
-    // into the data behind the layer's back.
+    // Into a layer without prims: a change notice for each root prim says all, so the rest is put
+    // there behind the layer's back.
     void writeQuietly(SdfLayerStore::Delegate& delegate) {
-        write(delegate.data(), [&](const Spec& spec) {
-            if (spec.path.IsRootPrimPath())
-                delegate.CreateSpec(spec.path, pxr::SdfSpecType(spec.kind), false);
-            else
-                delegate.data().CreateSpec(spec.path, pxr::SdfSpecType(spec.kind));
-        });
         const SdfPath& root = SdfPath::AbsoluteRootPath();
-        const FieldValues wanted = rootFields();
-        for (const TfToken& present : delegate.data().List(root))
+        for (const TfToken& field : delegate.data().List(root))
+            data->Set(root, field, delegate.data().Get(root, field));
+        auto before = data;
+        swapLayerData(delegate.layer(), before);
+        setRootPrims(
+            [&](const SdfPath& path) { delegate.CreateSpec(path, pxr::SdfSpecTypePrim, false); });
+        for (const TfToken& present : data->List(root))
             if (present != pxr::SdfChildrenKeys->PrimChildren &&
-                std::ranges::none_of(wanted,
+                std::ranges::none_of(rootFields,
                                      [&](const auto& field) { return field.first == present; }))
                 delegate.SetField(root, present, VtValue());
-        for (const auto& [field, value] : wanted) delegate.SetField(root, field, value);
+        for (const auto& [field, value] : rootFields) delegate.SetField(root, field, value);
     }
 
     // Sdf compares, and tells of what differs.
     void replace(SdfLayerStore::Delegate& delegate) {
-        const auto& layer = delegate.layer();
-        const auto data = layer->GetFileFormat()->InitData(layer->GetFileFormatArguments());
-        write(*data,
-              [&](const Spec& spec) { data->CreateSpec(spec.path, pxr::SdfSpecType(spec.kind)); });
-        const SdfPath& root = SdfPath::AbsoluteRootPath();
-        for (const auto& [field, value] : rootFields()) data->Set(root, field, value);
-        setLayerData(layer, data);
+        setRootPrims([&](const SdfPath& path) { data->CreateSpec(path, pxr::SdfSpecTypePrim); });
+        for (const auto& [field, value] : rootFields)
+            data->Set(SdfPath::AbsoluteRootPath(), field, value);
+        setLayerData(delegate.layer(), data);
     }
 
-    const std::size_t total;
-    LayerDoc::Walk walk;
+    const pxr::SdfAbstractDataRefPtr data;  // all but the pseudo-root's fields and the root prims
     BlobSource& blobs;
-    std::vector<Spec> specs;
-    std::vector<Level> above;
-    std::vector<Children> children;
-    std::deque<std::pair<TfToken, VtValue>> fields;  // of all specs, one after the other
-    std::vector<std::pair<SdfPath, pxr::SdfSpecType>> targets;
-    std::vector<std::tuple<SdfPath, TfToken, const FieldValue*>> waiting;
+    bool begun = false;
+    std::vector<Level> above;  // from the pseudo-root down to the last spec
+    FieldValues rootFields;    // of the pseudo-root
+    std::deque<RootPrim> rootPrims;
+    std::vector<Waiting> waiting;
     std::vector<Error> leftOut;
-    FieldTokens tokens;
+    bool namesLayers = false;
+    Tokens fieldNames, specNames;
 };
 
-LayerFill::LayerFill(LayerDoc doc, BlobSource& blobs)
-    : state_(std::make_unique<State>(std::move(doc), blobs)) {}
+LayerFill::LayerFill(const pxr::SdfLayerHandle& layer, BlobSource& blobs)
+    : state_(std::make_unique<State>(layer, blobs)) {}
 LayerFill::~LayerFill() = default;
 
-bool LayerFill::fill(double budgetMs) {
-    using Clock = std::chrono::steady_clock;
-    constexpr int kSpecsPerLook = 64;  // at the clock
-    const auto end = Clock::now() + std::chrono::duration<double, std::milli>(budgetMs);
-    for (int done = 1; state_->fillNext(); ++done)
-        if (done % kSpecsPerLook == 0 && Clock::now() >= end) return false;
-    return true;
+Result<void> LayerFill::addSpec(NodeId node, NodeId parent, std::uint64_t order, SpecKind kind,
+                                std::string_view name) {
+    return state_->addSpec(node, parent, order, kind, name);
 }
 
-double LayerFill::progress() const { return double(state_->specs.size()) / double(state_->total); }
+void LayerFill::addField(std::string_view name, const FieldValue& value) {
+    state_->addField(state_->fieldNames(name), value);
+}
+
+bool LayerFill::namesLayers() const { return state_->namesLayers; }
+
+void LayerFill::add(const LayerDoc& doc) {
+    doc.visit([this](const LayerDoc::SpecView& spec) {
+        // A doc is in its own order.
+        (void)addSpec(spec.node, spec.parent, spec.order, spec.kind, spec.name);
+        for (const auto& [name, value] : *spec.fields) addField(name, value);
+    });
+}
 
 Result<void> LayerFill::into(SdfLayerStore& store) {
+    while (!state_->above.empty()) state_->leave();
     auto& delegate = *store.delegate_;
     {
         const pxr::SdfChangeBlock block;
@@ -217,8 +253,10 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
             state_->writeQuietly(delegate);
         else
             state_->replace(delegate);
+        // What was not here when it was looked for may be here now.
         for (const auto& [path, field, value] : state_->waiting)
-            delegate.waiting.add({path, field}, *value, state_->blobs);
+            if (auto set = delegate.set(path, field, value); !set)
+                state_->leftOut.push_back(set.error());
     }
     if (!state_->leftOut.empty()) return tl::unexpected(state_->leftOut.front());
     return {};
@@ -229,9 +267,8 @@ Result<pxr::SdfLayerRefPtr> makeLayer(const LayerDoc& doc, BlobSource& blobs,
     const auto format = pxr::SdfFileFormat::FindById(TfToken(formatId));
     if (!format) return fail(ErrorCode::InvalidArgument, "there is no file format " + formatId);
     auto layer = pxr::SdfLayer::CreateAnonymous("usdlive." + formatId, format);
-    LayerFill fill(doc, blobs);
-    while (!fill.fill(1e9)) {
-    }
+    LayerFill fill(layer, blobs);
+    fill.add(doc);
     SdfLayerStore store(layer, blobs, nullptr);
     if (auto filled = fill.into(store); !filled) return tl::unexpected(filled.error());
     if (store.waitsForBlobs())

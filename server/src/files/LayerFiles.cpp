@@ -11,6 +11,7 @@
 #include "BlobBridge.h"
 #include "FileStamps.h"
 #include "SafeFile.h"
+#include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 #include "usdlive/common/usd/TfComplaints.h"
 

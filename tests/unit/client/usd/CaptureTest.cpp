@@ -17,27 +17,15 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
-#include <unordered_map>
 
 #include "RandomEditor.h"
+#include "unit/common/usd/MemoryBlobs.h"
 
 using namespace usdlive;
 using client::AuthoredEdit;
 using client::Capture;
 
 namespace {
-
-class Blobs final : public usd::BlobSource, public usd::BlobSink {
-public:
-    SharedBytes blob(const Hash& hash) override {
-        const auto found = blobs_.find(hash);
-        return found == blobs_.end() ? nullptr : found->second;
-    }
-    void keepBlob(const Hash& hash, SharedBytes bytes) override { blobs_[hash] = std::move(bytes); }
-
-private:
-    std::unordered_map<Hash, SharedBytes> blobs_;
-};
 
 std::string text(const pxr::SdfLayerHandle& layer) {
     std::string exported;
@@ -92,7 +80,7 @@ protected:
     }
 
     const LayerId id{"shot.usda"};
-    Blobs blobs;
+    usdlive::test::MemoryBlobs blobs;
     LayerDoc model;
     pxr::SdfLayerRefPtr layer, follower;
     std::unique_ptr<Capture> capture;

@@ -16,6 +16,7 @@
 
 #include "MemoryServer.h"
 #include "RandomEditor.h"
+#include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 using namespace usdlive;
@@ -77,7 +78,9 @@ protected:
     }
     static void tick(std::initializer_list<Client*> clients, int times = 5) {
         for (int i = 0; i < times; ++i)
-            for (auto* client : clients) client->tick();
+            for (auto* client : clients)
+                while (client->tick().filling > 0)
+                    std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
     std::string serverText(const LayerId& id) { return *usd::exportText(server.doc(id), blobs); }
 
@@ -279,6 +282,19 @@ TEST_F(ClientTest, AReloadBringsTheProjectBackAndHarmsNobody) {
     hers->SetComment("works on");
     tick({ada.get(), bo.get()});
     EXPECT_EQ(text(hers), text(his));
+}
+
+TEST_F(ClientTest, ALayerThatIsClosedRightAfterAReloadKeepsItsContent) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kRoot);
+    for (int i = 0; i < 3'000; ++i)
+        pxr::SdfPrimSpec::New(pxr::SdfLayerHandle(layer), "p" + std::to_string(i),
+                              pxr::SdfSpecifierDef);
+    ASSERT_TRUE(ada->flush(10'000));
+    const auto before = text(layer);
+    layer->Reload(true);
+    ada->close(kRoot);
+    EXPECT_EQ(text(layer), before);
 }
 
 TEST_F(ClientTest, AMutedLayerIsLeftAloneAndComesBackUpToDate) {

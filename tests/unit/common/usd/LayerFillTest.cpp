@@ -1,3 +1,5 @@
+#include "usdlive/common/usd/LayerFill.h"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <pxr/base/tf/notice.h>
@@ -11,6 +13,9 @@
 #include <pxr/usd/sdf/path.h>
 #include <pxr/usd/sdf/pathExpression.h>
 #include <pxr/usd/sdf/schema.h>
+
+#include <filesystem>
+#include <fstream>
 
 #include "MemoryBlobs.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
@@ -95,9 +100,8 @@ std::string textOf(const SdfLayerRefPtr& layer) {
 }
 
 void fillWhole(const LayerDoc& doc, MemoryBlobs& blobs, SdfLayerStore& store) {
-    LayerFill fill(doc, blobs);
-    while (!fill.fill(100)) {
-    }
+    LayerFill fill(store.layer(), blobs);
+    fill.add(doc);
     const auto filled = fill.into(store);
     EXPECT_TRUE(filled) << filled.error().message;
 }
@@ -149,20 +153,29 @@ TEST(LayerFill, ReplacesWhatWasThere) {
     EXPECT_EQ(textOf(layer), textOf(SdfLayer::CreateAnonymous(".usda")));
 }
 
-TEST(LayerFill, WorksInSteps) {
+TEST(LayerFill, SpecsComeInTheOrderOfTheirDocOnly) {
     MemoryBlobs blobs;
-    LayerDoc doc;
-    for (int i = 0; i < 1000; ++i)
-        ASSERT_TRUE(doc.apply("/P" + std::to_string(i), CreateSpec{SpecKind::Prim}));
-    LayerFill fill(doc, blobs);
-    EXPECT_EQ(fill.progress(), 0);
-    int steps = 0;
-    for (double before = 0; !fill.fill(0); ++steps) {
-        EXPECT_GT(fill.progress(), before);
-        before = fill.progress();
-    }
-    EXPECT_GT(steps, 5);
-    EXPECT_EQ(fill.progress(), 1);
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    const auto filled = [&](auto... specs) {
+        LayerFill fill(layer, blobs);
+        EXPECT_TRUE(fill.addSpec(kRootNode, 0, 0, SpecKind::PseudoRoot, ""));
+        EXPECT_TRUE(fill.addSpec(2, kRootNode, 5, SpecKind::Prim, "A"));
+        return (specs(fill).has_value() && ...);
+    };
+    const auto add = [](NodeId node, NodeId parent, std::uint64_t order, SpecKind kind,
+                        const char* name) {
+        return [=](LayerFill& fill) { return fill.addSpec(node, parent, order, kind, name); };
+    };
+    constexpr auto kPrim = SpecKind::Prim, kAttribute = SpecKind::Attribute;
+    EXPECT_TRUE(filled(add(3, 2, 1, kPrim, "B"), add(4, 2, 2, kPrim, "C"),
+                       add(5, 2, 1, kAttribute, "a"), add(6, kRootNode, 6, kPrim, "D")));
+    EXPECT_FALSE(filled(add(3, kRootNode, 4, kPrim, "before")));
+    EXPECT_FALSE(filled(add(3, kRootNode, 5, kPrim, "beside")));
+    EXPECT_FALSE(filled(add(3, 9, 1, kPrim, "ofNobody")));
+    EXPECT_FALSE(filled(add(3, kRootNode, 6, kPrim, "B"), add(4, 2, 1, kPrim, "ofOneThatIsDone")));
+    EXPECT_FALSE(filled(add(3, 2, 1, kAttribute, "a"), add(4, 2, 1, kPrim, "afterAttributes")));
+    EXPECT_FALSE(filled(add(3, kRootNode, 6, kAttribute, "ofTheRoot")));
+    EXPECT_FALSE(filled(add(3, 0, 0, SpecKind::PseudoRoot, "")));
 }
 
 TEST(LayerFill, OneFieldThatCannotBeHeldKeepsNothingElseAway) {
@@ -172,8 +185,8 @@ TEST(LayerFill, OneFieldThatCannotBeHeldKeepsNothingElseAway) {
     ASSERT_TRUE(doc.apply("/W", SetField{"assetInfo", {}, FieldValue(bad)}));
     const auto layer = SdfLayer::CreateAnonymous(".usda");
     SdfLayerStore store(layer, blobs, nullptr);
-    LayerFill fill(doc, blobs);
-    ASSERT_TRUE(fill.fill(1e6));
+    LayerFill fill(layer, blobs);
+    fill.add(doc);
     const auto filled = fill.into(store);
     ASSERT_FALSE(filled);
     EXPECT_THAT(filled.error().message, HasSubstr("/W, field assetInfo"));
@@ -208,6 +221,42 @@ TEST(LayerFill, V9MissingBlobsComeLater) {
     EXPECT_FALSE(store.waitsForBlobs());
     EXPECT_TRUE(*readLayer(layer, blobs) == doc);
     EXPECT_TRUE(makeLayer(doc, blobs, "usda"));
+}
+
+TEST(LayerFill, ALayerKeepsItsKindOfData) {
+    MemoryBlobs blobs;
+    const LayerDoc doc = *readLayer(fromText(kScene), blobs);
+    const auto folder = std::filesystem::temp_directory_path() / "usdlive-layer-fill";
+    std::filesystem::create_directories(folder);
+    const auto path = (folder / "placeholder.usd").string();
+    std::ofstream(path) << "#usda 1.0\n";
+    const auto layer = SdfLayer::FindOrOpen(path);
+    ASSERT_TRUE(layer);
+    ASSERT_FALSE(layer->StreamsData());
+    SdfLayerStore store(layer, blobs, nullptr);
+    for (int times = 0; times < 2; ++times) {  // into an empty one, and over what is there
+        fillWhole(doc, blobs, store);
+        EXPECT_FALSE(layer->StreamsData());
+        EXPECT_TRUE(*readLayer(layer, blobs) == doc);
+    }
+    std::filesystem::remove_all(folder);
+}
+
+TEST(LayerFill, V9ABlobThatArrivesBeforeTheContentIsInIsNotMissed) {
+    MemoryBlobs blobs, away;
+    const VtValue big(VtArray<double>(40'000, 2.5));
+    LayerDoc doc;
+    ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(
+        doc.apply("/A", SetField{"customData", DictionaryKey{{"k"}}, *encodeValue(big, away)}));
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    LayerFill fill(layer, blobs);
+    fill.add(doc);
+    blobs.all = away.all;
+    SdfLayerStore store(layer, blobs, nullptr);
+    ASSERT_TRUE(fill.into(store));
+    EXPECT_FALSE(store.waitsForBlobs());
+    EXPECT_TRUE(*readLayer(layer, blobs) == doc);
 }
 
 TEST(ExportText, IsWhatALayerOfThatContentExports) {

@@ -15,6 +15,7 @@
 #include <filesystem>
 
 #include "MemoryBlobs.h"
+#include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 using namespace usdlive;

@@ -37,6 +37,13 @@ public:
 class LayerView {
 public:
     virtual ~LayerView() = default;
+    /// The content of a layer as it arrives, chunk by chunk (SN1): who makes what the editor is to
+    /// see of it beside the editor's thread can begin. Chunk 0 makes those before it void.
+    virtual void arriving(const LayerId& /*layer*/,
+                          std::shared_ptr<const SnapshotFrame> /*chunk*/) {}
+    /// That was all, and `snapshot` is what it says. The reset() that follows at once is with the
+    /// commits made since. Not told of every content: a reset() without it is of a doc alone.
+    virtual void arrived(const LayerId& /*layer*/, const LayerDoc& /*snapshot*/) {}
     /// The layer stands at this content now (joined, or joined again). What the editor had is
     /// replaced.
     virtual void reset(const LayerId& layer, const LayerDoc& doc) = 0;

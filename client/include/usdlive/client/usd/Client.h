@@ -65,10 +65,12 @@ public:
     struct TickResult {
         std::size_t applied = 0;  ///< commits
         bool more = false;        ///< the budget ended first
+        std::size_t filling = 0;  ///< layers whose content is being made: a later tick brings it
     };
     /// Sends what was authored since the last call, applies what has arrived, in one SdfChangeBlock
     /// and about `budgetMs`; calls the callbacks. A layer that composition has meanwhile opened
-    /// from the cache folder becomes live.
+    /// from the cache folder becomes live. A layer's whole content is made by a thread of the
+    /// client's and brought in when it is done.
     TickResult tick(double budgetMs = 4.0);
 
     /// M11: what is authored between the two is shown to others at once and committed once.

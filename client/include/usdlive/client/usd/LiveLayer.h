@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "usdlive/client/usd/BackgroundFill.h"
 #include "usdlive/client/usd/Capture.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
@@ -20,13 +21,16 @@ namespace usdlive::client {
 /// One SdfLayer that is live, or on its way there.
 ///
 /// It begins without content and closed to the editor (Sdf answers edits with its own clear error).
-/// reset() gives it content, which fill() brings in step by step; then the editor may write, and
-/// what it writes is captured. The layer is kept in memory as long as this lives.
+/// reset() gives it content, which a worker makes and fill() then brings in; from then on the
+/// editor may write, and what it writes is captured. The layer is kept in memory as long as this
+/// lives.
 class LiveLayer final : public pxr::TfWeakBase {
 public:
     struct Surroundings {
         usd::BlobSource& source;
+        usd::BlobSource& workerSource;  ///< the same for any thread; what is not there stays so
         usd::BlobSink& sink;
+        Worker& worker;
         /// What the session shows of the layer.
         std::function<const LayerDoc*()> view;
         /// The layer cannot show what it should; it differs from the project there.
@@ -42,12 +46,17 @@ public:
     /// All content is in and the editor may write.
     [[nodiscard]] bool isFilled() const { return store_ && !fill_; }
 
+    /// As LayerView: content that a reset() will be about. The worker begins with it.
+    void arriving(std::shared_ptr<const SnapshotFrame> chunk);
+    void arrived(const LayerDoc& snapshot);
     /// All content anew. What comes to apply() meanwhile waits for it.
     void reset(const LayerDoc& doc);
     void apply(const std::string& path, const EditAction& action);
     [[nodiscard]] bool isFilling() const { return fill_ != nullptr; }
-    /// True: done.
-    bool fill(double budgetMs);
+    /// Content is being made for a layer that had some before.
+    [[nodiscard]] bool isRefilling() const { return store_ && fill_; }
+    /// Brings the content in once it is made; never waits.
+    void fill();
 
     [[nodiscard]] bool hasWrites() const;
     /// Precondition: not within a change block of ours.
@@ -55,6 +64,8 @@ public:
 
     void blobArrived(const Hash& hash);
 
+    /// False: the layer names no others, for sure. Sdf looks at every spec to tell which.
+    [[nodiscard]] bool namesLayers() const { return namesLayers_; }
     /// Composition changed what the layer uses, since the last call.
     [[nodiscard]] bool takeUsesChanged() { return std::exchange(usesChanged_, false); }
 
@@ -67,6 +78,7 @@ private:
     void close();
     void open();
     void startOver();
+    [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     void applyNow(const std::string& path, const EditAction& action);
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
@@ -76,7 +88,9 @@ private:
     const Surroundings surroundings_;
     Capture capture_;
     std::unique_ptr<usd::SdfLayerStore> store_;  // from the first content on
-    std::unique_ptr<usd::LayerFill> fill_;
+    std::unique_ptr<BackgroundFill> arriving_;
+    std::optional<LayerDoc> snapshot_;  // what arriving_ makes, once all has arrived
+    std::unique_ptr<BackgroundFill> fill_;
     std::vector<Waiting> waiting_;  // as long as fill_ works
     bool permitted_;                // what the editor had set; ours is "no" until all is in
     bool closed_ = false;
@@ -86,6 +100,7 @@ private:
     bool startOver_ =
         false;  // the layer was reloaded or muted: its content is not the editor's work
     bool usesChanged_ = false;
+    bool namesLayers_ = false;
     pxr::TfNotice::Key replacedKey_;
     pxr::TfNotice::Key mutenessKey_;
 };

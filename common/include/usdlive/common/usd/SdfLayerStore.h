@@ -82,36 +82,4 @@ private:
 /// (mappers, expressions) with content are UnsupportedValue.
 [[nodiscard]] Result<LayerDoc> readLayer(const pxr::SdfLayerHandle& layer, BlobSink& blobs);
 
-/// A LayerDoc's content into a layer, in steps, so that a big layer never takes a frame: fill()
-/// until done, then into() with one change notice.
-///
-/// A field that cannot be had does not keep the rest away: one whose blob is not here is absent
-/// until `store.blobArrived`, one that this OpenUSD cannot hold stays absent.
-class LayerFill {
-public:
-    LayerFill(LayerDoc doc, BlobSource& blobs);
-    ~LayerFill();
-    LayerFill(const LayerFill&) = delete;
-    LayerFill& operator=(const LayerFill&) = delete;
-
-    /// Works for about `budgetMs` (at least one spec); true when all is in.
-    bool fill(double budgetMs);
-    [[nodiscard]] double progress() const;  ///< 0..1
-    /// Replaces the layer's content; where the layer has prims, Sdf tells only of what differs. The
-    /// store's observer is not told. Once, and only after fill() returned true. An error names the
-    /// first field that this OpenUSD cannot hold; all others are in.
-    Result<void> into(SdfLayerStore& store);
-
-private:
-    struct State;
-    std::unique_ptr<State> state_;
-};
-
-/// The doc as a fresh anonymous layer of that format ("usda", "usdc"), or the layer's text, which
-/// has been read back. Errors: BlobNotFound, and SaveFailed (or the field's own error) where
-/// something of the doc would be missing.
-[[nodiscard]] Result<pxr::SdfLayerRefPtr> makeLayer(const LayerDoc& doc, BlobSource& blobs,
-                                                    const std::string& formatId);
-[[nodiscard]] Result<std::string> exportText(const LayerDoc& doc, BlobSource& blobs);
-
 }  // namespace usdlive::usd

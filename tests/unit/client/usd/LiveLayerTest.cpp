@@ -1,0 +1,159 @@
+#include "usdlive/client/usd/LiveLayer.h"
+
+#include <gtest/gtest.h>
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/layer.h>
+
+#include <chrono>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "unit/common/usd/MemoryBlobs.h"
+#include "usdlive/common/protocol/Snapshot.h"
+
+using namespace usdlive;
+using client::LiveLayer;
+using usdlive::test::MemoryBlobs;
+
+namespace {
+
+using Chunks = std::vector<std::shared_ptr<const SnapshotFrame>>;
+
+std::string textOf(const pxr::SdfLayerHandle& layer) {
+    std::string text;
+    layer->ExportToString(&text);
+    return text;
+}
+
+// Of several chunks.
+LayerDoc bigDoc(const std::string& name, int prims = 6'000) {
+    LayerDoc doc;
+    EXPECT_TRUE(doc.apply("/" + name, CreateSpec{SpecKind::Prim}));
+    for (int i = 0; i < prims; ++i) {
+        const std::string path = "/" + name + "/p" + std::to_string(i);
+        EXPECT_TRUE(doc.apply(path, CreateSpec{SpecKind::Prim}));
+        EXPECT_TRUE(doc.apply(path, SetField{"documentation", {}, stringValue(path)}));
+    }
+    return doc;
+}
+
+Chunks chunksOf(const LayerDoc& doc) {
+    Chunks chunks;
+    SnapshotEncoder encoder(doc, 1);
+    while (auto chunk = encoder.next())
+        chunks.push_back(std::make_shared<const SnapshotFrame>(std::move(*chunk)));
+    EXPECT_GT(chunks.size(), 2U);
+    return chunks;
+}
+
+class LiveLayerTest : public ::testing::Test {
+protected:
+    void arrive(const Chunks& chunks) {
+        for (const auto& chunk : chunks) live.arriving(chunk);
+    }
+    void show(const LayerDoc& doc) {
+        view = doc;
+        live.reset(doc);
+    }
+    void apply(const std::string& path, const EditAction& action) {
+        ASSERT_TRUE(view.apply(path, action));
+        const pxr::SdfChangeBlock block;
+        live.apply(path, action);
+    }
+    void expectView() {
+        for (int ms = 0; !live.isFilled() && ms < 60'000; ++ms) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+            const pxr::SdfChangeBlock block;
+            live.fill();
+        }
+        ASSERT_TRUE(live.isFilled());
+        const auto expected = usd::makeLayer(view, blobs, "usda");
+        ASSERT_TRUE(expected);
+        EXPECT_EQ(textOf(live.layer()), textOf(*expected));
+        EXPECT_TRUE(*usd::readLayer(live.layer(), blobs) == view);
+        EXPECT_TRUE(errors.empty()) << errors.front().message;
+    }
+
+    MemoryBlobs blobs;
+    client::Worker worker;
+    LayerDoc view;
+    std::vector<Error> errors;
+    LiveLayer live{LayerId{"a.usda"}, pxr::SdfLayer::CreateAnonymous(".usda"),
+                   LiveLayer::Surroundings{blobs, blobs, blobs, worker, [this] { return &view; },
+                                           [this](Error error) { errors.push_back(error); }}};
+};
+
+}  // namespace
+
+TEST_F(LiveLayerTest, ShowsWhatArrivedWithWhatWasCommittedSince) {
+    LayerDoc doc = bigDoc("W");
+    arrive(chunksOf(doc));
+    live.arrived(doc);
+    ASSERT_TRUE(doc.apply("/W/p7", MoveSpec{{"/W", {}}, "renamed"}));
+    ASSERT_TRUE(doc.apply("/W/p8", DeleteSpec{}));
+    ASSERT_TRUE(doc.apply("/W/p9", SetField{"comment", {}, stringValue("since")}));
+    show(doc);
+    apply("/W/p10", SetField{"comment", {}, stringValue("while it is made")});
+    expectView();
+    apply("/W/p11", DeleteSpec{});
+    expectView();
+}
+
+TEST_F(LiveLayerTest, IsMadeAnewWhereMuchWasCommittedSince) {
+    LayerDoc doc = bigDoc("W");
+    arrive(chunksOf(doc));
+    live.arrived(doc);
+    for (int i = 0; i < 6'000; ++i)
+        ASSERT_TRUE(
+            doc.apply("/W/p" + std::to_string(i), SetField{"comment", {}, stringValue("x")}));
+    show(doc);
+    expectView();
+}
+
+// Somebody who reloads a layer goes on with it after the next tick.
+TEST_F(LiveLayerTest, ASmallOneIsThereAtOnce) {
+    show(bigDoc("W", 500));
+    live.fill();
+    EXPECT_TRUE(live.isFilled());
+    expectView();
+}
+
+TEST_F(LiveLayerTest, ASnapshotThatBeginsAnewMakesTheOneBeforeVoid) {
+    Chunks first = chunksOf(bigDoc("First"));
+    first.pop_back();
+    arrive(first);
+    const LayerDoc doc = bigDoc("Second");
+    arrive(chunksOf(doc));
+    live.arrived(doc);
+    show(doc);
+    expectView();
+}
+
+TEST_F(LiveLayerTest, IsFilledAnewWhileASnapshotArrives) {
+    const LayerDoc next = bigDoc("Next");
+    Chunks chunks = chunksOf(next);
+    live.arriving(chunks.front());
+    chunks.erase(chunks.begin());
+    show(bigDoc("Now", 3));
+    expectView();
+    arrive(chunks);
+    live.arrived(next);
+    show(next);
+    expectView();
+}
+
+TEST_F(LiveLayerTest, ShowsTheViewWhereChunksCannotBeRead) {
+    const LayerDoc doc = bigDoc("W");
+    Chunks chunks = chunksOf(doc);
+    SnapshotFrame broken = *chunks[1];
+    broken.data.resize(broken.data.size() / 2);
+    chunks[1] = std::make_shared<const SnapshotFrame>(broken);
+    arrive(chunks);
+    live.arrived(doc);
+    show(doc);
+    expectView();
+}
+
+TEST_F(LiveLayerTest, MayGoWhileItIsFilled) { arrive(chunksOf(bigDoc("W", 50'000))); }
