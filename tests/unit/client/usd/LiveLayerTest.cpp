@@ -57,6 +57,13 @@ protected:
         view = doc;
         live.reset(doc);
     }
+    // As a session joins a layer to which nothing was committed meanwhile.
+    void join(const Chunks& chunks, const LayerDoc& doc) {
+        arrive(chunks);
+        live.arrived(doc);
+        show(doc);
+        expectView();
+    }
     void apply(const std::string& path, const EditAction& action) {
         ASSERT_TRUE(view.apply(path, action));
         const pxr::SdfChangeBlock block;
@@ -125,10 +132,7 @@ TEST_F(LiveLayerTest, ASnapshotThatBeginsAnewMakesTheOneBeforeVoid) {
     first.pop_back();
     arrive(first);
     const LayerDoc doc = bigDoc("Second");
-    arrive(chunksOf(doc));
-    live.arrived(doc);
-    show(doc);
-    expectView();
+    join(chunksOf(doc), doc);
 }
 
 TEST_F(LiveLayerTest, IsFilledAnewWhileASnapshotArrives) {
@@ -138,10 +142,7 @@ TEST_F(LiveLayerTest, IsFilledAnewWhileASnapshotArrives) {
     chunks.erase(chunks.begin());
     show(bigDoc("Now", 3));
     expectView();
-    arrive(chunks);
-    live.arrived(next);
-    show(next);
-    expectView();
+    join(chunks, next);
 }
 
 TEST_F(LiveLayerTest, ShowsTheViewWhereChunksCannotBeRead) {
@@ -150,10 +151,7 @@ TEST_F(LiveLayerTest, ShowsTheViewWhereChunksCannotBeRead) {
     SnapshotFrame broken = *chunks[1];
     broken.data.resize(broken.data.size() / 2);
     chunks[1] = std::make_shared<const SnapshotFrame>(broken);
-    arrive(chunks);
-    live.arrived(doc);
-    show(doc);
-    expectView();
+    join(chunks, doc);
 }
 
 TEST_F(LiveLayerTest, MayGoWhileItIsFilled) { arrive(chunksOf(bigDoc("W", 50'000))); }
