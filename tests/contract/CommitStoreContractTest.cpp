@@ -115,7 +115,7 @@ TYPED_TEST(CommitStoreContract, OpeningAnewKeepsAllAndTakesTheNextEpoch) {
 }
 
 TYPED_TEST(CommitStoreContract, ReadsARangeAndStopsWhenTold) {
-    for (int number = 0; number < 9; ++number) ASSERT_TRUE(this->append(this->commits.raw({})));
+    for (int number = 0; number < 9; ++number) ASSERT_TRUE(this->append(this->commits.empty()));
     EXPECT_EQ(revisions(*this->store, 3, 5), (std::vector<Revision>{3, 4, 5}));
     EXPECT_EQ(revisions(*this->store, 8, 20), (std::vector<Revision>{8, 9}));
     EXPECT_TRUE(revisions(*this->store, 10, 20).empty());
@@ -128,7 +128,7 @@ TYPED_TEST(CommitStoreContract, ReadsARangeAndStopsWhenTold) {
 }
 
 TYPED_TEST(CommitStoreContract, RefusesAGapAndAWrongHash) {
-    const auto first = this->commits.raw({}), second = this->commits.raw({});
+    const auto first = this->commits.empty(), second = this->commits.empty();
     EXPECT_EQ(this->append(second).error().code, ErrorCode::Internal);
     auto wrong = first;
     wrong.hash.bytes[0] ^= 1;
@@ -202,84 +202,70 @@ TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
     EXPECT_EQ(this->store->setSaved({"c.usda"}, saved).error().code, ErrorCode::LayerNotFound);
 }
 
-TYPED_TEST(CommitStoreContract, SamplesAreSingleRecords) {
-    const std::string field = "timeSamples";
-    const auto sample = [&](double time) {
-        return PutSample{kLayer, kRootNode, field, time, doubleValue(time)};
-    };
-    const auto stored = [&]() -> std::optional<FieldValue> {
-        const auto doc = this->store->loadLayer(kLayer);
-        if (!doc || !*doc) return std::nullopt;
-        const FieldValue* value = (*doc)->field("/", field);
-        return value ? std::optional(*value) : std::nullopt;
-    };
-    const auto samples = [](std::vector<double> times) {
-        TimeSamples all;
-        for (const double time : times) all.samples.emplace_back(time, doubleValue(time));
-        return std::optional<FieldValue>(all);
-    };
-    const auto append = [&](std::vector<StateChange> changes) {
-        ASSERT_TRUE(this->append(this->commits.raw(std::move(changes))));
-    };
-    append({sample(1)});
-    EXPECT_EQ(stored(), samples({1}));
-    append({sample(-1), sample(0), sample(1)});
-    EXPECT_EQ(stored(), samples({-1, 0, 1}));
-    append({EraseSample{kLayer, kRootNode, field, 0}});
-    EXPECT_EQ(stored(), samples({-1, 1}));
-    append({PutField{kLayer, kRootNode, field, *samples({5, 6})}});
-    EXPECT_EQ(stored(), samples({5, 6}));
-    append({sample(7), PutField{kLayer, kRootNode, field, *samples({8})}, sample(9)});
-    EXPECT_EQ(stored(), samples({8, 9}));
-    append({PutField{kLayer, kRootNode, field, doubleValue(1)}});
-    EXPECT_EQ(stored(), FieldValue(doubleValue(1)));
-    append({sample(1)});
-    EXPECT_EQ(stored(), samples({1})) << "another form becomes samples";
-    append({EraseSample{kLayer, kRootNode, field, 1}});
-    EXPECT_EQ(stored(), std::nullopt) << "the last sample takes the field with it";
-    append({PutField{kLayer, kRootNode, field, TimeSamples{}}});
-    EXPECT_EQ(stored(), samples({})) << "authored without samples";
-    append({sample(2), EraseSample{kLayer, kRootNode, field, 2}});
-    EXPECT_EQ(stored(), std::nullopt);
-    append({sample(3), server::EraseField{kLayer, kRootNode, field}});
-    EXPECT_EQ(stored(), std::nullopt);
-    append({sample(4)});
-    EXPECT_EQ(stored(), samples({4})) << "none of the older ones comes back";
-}
-
-TYPED_TEST(CommitStoreContract, ManySamplesAreErasedTogether) {
-    TimeSamples many;
-    for (int time = 0; time < 2'000; ++time) many.samples.emplace_back(time, doubleValue(time));
-    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/", SetField{"timeSamples", {}, many})));
-    this->expectLayers();
-    ASSERT_TRUE(
-        this->append(this->commits.next(kLayer, "/", SetField{"timeSamples", {}, doubleValue(1)})));
-    this->expectLayers();
-    ASSERT_TRUE(this->append(
-        this->commits.next(kLayer, "/", SetField{"timeSamples", SampleTime{3}, doubleValue(1)})));
-    this->expectLayers();
-}
-
-TYPED_TEST(CommitStoreContract, ManySpecsAreErasedTogether) {
-    std::vector<Edit> create;
-    for (int number = 0; number < 300; ++number) {
-        const std::string path = "/A/P" + std::to_string(number);
-        create.push_back({kLayer, {path, {}}, CreateSpec{SpecKind::Prim}});
-        create.push_back({kLayer, {path, {}}, SetField{"comment", {}, stringValue("x")}});
+// What is loaded is the snapshot and what was committed since, so a snapshot of another revision,
+// or one that is lost, would show.
+TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
+    for (unsigned seed = 0; seed < 15; ++seed) {
+        SCOPED_TRACE(seed);
+        RandomEdits random(seed);
+        TypeParam disk;
+        auto store = disk.open();
+        TestCommits commits;
+        LayerDocs before;
+        Revision beforeRevision = 0;
+        for (int step = 0; step < 60; ++step) {
+            std::vector<CommitRecord> group;
+            for (auto size = random.below(6) + 1; size > 0; --size) {
+                const LayerId& layer = random.below(3) ? kLayer : kOther;
+                group.push_back(commits.next(random.next(layer, commits.layers[layer])));
+                if (random.below(12) == 0) {  // also in the middle of a group
+                    before = commits.layers;
+                    beforeRevision = commits.head.revision;
+                }
+            }
+            ASSERT_TRUE(store->append(group));
+            const auto known = *store->layers();
+            if (random.below(4) == 0)
+                for (const auto& [layer, doc] : before)
+                    if (std::ranges::find(known, layer) != known.end()) {
+                        ASSERT_TRUE(store->keepSnapshot(layer, doc, beforeRevision));
+                    }
+            if (random.below(4)) continue;
+            if (random.below(2)) {
+                store.reset();
+                store = disk.open();
+            }
+            for (const auto& [layer, doc] : commits.layers) {
+                const auto stored = store->loadLayer(layer);
+                ASSERT_TRUE(stored) << stored.error().message;
+                ASSERT_EQ(stored->value_or(LayerDoc()).dump(), doc.dump()) << "step " << step;
+            }
+        }
     }
+}
+
+TYPED_TEST(CommitStoreContract, TheNewestSnapshotCounts) {
     ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})));
-    ASSERT_TRUE(this->append(this->commits.next(create)));
-    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", DeleteSpec{})));
+    const LayerDoc older = this->commits.layers[kLayer];
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", MoveSpec{{"/", {}}, "B"})));
+    ASSERT_TRUE(this->store->keepSnapshot(kLayer, this->commits.layers[kLayer], 2));
+    ASSERT_TRUE(this->store->keepSnapshot(kLayer, older, 1)) << "late, and of no use any more";
     this->expectLayers();
-    // Created and deleted again by one group.
-    std::vector<CommitRecord> group;
-    group.push_back(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim}));
-    group.push_back(this->commits.next(create));
-    group.push_back(this->commits.next(kLayer, "/A/P7", DeleteSpec{}));
-    group.push_back(this->commits.next(kLayer, "/A/P8", MoveSpec{{"/", {}}, "Q"}));
-    group.push_back(this->commits.next(kLayer, "/A", DeleteSpec{}));
-    ASSERT_TRUE(this->store->append(group));
+    this->reopen();
     this->expectLayers();
+    EXPECT_EQ(this->store->keepSnapshot(kOther, older, 1).error().code, ErrorCode::LayerNotFound);
+}
+
+TYPED_TEST(CommitStoreContract, ALayerBeginsWithItsSnapshot) {
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})));
+    LayerDoc other;  // the log alone would never give it
+    ASSERT_TRUE(other.apply("/Other", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(this->store->keepSnapshot(kLayer, other, 1));
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/B", CreateSpec{SpecKind::Prim})));
+    ASSERT_TRUE(other.apply("/B", CreateSpec{SpecKind::Prim}));
+    EXPECT_TRUE(**this->store->loadLayer(kLayer) == other);
+    this->reopen();
+    EXPECT_TRUE(**this->store->loadLayer(kLayer) == other) << "closing keeps it";
 }
 
 TYPED_TEST(CommitStoreContract, KeepsMovesAndDeletes) {
@@ -306,7 +292,7 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
     std::vector<CommitRecord> group;
     const auto commit = [&](const ClientId& client, std::uint64_t sequence) {
         this->commits.id = {client, sequence - 1};
-        group.push_back(this->commits.raw({}));
+        group.push_back(this->commits.empty());
         if (group.size() < 100) return;
         ASSERT_TRUE(this->store->append(group));
         group.clear();
@@ -346,7 +332,7 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
 }
 
 TYPED_TEST(CommitStoreContract, KeepsCheckpoints) {
-    ASSERT_TRUE(this->append(this->commits.raw({})));
+    ASSERT_TRUE(this->append(this->commits.empty()));
     const Checkpoint lunch{"lunch", 1, {"ada"}, 12}, before{"before lunch", 0, {"Zoë"}, 11};
     EXPECT_TRUE(this->store->addCheckpoint(lunch));
     EXPECT_TRUE(this->store->addCheckpoint(before));

@@ -82,10 +82,18 @@ def record(project, tmp_path, unsynced):
                 server.process.wait(timeout=20)
             else:
                 history = log_of(server)
+                at_rest(trace)
                 server.kill()
     finally:
         server.kill()
     return trace, acknowledged, history
+
+
+def at_rest(trace):
+    """Snapshots are written beside the commits; a kill in the midst would tear the trace itself."""
+    size = -1
+    while size != (size := trace.stat().st_size):
+        time.sleep(0.3)
 
 
 def log_of(server):

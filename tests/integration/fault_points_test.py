@@ -16,6 +16,7 @@ KILLED = 9  # what Faults.h ends with
 LAYERS = ("one.usda", "two.usda", "three.usda")
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    int64 n\n}\n\n'
 EDITS = 12  # of each layer
+BALLAST = wire.set_field("/World", "comment", wire.string("x" * 200_000))  # so that snapshots are taken
 
 
 class Author:
@@ -24,7 +25,6 @@ class Author:
     def __init__(self, server, resume=None, client=None, history=()):
         self.peer = wire.Peer(server.url, client, resume=resume)
         self.history = list(history)  # what it was sent
-        self.written = {}  # by layer: numbers acknowledged
 
     def take(self, commit):
         self.peer.follow(commit)
@@ -32,7 +32,8 @@ class Author:
 
     def write(self, sequence):
         layer = LAYERS[sequence % len(LAYERS)]
-        self.peer.submit(sequence, layer, wire.set_sample("/World.n", sequence, wire.int64(7 * sequence)))
+        edit = wire.set_sample("/World.n", sequence, wire.int64(7 * sequence))
+        self.peer.submit(sequence, layer, edit, BALLAST)
         while True:
             kind, members = self.peer.frame(20)
             if kind == "Commit":
@@ -70,7 +71,7 @@ def wanted(layer, upto):
 
 
 @pytest.mark.parametrize("point,time", list(itertools.product(
-    ("append-before", "append-after", "save-before", "save-after", "import"), (1, 2, 3))))
+    ("append-before", "append-after", "snapshot", "save-before", "save-after", "import"), (1, 2, 3))))
 def test_k1_killed_at_a_named_point(point, time, project, tmp_path):
     for name in LAYERS:
         (project / name).write_text(ROOT)

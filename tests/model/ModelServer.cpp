@@ -52,7 +52,9 @@ static void digest(Digest& out, const WaitingOpen& part) {
 }
 static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
 static void digest(Digest& out, const LayerEntry& part) {
-    const auto& [state, opens, changed, saved, unsaved, file, mutes, told] = part;
+    // Nobody notices when a snapshot is taken.
+    const auto& [state, opens, changed, replayCost, snapshotBytes, saved, unsaved, file, mutes,
+                 told] = part;
     out(state, opens, changed, saved.revision, unsaved,
         encodeControl(LayerStates{{told}}));  // no files here
 }
@@ -309,7 +311,7 @@ void ModelServer::answer(std::size_t index) {
 
 void ModelServer::done(const LoadLayer&) {
     if (disk_->failed) return project_->layerLoaded(kLayer, kClosed);
-    const auto stored = store().loadLayer(kLayer);
+    const auto stored = disk_->store().loadLayer(kLayer);
     project_->layerLoaded(
         kLayer, *stored ? LoadedLayer{**stored}
                         : LoadedLayer{startingLayer(), *makeImport(kLayer, startingLayer())});

@@ -140,6 +140,21 @@ void SimServer::appendDone() {
 
 // ---- layers and history
 
+void SimServer::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision) {
+    // Of no random numbers, so that the seeds that failed once still tell the same story.
+    const auto delay = std::int64_t(revision * 7'919 % 30'000);
+    later(delay, [this, layer, doc = std::move(doc), revision] {
+        if (closed_) return;
+        require(revision <= store().head().revision, "a snapshot is of what is not durable");
+        require(doc.dump() == replay(layer, revision).dump(),
+                "a snapshot is not what was committed");
+        ++snapshots;
+        const auto kept = store().keepSnapshot(layer, doc, revision);
+        require(kept.has_value(), "a snapshot is not kept");
+        project_->snapshotKept(layer, *kept);
+    });
+}
+
 void SimServer::loadLayer(const LayerId& layer) {
     const std::int64_t delay = random_.chance(20) ? random_.between(10'000, 500'000) : diskUs();
     later(delay, [this, layer] {

@@ -40,6 +40,7 @@ public:
     [[nodiscard]] bool lags(server::SessionId session) override;
     void close(server::SessionId session) override;
     void append(server::CommitRecord commit) override;
+    void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision) override;
     void loadLayer(const LayerId& layer) override;
     void readCommits(server::SessionId session, Revision from, Revision to) override;
     void readHistory(server::SessionId session, std::uint64_t request, const LayerId& layer,
@@ -60,6 +61,8 @@ public:
     [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override;
     [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override;
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
+
+    std::uint64_t snapshots = 0;  ///< that were kept
 
     /// A layer at a revision, from the log alone.
     [[nodiscard]] LayerDoc replay(const LayerId& layer, Revision revision) const;

@@ -67,6 +67,7 @@ private:
         for (const LayerId& layer : style_.layers) files[layer] = script.start();
         server::Project::Options options;
         options.name = "simulation";
+        options.leastReplay = 500;
         if (random_.chance(30)) options.recentCommitBytes = 2'000;
         forgetful_ = random_.chance(15);
         if (forgetful_) options.namespaceLogRevisions = 5;
@@ -152,6 +153,7 @@ private:
     // ---- what has to hold in the end
 
     void check() {
+        report_.snapshots = server_.snapshots;
         const Revision head = server_.store().head().revision;
         std::map<LayerId, std::string> truth;
         const std::vector<LayerId> layers = *server_.store().layers();

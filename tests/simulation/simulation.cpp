@@ -45,6 +45,7 @@ public:
             all.commits += one.commits;
             all.lost += one.lost;
             all.restarts += one.restarts;
+            all.snapshots += one.snapshots;
             all.together += one.together;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
@@ -68,10 +69,11 @@ private:
     }
     static unsigned long long number(std::uint64_t count) { return count; }
     static void print(const std::string& what, const SimReport& report) {
-        std::printf("%s: %llu commits, %llu edits lost, %llu restarts, %llu together%s\n",
-                    what.c_str(), number(report.commits), number(report.lost),
-                    number(report.restarts), number(report.together),
-                    report.failure.empty() ? "" : ", FAILED");
+        std::printf(
+            "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu together%s\n",
+            what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
+            number(report.snapshots), number(report.together),
+            report.failure.empty() ? "" : ", FAILED");
     }
 
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();

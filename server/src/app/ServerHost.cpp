@@ -82,6 +82,7 @@ ServerHost::ServerHost(asio::io_context& network, asio::thread_pool& workers, Sh
       workers_(workers),
       blobWriter_(asio::make_strand(workers.get_executor())),
       saver_(asio::make_strand(workers.get_executor())),
+      snapshotWriter_(asio::make_strand(workers.get_executor())),
       store_(store),
       storage_(storage),
       blobs_(blobs),
@@ -314,10 +315,22 @@ void ServerHost::inBackground(Executor& executor, SessionId session, std::size_t
 
 void ServerHost::append(CommitRecord commit) {
     std::size_t bytes = Intake::kJobBytes / 64;
-    if (commit.frame) bytes += 2 * commit.frame->size();  // the state changes are about as much
+    if (commit.frame) bytes += commit.frame->size();
     intake_.beginStore(bytes);
     appending_[commit.revision] = bytes;
     storage_.append(std::move(commit));
+}
+
+void ServerHost::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision) {
+    asio::post(snapshotWriter_, [this, layer, doc = std::move(doc), revision] {
+        faultPoint("snapshot");
+        const auto kept = store_.use(
+            [&](CommitStore& store) { return store.keepSnapshot(layer, doc, revision); });
+        if (!kept)
+            return log_.write(LogLevel::Warning, "snapshot not kept",
+                              {{"layer", layer.value}, {"error", kept.error().message}});
+        onProject([layer, bytes = *kept](Project& project) { project.snapshotKept(layer, bytes); });
+    });
 }
 
 void ServerHost::loadLayer(const LayerId& layer) {

@@ -3,7 +3,7 @@
 #include <stdexcept>
 
 #include "ProjectImpl.h"
-#include "usdlive/server/project/StateChanges.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 
@@ -24,7 +24,6 @@ std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit
     CommitRecord record;
     record.revision = made.revision = executed_ + 1;
     record.id = made.id = id;
-    record.changes = stateChanges(docs_, executed.edits);
     record.namespaceChanges = namespaceChanges(made.revision, executed.edits);
     made.gesture = gesture;
     made.edits = executed.edits.size();
@@ -47,6 +46,7 @@ std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit
         if (touchesLayerData(edit.edit.action)) made.layerData.insert(edit.edit.layer);
         frame.commit.edits.push_back(std::move(edit.edit));
     }
+    record.layers = made.layers;
     record.frame = std::make_shared<const Bytes>(encodeFrame(frame));
     const ByteView encoded = withoutLength(*record.frame);
     if (encoded.size() > options_.maxFrameBytes) return std::nullopt;
@@ -75,6 +75,7 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
     for (const LayerId& layer : commit.layers) {
         LayerEntry& entry = layers_[layer];
         entry.changed = commit.revision;
+        entry.replayCost += replayCost(record.frame->size(), commit.edits);
         if (!entry.told.dirty) suspects_.insert(layer);
     }
     for (const LayerId& layer : commit.layerData) {
@@ -83,10 +84,25 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
     }
     executed_ = commit.revision;
     executedHash_ = commit.hash;
+    for (const LayerId& layer : commit.layers) takeSnapshot(layer);
     if (executed_ > options_.namespaceLogRevisions)
         history_.prune(executed_ - options_.namespaceLogRevisions);
     inFlight_.push_back(std::move(commit));
     host_.append(std::move(record));
+}
+
+void Project::Impl::takeSnapshot(const LayerId& layer) {
+    LayerEntry& entry = layers_[layer];
+    const auto doc = docs_.find(layer);
+    if (doc == docs_.end()) return;
+    if (entry.replayCost < snapshotDue(doc->second, entry.snapshotBytes, options_.leastReplay))
+        return;
+    entry.replayCost = 0;
+    readySnapshots_.push_back({layer, doc->second, executed_});
+}
+
+void Project::Impl::snapshotKept(const LayerId& layer, std::size_t bytes) {
+    layers_[layer].snapshotBytes = bytes;
 }
 
 void Project::Impl::appended(Revision upTo) {
@@ -148,6 +164,11 @@ void Project::Impl::settle() {
     while (!readyReloads_.empty() && readyReloads_.front().outcome.revision <= durable_) {
         sendReloaded(readyReloads_.front());
         readyReloads_.pop_front();
+    }
+    while (!readySnapshots_.empty() && readySnapshots_.front().revision <= durable_) {
+        const ReadySnapshot& ready = readySnapshots_.front();
+        host_.keepSnapshot(ready.layer, ready.doc, ready.revision);
+        readySnapshots_.pop_front();
     }
     storeCheckpoints();
 }
@@ -232,6 +253,7 @@ void Project::Impl::reloadLost(const Error& error, const std::vector<InFlightCom
         layers_[layer].state = NotLoaded{};
         layers_[layer].changed = std::min(layers_[layer].changed, durable_);
     }
+    std::erase_if(readySnapshots_, [this](const auto& one) { return one.revision > durable_; });
     std::deque<ReadyOpen> opens = std::move(readyOpens_);
     readyOpens_.clear();
     for (ReadyOpen& ready : opens) {

@@ -141,8 +141,7 @@ Result<void> Project::Impl::import(const LayerId& layer, LayerImport import) {
     record.revision = made.revision = executed_ + 1;
     made.imported = layer;
     record.saved = CommitRecord::Saved{layer, {made.revision, layers_[layer].saved.file}};
-    record.changes = {PutLayer{layer, docs_.at(layer)}};
-    made.layers = {layer};
+    record.layers = made.layers = {layer};
     made.edits = import.frame.edits;
     made.mark = history_.log().mark();
 

@@ -134,6 +134,8 @@ struct LayerEntry {
     std::variant<NotLoaded, Loading, Loaded, LoadFailed> state;
     std::vector<WaitingOpen> opens;  ///< until it is loaded
     Revision changed = 0;            ///< by which commit since the start, 0 none
+    std::size_t replayCost = 0;      ///< of its commits since a snapshot was taken, or the start
+    std::size_t snapshotBytes = 0;   ///< of the last one, as far as known
     SavedState saved;                ///< as far as known
     bool unsaved = false;            ///< differed from its file when the server started
     EntryFile file;
@@ -144,6 +146,13 @@ struct LayerEntry {
 /// A copy of a layer that is sent once everything in it is durable.
 struct ReadyOpen {
     WaitingOpen open;
+    LayerId layer;
+    LayerDoc doc;
+    Revision revision = 0;
+};
+
+/// A copy of a layer that the store keeps once everything in it is durable.
+struct ReadySnapshot {
     LayerId layer;
     LayerDoc doc;
     Revision revision = 0;
@@ -218,6 +227,7 @@ public:
     void appended(Revision upTo);
     void appendFailed(const Error& error, const CommitStore::Head& head);
     void storeClosed() { storeClosed_ = true; }
+    void snapshotKept(const LayerId& layer, std::size_t bytes);
 
     // LayerStates.cpp
     void tellStates();
@@ -314,6 +324,7 @@ private:
     bool commit(Session& session, Author& author, const Transaction& transaction, Executed executed,
                 std::uint64_t mark);
     void append(InFlightCommit commit, CommitRecord record);
+    void takeSnapshot(const LayerId& layer);
     void commitDurable(const InFlightCommit& commit);
     void broadcast(const InFlightCommit& commit);
     void settle();
@@ -424,6 +435,7 @@ private:
     RecentCommits recent_;
     // By revision:
     std::deque<ReadyOpen> readyOpens_;
+    std::deque<ReadySnapshot> readySnapshots_;
     std::deque<ReadySave> readySaves_;
     std::deque<ReloadRequest> readyReloads_;
     std::deque<ReadyCheckpoint> readyCheckpoints_;

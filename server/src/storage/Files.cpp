@@ -95,13 +95,24 @@ std::optional<Bytes> unseal(ByteView sealed) {
     return Bytes(content.begin(), content.end());
 }
 
+std::optional<Bytes> read(const std::filesystem::path& path) {
+    std::error_code missing;
+    const auto size = std::filesystem::file_size(path, missing);
+    const auto file = missing ? Result<File>() : openFile(path, O_RDONLY);
+    const auto sealed = missing || !file ? Result<Bytes>() : readAt(*file, 0, size, path);
+    return sealed ? unseal(*sealed) : std::nullopt;
+}
+
 Result<void> replace(const std::filesystem::path& path, ByteView content) {
     const std::filesystem::path draft = path.string() + ".new";
     const auto file = openFile(draft, O_WRONLY | O_CREAT | O_TRUNC);
     if (!file) return tl::unexpected(file.error());
     const auto written =
         writeAt(*file, 0, seal(content), draft).and_then([&] { return syncFile(*file, draft); });
-    if (!written) return written;
+    if (!written) {
+        ::unlink(draft.c_str());
+        return written;
+    }
     if (::rename(draft.c_str(), path.c_str()) != 0)
         return tl::unexpected(systemError("rename to", path));
     return syncFolder(path.parent_path());

@@ -53,6 +53,8 @@ namespace sealedfile {
 [[nodiscard]] Bytes seal(ByteView content);
 /// Nothing: damaged.
 [[nodiscard]] std::optional<Bytes> unseal(ByteView sealed);
+/// Nothing: missing or damaged.
+[[nodiscard]] std::optional<Bytes> read(const std::filesystem::path& path);
 /// The file holds the content, sealed and durable, or what it held before.
 [[nodiscard]] Result<void> replace(const std::filesystem::path& path, ByteView content);
 

@@ -6,99 +6,17 @@
 #include <utility>
 
 #include "StoreRules.h"
-#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 
 namespace {
 
-struct NodeRecord {
-    NodeId parent = 0;
-    std::uint64_t order = 0;
-    SpecKind kind{};
-    std::string name;
-};
-
-/// The records of a layer.
-class StoredLayer {
-public:
+struct StoredLayer {
+    std::optional<LayerDoc> snapshot;
+    Revision snapshotRevision = 0;
     Revision changed = 0;
     SavedState saved;
-
-    void apply(const PutNode& change) {
-        nodes_[change.node] = {change.parent, change.order, change.kind, change.name};
-    }
-    void apply(const EraseNodes& change) {
-        for (const NodeId node : change.nodes) {
-            nodes_.erase(node);
-            fields_.erase(node);
-        }
-    }
-    void apply(const PutField& change) { fields_[change.node][change.field] = change.value; }
-    void apply(const EraseField& change) { fields_[change.node].erase(change.field); }
-    void apply(const PutSample& change) {
-        FieldValue& field = fields_[change.node][change.field];
-        if (!field.as<TimeSamples>()) field = TimeSamples{};
-        auto& samples = field.as<TimeSamples>()->samples;
-        const auto at = sampleAt(samples, change.time);
-        if (at != samples.end() && at->first == change.time)
-            at->second = change.value;
-        else
-            samples.emplace(at, change.time, change.value);
-    }
-    void apply(const EraseSample& change) {
-        auto& fields = fields_[change.node];
-        const auto field = fields.find(change.field);
-        auto* content = field == fields.end() ? nullptr : field->second.as<TimeSamples>();
-        if (!content) return;
-        auto& samples = content->samples;
-        const auto at = sampleAt(samples, change.time);
-        if (at == samples.end() || at->first != change.time) return;
-        samples.erase(at);
-        if (samples.empty()) fields.erase(field);
-    }
-
-    void apply(const PutLayer& change) {
-        change.doc.visit([this](const LayerDoc::SpecView& spec) {
-            if (spec.kind != SpecKind::PseudoRoot)
-                nodes_[spec.node] = {spec.parent, spec.order, spec.kind, std::string(spec.name)};
-            for (const auto& [field, value] : *spec.fields) fields_[spec.node][field] = value;
-        });
-    }
-
-    [[nodiscard]] Result<LayerDoc> load() const {
-        LayerDoc::Builder builder;
-        std::multimap<NodeId, NodeId> children;
-        for (const auto& [id, node] : nodes_) children.emplace(node.parent, id);
-        std::vector<NodeId> parents{kRootNode};
-        while (!parents.empty()) {
-            const auto [begin, end] = children.equal_range(parents.back());
-            parents.pop_back();
-            for (auto child = begin; child != end; ++child) {
-                const NodeRecord& node = nodes_.at(child->second);
-                const auto added =
-                    builder.addSpec(child->second, node.parent, node.order, node.kind, node.name);
-                if (!added) return tl::unexpected(added.error());
-                parents.push_back(child->second);
-            }
-        }
-        for (const auto& [node, fields] : fields_)
-            for (const auto& [name, value] : fields)
-                if (const auto added = builder.addField(node, name, value); !added)
-                    return tl::unexpected(added.error());
-        return builder.finish();
-    }
-
-private:
-    static std::vector<std::pair<double, Value>>::iterator sampleAt(
-        std::vector<std::pair<double, Value>>& samples, double time) {
-        return std::lower_bound(
-            samples.begin(), samples.end(), time,
-            [](const auto& sample, double wanted) { return sample.first < wanted; });
-    }
-
-    std::map<NodeId, NodeRecord> nodes_;
-    std::map<NodeId, std::map<std::string, FieldValue>> fields_;
 };
 
 }  // namespace
@@ -154,12 +72,29 @@ public:
         return layersThat(
             [](const StoredLayer& layer) { return layer.changed > layer.saved.revision; });
     }
-    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) const override {
+    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) override {
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end()) return std::optional<LayerDoc>();
-        return known->second.load().map(
-            [](LayerDoc&& doc) { return std::optional(std::move(doc)); });
+        LayerDoc doc = known->second.snapshot.value_or(LayerDoc());
+        for (auto at = known->second.snapshotRevision; at < disk_->commits.size(); ++at) {
+            const auto done = decodeCommit(disk_->commits[at]).and_then([&](const Commit& commit) {
+                return replay(doc, layer, commit);
+            });
+            if (!done) return tl::unexpected(done.error());
+        }
+        return std::optional(std::move(doc));
+    }
+    Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc,
+                                     Revision revision) override {
+        const std::lock_guard lock(disk_->mutex);
+        const auto known = disk_->layers.find(layer);
+        if (known == disk_->layers.end())
+            return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+        if (revision <= known->second.snapshotRevision) return 0;
+        known->second.snapshot = doc;
+        known->second.snapshotRevision = revision;
+        return 0;
     }
     [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override {
         const std::lock_guard lock(disk_->mutex);
@@ -231,18 +166,12 @@ private:
         disk_->head.revision = commit.revision;
         disk_->head.hash = commit.hash;
         std::ranges::copy(commit.namespaceChanges, std::back_inserter(disk_->namespaceChanges));
-        for (const StateChange& change : commit.changes)
-            std::visit(
-                [&](const auto& one) {
-                    StoredLayer& layer = disk_->layers[one.layer];
-                    layer.apply(one);
-                    layer.changed = commit.revision;
-                },
-                change);
+        for (const LayerId& layer : commit.layers) disk_->layers[layer].changed = commit.revision;
         if (commit.saved) {
             SavedState& saved = disk_->layers[commit.saved->layer].saved;
             if (commit.saved->state.revision >= saved.revision) saved = commit.saved->state;
         }
+        if (commit.id.sequence == 0) return;
         auto& numbers = disk_->clients[commit.id.client];
         numbers[commit.id.sequence] = commit.revision;
         const std::uint64_t last = numbers.rbegin()->first;

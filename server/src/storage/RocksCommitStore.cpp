@@ -13,14 +13,15 @@
 #include <shared_mutex>
 
 #include "FreeSpace.h"
+#include "LayerSnapshots.h"
 #include "RocksSupport.h"
 #include "RocksTuning.h"
-#include "StateRecords.h"
 #include "StoreFolder.h"
 #include "StoreKeys.h"
 #include "StoreRules.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 
@@ -35,6 +36,7 @@ constexpr std::chrono::milliseconds kSpaceCacheTime{100};
 constexpr std::uint64_t kLeastMargin = 4 * kMib, kMostMargin = 64 * kMib;
 // A batch is written to the log, to a table, and to another one when tables are merged.
 constexpr std::uint64_t kCopies = 3;
+constexpr std::size_t kRecordBytes = 256;  // of a commit, beside its frame, about
 // Opening writes what is in the log to tables.
 constexpr std::uint64_t kOpeningBytes = 2 * kMib;
 constexpr std::uint64_t kLongLogBytes = 4 * kMib;
@@ -43,12 +45,16 @@ constexpr std::uint64_t kLongLogBytes = 4 * kMib;
 constexpr const char* kHeadKey = "head";    // revision, hash
 constexpr const char* kEpochKey = "epoch";  // u64
 constexpr char kLayerPrefix = 'L';          // name -> number
-constexpr char kChangedPrefix = 'C';        // number -> revision, file
+constexpr char kEditedPrefix = 'T';         // number, revision -> the last of a run of commits
 constexpr char kSavedPrefix = 'S';          // number -> revision, file
 constexpr char kCheckpointPrefix = 'K';     // name -> revision, time, user
 constexpr char kNamespacePrefix = 'N';      // revision -> its moves and deletes
-// In `state`, in front of all layers: the revision that the state is of.
-const std::string kStateRevisionKey(storekeys::kLayerBytes, '\0');
+// In `clients`, behind them all: the revision that it is of.
+const std::string kClientsRevisionKey(4, '\xff');
+// A run of commits for a layer, and another one that begins so close behind it, are read as one.
+constexpr Revision kSmallGap = 8;
+// Commits of an older format that are looked through before what was found is written.
+constexpr std::size_t kUpgradedAtOnce = 1'000;
 
 std::string key(char prefix, std::string_view name) { return prefix + std::string(name); }
 std::string key(char prefix, std::uint32_t number) {
@@ -57,6 +63,9 @@ std::string key(char prefix, std::uint32_t number) {
     return key;
 }
 std::string key(char prefix, Revision revision) { return prefix + storekeys::commit(revision); }
+std::string key(char prefix, std::uint32_t number, Revision revision) {
+    return key(prefix, number) + storekeys::commit(revision);
+}
 
 template <Number T>
 Bytes encoded(T number) {
@@ -180,7 +189,9 @@ public:
                       const std::function<bool(const StoredCommit&)>& visit) const override;
     [[nodiscard]] Result<Hash> hashAt(Revision revision) const override;
     [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
-    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) const override;
+    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) override;
+    Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc,
+                                     Revision revision) override;
     [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override;
     Result<void> setSaved(const LayerId& layer, const SavedState& saved) override;
     [[nodiscard]] Result<std::vector<LayerId>> unsavedLayers() const override;
@@ -205,7 +216,8 @@ private:
         explicit Group(std::size_t bytes) : batch(bytes) {}
         rocksdb::WriteBatch batch;
         Head head;
-        Layers layers;                              // those that the group touches
+        std::map<LayerId, Revision> first;          // of its commits for each layer
+        Layers layers;                              // these, as they are after it
         std::set<LayerId> saved;                    // those that it brings in from their files
         std::map<ClientId, std::uint64_t> clients;  // the highest numbers of their transactions
     };
@@ -215,6 +227,8 @@ private:
     Result<void> openDatabase();
     Result<void> readHead();
     Result<void> readLayers();
+    Result<void> upgrade();
+    Result<void> readEdited();
     [[nodiscard]] Result<SavedState> readSaved(std::uint32_t layer) const;
     Result<void> verify() const;
     Result<void> verifyMark() const;
@@ -223,11 +237,12 @@ private:
     Result<void> takeEpoch();
 
     // Appending.
-    Result<void> addTo(Group& group, StateWriter& state, const CommitRecord& commit);
+    Result<void> addTo(Group& group, const CommitRecord& commit);
     void addRecord(Group& group, const CommitRecord& commit);
     Layer& layerOf(Group& group, const LayerId& name);
     Result<void> addTransaction(Group& group, const TransactionId& id, Revision revision);
-    void finish(Group& group);
+    void addFound(Group& group);
+    void addHead(Group& group);
     void flushSoon();
     Result<void> write(rocksdb::WriteBatch& batch);
     Result<void> checkFailed() const;
@@ -256,6 +271,21 @@ private:
     /// Nothing: there is no such record.
     template <Number T>
     Result<std::optional<T>> number(Family from, const std::string& key) const;
+    /// The runs of commits after `revision` that are for a layer, in order.
+    struct Run {
+        Revision first = 0, last = 0;
+    };
+    [[nodiscard]] Result<std::vector<Run>> runsAfter(std::uint32_t layer, Revision revision) const;
+    /// Has `doc`, which is the layer at `revision`, follow the commits since.
+    struct Tail {
+        Revision end = 0;  // the last commit that was read
+        std::size_t cost = 0;
+    };
+    Result<Tail> follow(LayerDoc& doc, const LayerId& layer, std::uint32_t number,
+                        Revision revision) const;
+    [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
+    /// Nothing: none that can be read and goes with the log.
+    [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer) const;
     /// Visits the records of the meta family whose key begins with `prefix`, from `start` on.
     Result<void> each(char prefix, const std::string& start,
                       const std::function<bool(std::string_view, ByteView)>& visit) const;
@@ -273,6 +303,9 @@ private:
     Head head_;
     Layers layers_;
     std::optional<Error> failure_;
+
+    std::mutex snapshotMutex_;                     // held while one is written; guards the next
+    std::map<std::uint32_t, Revision> snapshots_;  // of layers, that were written since opening
 
     mutable std::mutex spaceMutex_;  // guards the next three
     mutable Reserve reserve_;
@@ -292,6 +325,8 @@ Result<void> RocksCommitStore::open() {
         .and_then([this] { return openDatabase(); })
         .and_then([this] { return readHead(); })
         .and_then([this] { return readLayers(); })
+        .and_then([this] { return upgrade(); })
+        .and_then([this] { return readEdited(); })
         .and_then([this] { return verify(); })
         .and_then([this] { return writeLogOut(); })
         .and_then([this] { return takeEpoch(); });
@@ -313,9 +348,11 @@ Result<void> RocksCommitStore::openDatabase() {
     // Where commits were acknowledged nothing is to be made anew.
     const auto mark = folder_.mark();
     options.create_if_missing = !mark || mark->revision == 0;
+    auto families = columnFamilies();
+    if (folder_.format() < StoreFolder::kFormat) families.push_back(formerFamily());
     rocksdb::DB* opened = nullptr;
-    const auto status = rocksdb::DB::Open(options, folder_.database().string(), columnFamilies(),
-                                          &handles_, &opened);
+    const auto status =
+        rocksdb::DB::Open(options, folder_.database().string(), families, &handles_, &opened);
     db_.reset(opened);
     // RocksDB syncs what is in its folder, and not that there is one.
     if (status.ok()) return syncFolder(folder_.path());
@@ -351,13 +388,69 @@ Result<void> RocksCommitStore::readLayers() {
     });
     if (!read) return read;
     for (auto& [name, layer] : layers_) {
-        const auto changed = number<Revision>(Family::Meta, key(kChangedPrefix, layer.number));
         auto saved = readSaved(layer.number);
-        if (!changed) return tl::unexpected(changed.error());
         if (!saved) return tl::unexpected(saved.error());
-        layer.changed = changed->value_or(0);
         layer.saved = std::move(*saved);
     }
+    return {};
+}
+
+/// A store of format 1 held each layer field by field, and other keys for transactions. The log has
+/// all that is wanted now.
+Result<void> RocksCommitStore::upgrade() {
+    if (folder_.format() == StoreFolder::kFormat) return {};
+    Group group(0);
+    group.head = head_;
+    group.batch.DeleteRange(family(Family::Clients), std::string(), std::string(64, '\xff'));
+    Result<void> done;
+    const auto writeOut = [&] {
+        addFound(group);
+        done = write(group.batch);
+        for (const auto& [name, layer] : group.layers) layers_[name].number = layer.number;
+        group = Group(0);
+        group.head = head_;
+        return bool(done);
+    };
+    const auto visit = [&](const StoredCommit& stored) {
+        const auto commit = decodeCommit(stored);
+        if (!commit) {
+            done = tl::unexpected(commit.error());
+            return false;
+        }
+        const auto edits = [&](const LayerId& name) {
+            layerOf(group, name).changed = commit->revision;
+            group.first.try_emplace(name, commit->revision);
+        };
+        for (const Edit& edit : commit->edits) edits(edit.layer);
+        if (commit->imported) edits(*commit->imported);
+        done = addTransaction(group, commit->id, commit->revision);
+        if (!done || group.batch.Count() < kUpgradedAtOnce) return bool(done);
+        return writeOut();
+    };
+    const auto read = this->read(1, head_.revision, visit);
+    if (!read) return read;
+    addHead(group);
+    if (!done || !writeOut()) return done;
+    for (; handles_.size() > columnFamilies().size(); handles_.pop_back()) {
+        if (const auto dropped = db_->DropColumnFamily(handles_.back()); !dropped.ok())
+            return tl::unexpected(error(dropped, "upgrade"));
+        db_->DestroyColumnFamilyHandle(handles_.back());
+    }
+    return folder_.setFormat();
+}
+
+Result<void> RocksCommitStore::readEdited() {
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
+    for (auto& [name, layer] : layers_) {
+        const std::string all = key(kEditedPrefix, layer.number);
+        at->SeekForPrev(key(kEditedPrefix, layer.number, ~Revision(0)));
+        if (!at->Valid() || !text(at->key()).starts_with(all)) continue;
+        const auto last = decoded<Revision>(bytes(at->value()));
+        if (!last) return damaged("a record of a layer's commits cannot be read");
+        layer.changed = *last;
+    }
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
     return {};
 }
 
@@ -373,10 +466,10 @@ Result<SavedState> RocksCommitStore::readSaved(std::uint32_t layer) const {
 }
 
 Result<void> RocksCommitStore::verify() const {
-    const auto state = number<Revision>(Family::State, kStateRevisionKey);
-    if (!state) return tl::unexpected(state.error());
-    if (state->value_or(0) != head_.revision)
-        return damagedAt(head_.revision, "is the newest, and the state is of another");
+    const auto clients = number<Revision>(Family::Clients, kClientsRevisionKey);
+    if (!clients) return tl::unexpected(clients.error());
+    if (clients->value_or(0) != head_.revision)
+        return damagedAt(head_.revision, "is the newest, and what clients sent is of another");
     return verifyChain().and_then([this] { return verifyMark(); });
 }
 
@@ -458,15 +551,14 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
         !ready)
         return ready;
     std::size_t bytes = 0;
-    for (const CommitRecord& commit : commits) bytes += 2 * commit.frame->size();
+    for (const CommitRecord& commit : commits) bytes += commit.frame->size() + kRecordBytes;
 
     Group group(bytes);
     group.head = head_;
-    StateWriter state(*db_, family(Family::State), group.batch);
     for (const CommitRecord& commit : commits)
-        if (const auto added = addTo(group, state, commit); !added) return added;
-    if (!state.status().ok()) return tl::unexpected(error(state.status(), "read"));
-    finish(group);
+        if (const auto added = addTo(group, commit); !added) return added;
+    addFound(group);
+    addHead(group);
     const auto written =
         checkSpace(group.batch.GetDataSize()).and_then([&] { return write(group.batch); });
     if (!written) return written;
@@ -494,14 +586,11 @@ void RocksCommitStore::flushSoon() {
     db_->Flush(options, handles_).PermitUncheckedError();
 }
 
-Result<void> RocksCommitStore::addTo(Group& group, StateWriter& state, const CommitRecord& commit) {
+Result<void> RocksCommitStore::addTo(Group& group, const CommitRecord& commit) {
     addRecord(group, commit);
-    for (const StateChange& change : commit.changes) {
-        const LayerId& name =
-            std::visit([](const auto& one) -> auto& { return one.layer; }, change);
-        Layer& layer = layerOf(group, name);
-        state.add(layer.number, !layers_.contains(name), change);
-        layer.changed = commit.revision;
+    for (const LayerId& name : commit.layers) {
+        layerOf(group, name).changed = commit.revision;
+        group.first.try_emplace(name, commit.revision);
     }
     if (commit.saved) {
         Layer& layer = layerOf(group, commit.saved->layer);
@@ -542,45 +631,46 @@ RocksCommitStore::Layer& RocksCommitStore::layerOf(Group& group, const LayerId& 
 
 Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId& id,
                                               Revision revision) {
+    if (id.sequence == 0) return {};  // an import or a reload, which nobody sends again
     const auto [entry, added] = group.clients.try_emplace(id.client);
-    std::uint64_t& end = entry->second;
     if (added) {
         const auto last = lastSequence(id.client);
         if (!last) return tl::unexpected(last.error());
-        end = *last;
+        entry->second = *last;
     }
+    entry->second = std::max(entry->second, id.sequence);
+    Bytes value = encoded<std::uint64_t>(id.sequence);
+    appendNumber<Revision>(value, revision);
     group.batch.Put(family(Family::Clients), storekeys::transaction(id.client, id.sequence),
-                    slice(encoded<Revision>(revision)));
-    // What falls out of the last 1,024 numbers; after a leap of more than that, all there was.
-    const std::uint64_t highest = std::max(end, id.sequence);
-    const auto firstKept = [](std::uint64_t last) {
-        return last >= kRemembered ? last - kRemembered + 1 : 1;
-    };
-    for (auto old = firstKept(end); old < std::min(firstKept(highest), end + 1); ++old)
-        group.batch.Delete(family(Family::Clients), storekeys::transaction(id.client, old));
-    end = highest;
+                    slice(value));
     return {};
 }
 
-void RocksCommitStore::finish(Group& group) {
+/// What the group's commits say of layers and clients.
+void RocksCommitStore::addFound(Group& group) {
     for (const auto& [client, end] : group.clients)
-        group.batch.Put(family(Family::Clients), storekeys::transaction(client, 0),
+        group.batch.Put(family(Family::Clients), storekeys::highestTransaction(client),
                         slice(encoded<std::uint64_t>(end)));
-    const std::shared_lock lock(mutex_);  // of setSaved()
-    for (const auto& [name, layer] : group.layers) {
+    for (const auto& [name, first] : group.first) {
+        const Layer& layer = group.layers.at(name);
+        group.batch.Put(family(Family::Meta), key(kEditedPrefix, layer.number, first),
+                        slice(encoded<Revision>(layer.changed)));
+    }
+    for (const LayerId& name : group.saved) {
+        const Layer& layer = group.layers.at(name);
+        const std::shared_lock lock(mutex_);  // of setSaved()
         const auto known = layers_.find(name);
-        const Layer before = known == layers_.end() ? Layer() : known->second;
-        if (layer.changed != before.changed)
-            group.batch.Put(family(Family::Meta), key(kChangedPrefix, layer.number),
-                            slice(encoded<Revision>(layer.changed)));
-        if (group.saved.contains(name) && layer.saved.revision >= before.saved.revision)
+        if (known == layers_.end() || layer.saved.revision >= known->second.saved.revision)
             group.batch.Put(family(Family::Meta), key(kSavedPrefix, layer.number),
                             slice(encodedSaved(layer.saved)));
     }
+}
+
+void RocksCommitStore::addHead(Group& group) {
     Bytes head = encoded<Revision>(group.head.revision);
     appendBytes(head, group.head.hash.bytes);
     group.batch.Put(family(Family::Meta), kHeadKey, slice(head));
-    group.batch.Put(family(Family::State), kStateRevisionKey,
+    group.batch.Put(family(Family::Clients), kClientsRevisionKey,
                     slice(encoded<Revision>(group.head.revision)));
 }
 
@@ -705,7 +795,9 @@ Result<void> RocksCommitStore::read(Revision from, Revision to,
 
 Result<Hash> RocksCommitStore::hashAt(Revision revision) const {
     if (revision == 0) return Hash{};
-    if (revision > head().revision)
+    const Head newest = head();
+    if (revision == newest.revision) return newest.hash;
+    if (revision > newest.revision)
         return fail(ErrorCode::FutureRevision,
                     "there is no commit " + std::to_string(revision) + " yet");
     rocksdb::PinnableSlice value;
@@ -724,19 +816,101 @@ Result<std::vector<LayerId>> RocksCommitStore::layers() const {
     return names;
 }
 
-Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer) const {
-    std::uint32_t number = 0;
-    {
-        const std::shared_lock lock(mutex_);
-        const auto known = layers_.find(layer);
-        if (known == layers_.end()) return std::optional<LayerDoc>();
-        number = known->second.number;
+std::uint32_t RocksCommitStore::numberOf(const LayerId& layer) const {
+    const std::shared_lock lock(mutex_);
+    const auto known = layers_.find(layer);
+    return known == layers_.end() ? 0 : known->second.number;
+}
+
+Result<std::vector<RocksCommitStore::Run>> RocksCommitStore::runsAfter(std::uint32_t layer,
+                                                                       Revision revision) const {
+    std::vector<Run> runs;
+    const std::string all = key(kEditedPrefix, layer);
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
+    const auto inside = [&] { return at->Valid() && text(at->key()).starts_with(all); };
+    at->SeekForPrev(key(kEditedPrefix, layer, revision));  // it may go on after `revision`
+    if (!inside()) at->Seek(all);
+    for (; inside(); at->Next()) {
+        const std::string_view first = text(at->key()).substr(all.size());
+        const auto last = decoded<Revision>(bytes(at->value()));
+        if (first.size() != sizeof(Revision) || !last)
+            return damaged("a record of a layer's commits cannot be read");
+        const Run run{std::max(storekeys::bigEndian64(first), revision + 1), *last};
+        if (run.first > run.last) continue;
+        if (!runs.empty() && run.first <= runs.back().last + kSmallGap)
+            runs.back().last = run.last;
+        else
+            runs.push_back(run);
     }
-    const std::string what =
-        "the layer " + layer.value + " in the store " + folder_.path().string();
-    return readLayer(*db_, family(Family::State), number, what).map([](LayerDoc&& doc) {
-        return std::optional(std::move(doc));
-    });
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    return runs;
+}
+
+Result<RocksCommitStore::Tail> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer,
+                                                        std::uint32_t number,
+                                                        Revision revision) const {
+    const auto runs = runsAfter(number, revision);
+    if (!runs) return tl::unexpected(runs.error());
+    Tail tail{revision, 0};
+    Result<void> followed;
+    for (const auto& [first, last] : *runs) {
+        const auto done = read(first, last, [&](const StoredCommit& stored) {
+            tail.end = stored.revision;
+            followed = decodeCommit(stored).and_then([&](const Commit& commit) {
+                tail.cost += replayCost(stored.frame->size(), commit.edits.size());
+                return replay(doc, layer, commit);
+            });
+            return bool(followed);
+        });
+        if (!done) return tl::unexpected(done.error());
+        if (!followed) return tl::unexpected(followed.error());
+    }
+    return tail;
+}
+
+std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer) const {
+    const auto content = sealedfile::read(folder_.snapshot(layer));
+    auto snapshot = content ? decodeSnapshot(*content) : std::nullopt;
+    if (!snapshot) return std::nullopt;
+    const auto hash = hashAt(snapshot->revision);
+    return hash && *hash == snapshot->hash ? std::move(snapshot) : std::nullopt;
+}
+
+/// A snapshot that is missing costs the time to do the whole log again.
+Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer) {
+    const std::uint32_t number = numberOf(layer);
+    if (number == 0) return std::optional<LayerDoc>();
+    LayerSnapshot from = readSnapshot(number).value_or(LayerSnapshot());
+    const auto tail = follow(from.doc, layer, number, from.revision);
+    if (!tail) return tl::unexpected(tail.error());
+    // It costs time again otherwise; if it fails, that is all.
+    std::error_code none;
+    const auto bytes = std::filesystem::file_size(folder_.snapshot(number), none);
+    if (tail->cost >= snapshotDue(from.doc, none ? 0 : bytes))
+        (void)keepSnapshot(layer, from.doc, tail->end);
+    return std::optional(std::move(from.doc));
+}
+
+Result<std::size_t> RocksCommitStore::keepSnapshot(const LayerId& layer, const LayerDoc& doc,
+                                                   Revision revision) {
+    const std::uint32_t number = numberOf(layer);
+    if (number == 0)
+        return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+    const auto hash = hashAt(revision);
+    if (!hash) return tl::unexpected(hash.error());
+    const Bytes content = encodeSnapshot({revision, *hash, doc});
+    const std::lock_guard lock(snapshotMutex_);
+    Revision& kept = snapshots_[number];
+    if (revision <= kept) return content.size();
+    // Edits need the space more than it does, which stands beside the one before for a while.
+    if (const Space space = measureSpace();
+        space.usable < 2 * space.least + kCopies * content.size())
+        return fail(ErrorCode::StorageFull, "too little space for a snapshot of " + layer.value);
+    if (auto done = sealedfile::replace(folder_.snapshot(number), content); !done)
+        return tl::unexpected(done.error());
+    kept = revision;
+    return content.size();
 }
 
 Result<SavedState> RocksCommitStore::saved(const LayerId& layer) const {
@@ -787,13 +961,25 @@ Result<std::vector<NamespaceChange>> RocksCommitStore::namespaceChanges(Revision
 
 Result<std::optional<Revision>> RocksCommitStore::committed(
     const TransactionId& transaction) const {
-    if (transaction.sequence == 0) return std::optional<Revision>();
-    return number<Revision>(Family::Clients,
-                            storekeys::transaction(transaction.client, transaction.sequence));
+    const auto last = lastSequence(transaction.client);
+    if (!last) return tl::unexpected(last.error());
+    const std::uint64_t sequence = transaction.sequence;
+    if (sequence == 0 || sequence > *last || *last - sequence >= kRemembered)
+        return std::optional<Revision>();
+    std::string value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Clients),
+                                 storekeys::transaction(transaction.client, sequence), &value);
+    if (status.IsNotFound()) return std::optional<Revision>();
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    ByteReader in(asBytes(value));
+    const std::uint64_t held = in.u64();
+    const Revision revision = in.u64();
+    if (!in.finished()) return damaged("a record of a transaction cannot be read");
+    return held == sequence ? std::optional(revision) : std::nullopt;
 }
 
 Result<std::uint64_t> RocksCommitStore::lastSequence(const ClientId& client) const {
-    return number<std::uint64_t>(Family::Clients, storekeys::transaction(client, 0))
+    return number<std::uint64_t>(Family::Clients, storekeys::highestTransaction(client))
         .map([](const auto& last) { return last.value_or(0); });
 }
 

@@ -5,6 +5,8 @@
 #include <rocksdb/slice_transform.h>
 #include <rocksdb/table.h>
 
+#include "StoreKeys.h"
+
 namespace usdlive::server {
 
 namespace {
@@ -69,13 +71,21 @@ rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> file
 std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies() {
     const auto cache = rocksdb::NewLRUCache(16 * kMib);
     std::vector<rocksdb::ColumnFamilyDescriptor> families;
-    for (const char* name : {"default", "commits", "state", "clients"})
+    for (const char* name : {"default", "commits", "clients"})
         families.emplace_back(name, familyOptions(cache));
-    // Commits come in the order of their keys: each is put beside the one before.
-    constexpr std::size_t kCommits = 1, kSamePart = 4;
-    families[kCommits].options.memtable_insert_with_hint_prefix_extractor.reset(
-        rocksdb::NewFixedPrefixTransform(kSamePart));
+    // Commits come in the order of their keys, and so do each client's transactions: each is put
+    // beside the one before that begins like it.
+    const auto inOrder = [&](Family family, std::size_t beginning) {
+        families[std::size_t(family)].options.memtable_insert_with_hint_prefix_extractor.reset(
+            rocksdb::NewFixedPrefixTransform(beginning));
+    };
+    inOrder(Family::Commits, storekeys::kCommitBeginning);
+    inOrder(Family::Clients, storekeys::kClientBeginning);
     return families;
+}
+
+rocksdb::ColumnFamilyDescriptor formerFamily() {
+    return {"state", familyOptions(rocksdb::NewLRUCache(kMib))};
 }
 
 }  // namespace usdlive::server

@@ -13,10 +13,12 @@ inline constexpr std::uint64_t kMib = 1024 * 1024;
 
 /// The column families of the store, in the order they are opened. `default` holds what is said
 /// about the store: head, epoch, layers, checkpoints, moves and deletes.
-enum class Family { Meta, Commits, State, Clients };
+enum class Family { Meta, Commits, Clients };
 
 /// Small in memory and files: a project is edited by people, and the log is read rarely.
 [[nodiscard]] rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> files);
 [[nodiscard]] std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies();
+/// A store of format 1 has this one behind them.
+[[nodiscard]] rocksdb::ColumnFamilyDescriptor formerFamily();
 
 }  // namespace usdlive::server

@@ -12,7 +12,6 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::uint32_t kFormat = 1;
 constexpr std::size_t kMostBytes = 4096;  // of a sealed file
 
 }  // namespace
@@ -20,9 +19,10 @@ constexpr std::size_t kMostBytes = 4096;  // of a sealed file
 Result<StoreFolder> StoreFolder::open(const std::filesystem::path& path) {
     StoreFolder folder;
     folder.path_ = path;
-    auto done = makeFolders(path).and_then([&] { return folder.lock(); }).and_then([&] {
-        return folder.checkFormat();
-    });
+    auto done =
+        makeFolders(path / "snapshots").and_then([&] { return folder.lock(); }).and_then([&] {
+            return folder.checkFormat();
+        });
     if (!done) return tl::unexpected(done.error());
     auto mark = openFile(path / "head", O_RDWR | O_CREAT);
     if (!mark) return tl::unexpected(mark.error());
@@ -45,13 +45,16 @@ Result<void> StoreFolder::lock() {
     return {};
 }
 
-Result<void> StoreFolder::checkFormat() const {
+Result<void> StoreFolder::setFormat() {
+    Bytes content;
+    appendNumber<std::uint32_t>(content, kFormat);
+    format_ = kFormat;
+    return sealedfile::replace(path_ / "format", content);
+}
+
+Result<void> StoreFolder::checkFormat() {
     const auto name = path_ / "format";
-    if (!std::filesystem::exists(name) && !std::filesystem::exists(database())) {
-        Bytes content;
-        appendNumber<std::uint32_t>(content, kFormat);
-        return sealedfile::replace(name, content);
-    }
+    if (!std::filesystem::exists(name) && !std::filesystem::exists(database())) return setFormat();
     const auto file = openFile(name, O_RDONLY);
     const auto sealed = file ? readAt(*file, 0, kMostBytes, name) : Result<Bytes>(Bytes());
     const auto content = sealed ? sealedfile::unseal(*sealed) : std::nullopt;
@@ -59,10 +62,10 @@ Result<void> StoreFolder::checkFormat() const {
         return fail(ErrorCode::StorageCorrupt, "the format of the store is not told: " +
                                                    name.string() + " is missing or damaged");
     ByteReader in(*content);
-    const std::uint32_t format = in.u32();
-    if (format <= kFormat) return {};
+    format_ = in.u32();
+    if (format_ <= kFormat) return {};
     return fail(ErrorCode::StorageTooNew, "the store " + path_.string() + " has format " +
-                                              std::to_string(format) + ", this version reads " +
+                                              std::to_string(format_) + ", this version reads " +
                                               std::to_string(kFormat));
 }
 

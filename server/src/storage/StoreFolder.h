@@ -9,10 +9,12 @@
 
 namespace usdlive::server {
 
-/// The files that stand beside the database: `lock`, `format`, `head`, `reserve`; and `db`, the
-/// database itself. Whoever has one, has the folder to themselves.
+/// The files that stand beside the database: `lock`, `format`, `head`, `reserve`, and those in
+/// `snapshots`; and `db`, the database itself. Whoever has one, has the folder to themselves.
 class StoreFolder {
 public:
+    static constexpr std::uint32_t kFormat = 2;
+
     /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is not told), or of the
     /// disk.
     [[nodiscard]] static Result<StoreFolder> open(const std::filesystem::path& path);
@@ -20,6 +22,16 @@ public:
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     [[nodiscard]] std::filesystem::path database() const { return path_ / "db"; }
     [[nodiscard]] std::filesystem::path reserve() const { return path_ / "reserve"; }
+
+    /// Of what a layer held, by its number.
+    [[nodiscard]] std::filesystem::path snapshot(std::uint32_t layer) const {
+        return path_ / "snapshots" / std::to_string(layer);
+    }
+
+    /// What the store was made as, at most kFormat.
+    [[nodiscard]] std::uint32_t format() const { return format_; }
+    /// It is of kFormat from now on, durably.
+    [[nodiscard]] Result<void> setFormat();
 
     /// A commit that was acknowledged: what the database holds may not end before it. RocksDB takes
     /// a log that was cut off for one whose end was never written; this tells the difference.
@@ -36,9 +48,10 @@ public:
 private:
     StoreFolder() = default;
     [[nodiscard]] Result<void> lock();
-    [[nodiscard]] Result<void> checkFormat() const;
+    [[nodiscard]] Result<void> checkFormat();
 
     std::filesystem::path path_;
+    std::uint32_t format_ = 0;
     File lock_, mark_;
 };
 

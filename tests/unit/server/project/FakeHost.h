@@ -63,6 +63,7 @@ public:
     std::deque<Reload> reloading;
     std::map<LayerId, SavedState> savedStates;
     std::deque<Naming> naming;
+    std::vector<std::pair<Revision, LayerDoc>> kept;  ///< of any layer
     std::vector<std::pair<SessionId, BlobFrame>> blobParts;
     std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
     std::set<Hash> blobs;
@@ -79,6 +80,9 @@ public:
     bool congested(SessionId session) override { return congestedSessions.contains(session); }
     void close(SessionId session) override { closed.insert(session); }
     void append(CommitRecord commit) override { appending.push_back(std::move(commit)); }
+    void keepSnapshot(const LayerId&, LayerDoc doc, Revision revision) override {
+        kept.emplace_back(revision, std::move(doc));
+    }
     void loadLayer(const LayerId& layer) override { loading.push_back(layer); }
     void readCommits(SessionId session, Revision from, Revision to) override {
         reading.push_back({session, from, to});

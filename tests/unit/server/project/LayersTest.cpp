@@ -323,5 +323,55 @@ TEST(ProjectPreviews, M11EndWithTheirTransaction) {
     EXPECT_TRUE(world.nextFrame<PreviewFrame>(2).edits.empty());
 }
 
+Project::Options snapshotsAfter(std::size_t bytes) {
+    Project::Options options;
+    options.leastReplay = bytes;
+    return options;
+}
+
+TEST(ProjectLayers, ASnapshotIsTakenOfWhatIsDurableWhenItIsDue) {
+    World world(snapshotsAfter(1'000));
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    const LayerId layer{"a.usda"};
+    Revision revision = 0;
+    const auto edit = [&] {
+        ++revision;
+        world.submit(1, revision, {set("/A.x", double(revision))}, revision - 1);
+    };
+    while (world.host.appending.size() < 10) edit();
+    const LayerDoc ahead = *world.project->layer(layer);
+    EXPECT_TRUE(world.host.kept.empty()) << "not durable yet";
+    world.store();
+    EXPECT_EQ(world.host.kept.size(), 2u) << "10 commits of some 270 bytes, 1,256 are due";
+    for (const auto& [at, doc] : world.host.kept)
+        EXPECT_EQ(*doc.field("/A.x", "default"), FieldValue(doubleValue(double(at))));
+    EXPECT_EQ(*ahead.field("/A.x", "default"), FieldValue(doubleValue(double(revision))));
+
+    // As large as the last one was, or larger, before the next is due.
+    world.project->snapshotKept(layer, 100'000);
+    for (int i = 0; i < 100; ++i) edit();
+    world.store();
+    EXPECT_EQ(world.host.kept.size(), 2u);
+}
+
+TEST(ProjectLayers, NoSnapshotIsTakenOfWhatWasLost) {
+    World world(snapshotsAfter(0));
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    for (std::uint64_t number = 1; number <= 5; ++number)
+        world.submit(1, number, {set("/A.x", double(number))});
+    world.host.appending.clear();
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {});
+    world.load();
+    world.submit(1, 6, {set("/A.x", 6)});
+    world.store();
+    for (const auto& [revision, doc] : world.host.kept)
+        EXPECT_EQ(*doc.field("/A.x", "default"), FieldValue(doubleValue(6))) << revision;
+    EXPECT_EQ(world.host.kept.size(), 1u) << "the cost of what was lost counts on";
+}
+
 }  // namespace
 }  // namespace usdlive::server::projecttest

@@ -41,7 +41,7 @@ TEST_F(ProjectTransactions, ACommitIsToldToAllOnceDurable) {
     EXPECT_EQ(world.project->durableRevision(), 1u);
     EXPECT_EQ(world.project->counters().commits, 1u);
     EXPECT_EQ(world.project->counters().delivered, 2u);
-    EXPECT_EQ(world.records[0].changes.size(), 2u);
+    EXPECT_EQ(world.records[0].layers, std::set<LayerId>{{"a.usda"}});
 }
 
 TEST_F(ProjectTransactions, TheChainOfHashesGoesOn) {

@@ -1,6 +1,7 @@
 #include "usdlive/server/storage/RocksCommitStore.h"
 
 #include <gtest/gtest.h>
+#include <rocksdb/db.h>
 #include <signal.h>
 #include <sys/mount.h>
 #include <sys/resource.h>
@@ -103,6 +104,10 @@ TEST(RocksCommitStore, WhatAKilledProcessLeftIsWhole) {
     const auto store = open(folder.path / "a");
     for (int round = 0; round < 5; ++round) {
         append(*store, someCommits(commits, 20, unsigned(round)));
+        if (round % 2 == 0) {
+            ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+        }
+        append(*store, someCommits(commits, 5, unsigned(round)));
         copyFolder(folder.path / "a", folder.path / "b");
         ASSERT_TRUE(openIsEqualOrCorrupt(folder.path / "b", commits));
         EXPECT_EQ(open(folder.path / "b")->head().revision, commits.head.revision);
@@ -158,8 +163,11 @@ TEST(RocksCommitStore, AFlippedBitIsFoundOrHarmless) {
     TestFolder folder;
     TestCommits commits;
     const fs::path whole = folder.path / "a", damaged = folder.path / "b";
-    for (unsigned part = 0; part < 3; ++part)  // each opening writes tables of the log
-        append(*open(whole), someCommits(commits, 30, part));
+    for (unsigned part = 0; part < 3; ++part) {  // each opening writes tables of the log
+        const auto store = open(whole);
+        append(*store, someCommits(commits, 30, part));
+        ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+    }
     const auto store = open(whole);
     append(*store, someCommits(commits, 30, 3));
 
@@ -183,7 +191,11 @@ TEST(RocksCommitStore, AMissingFileIsFound) {
     TestFolder folder;
     TestCommits commits;
     const fs::path whole = folder.path / "a", damaged = folder.path / "b";
-    for (unsigned part = 0; part < 3; ++part) append(*open(whole), someCommits(commits, 30, part));
+    for (unsigned part = 0; part < 3; ++part) {
+        const auto store = open(whole);
+        append(*store, someCommits(commits, 30, part));
+        ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+    }
     const auto store = open(whole);
     append(*store, someCommits(commits, 30, 3));
     for (std::size_t at = 0; at < filesOf(whole).size(); ++at) {
@@ -194,14 +206,132 @@ TEST(RocksCommitStore, AMissingFileIsFound) {
     }
 }
 
+void writeFormat(const fs::path& folder, std::uint8_t number) {
+    Bytes format{number, 0, 0, 0};
+    const Hash seal = sha256({format});
+    format.insert(format.end(), seal.bytes.begin(), seal.bytes.end());
+    std::ofstream(folder / "format", std::ios::binary)
+        .write(reinterpret_cast<const char*>(format.data()), std::streamsize(format.size()));
+}
+
+/// The records themselves, while no store has them open.
+class RawRecords {
+public:
+    explicit RawRecords(const fs::path& folder) {
+        std::vector<rocksdb::ColumnFamilyDescriptor> families;
+        for (const char* name : {"default", "commits", "clients", "state"})
+            families.emplace_back(name, rocksdb::ColumnFamilyOptions());
+        rocksdb::DBOptions options;
+        options.create_missing_column_families = true;
+        rocksdb::DB* opened = nullptr;
+        const auto status =
+            rocksdb::DB::Open(options, (folder / "db").string(), families, &handles_, &opened);
+        if (!status.ok()) throw std::runtime_error(status.ToString());
+        db_.reset(opened);
+    }
+    ~RawRecords() {
+        for (auto* handle : handles_) db_->DestroyColumnFamilyHandle(handle);
+    }
+    enum Family { Meta, Commits, Clients, State };
+    std::vector<std::string> keys(Family family) const {
+        std::vector<std::string> all;
+        const std::unique_ptr<rocksdb::Iterator> at(db_->NewIterator({}, handles_[family]));
+        for (at->SeekToFirst(); at->Valid(); at->Next()) all.push_back(at->key().ToString());
+        return all;
+    }
+    void put(Family family, const std::string& key, const std::string& value) {
+        ASSERT_TRUE(db_->Put({}, handles_[family], key, value).ok());
+    }
+    void erase(Family family, const std::string& key) {
+        ASSERT_TRUE(db_->Delete({}, handles_[family], key).ok());
+    }
+
+private:
+    std::unique_ptr<rocksdb::DB> db_;
+    std::vector<rocksdb::ColumnFamilyHandle*> handles_;
+};
+
+TEST(RocksCommitStore, ASnapshotThatCannotBeReadIsMadeUpForByTheLog) {
+    TestFolder folder;
+    TestCommits commits;
+    const fs::path kept = folder.path / "snapshots" / "1", other = folder.path / "other";
+    const auto check = [&](auto damage) {
+        const auto store = open(folder.path);
+        append(*store, someCommits(commits, 30));
+        ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+        append(*store, someCommits(commits, 3));
+        damage();
+        EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    };
+    check([&] { fs::copy_file(kept, other); });
+    check([&] { fs::remove(kept); });
+    check([&] { fs::resize_file(kept, 0); });
+    check([&] { fs::resize_file(kept, fs::file_size(kept) / 2); });
+    check([&] { fs::copy_file(other, kept, fs::copy_options::overwrite_existing); });
+}
+
+// Somebody has put an older copy of the database back.
+TEST(RocksCommitStore, ASnapshotOfAnotherHistoryIsNotUsed) {
+    TestFolder folder;
+    TestCommits commits;
+    {
+        const auto store = open(folder.path / "a");
+        append(*store, someCommits(commits, 10));
+    }
+    copyFolder(folder.path / "a", folder.path / "b");
+    {
+        TestCommits others = commits;
+        const auto store = open(folder.path / "b");
+        append(*store, someCommits(others, 10, 2));
+        ASSERT_TRUE(store->keepSnapshot(kLayer, others.layers[kLayer], others.head.revision));
+    }
+    fs::copy(folder.path / "b" / "snapshots", folder.path / "a" / "snapshots",
+             fs::copy_options::recursive);
+    const auto store = open(folder.path / "a");
+    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump()) << "ahead";
+    append(*store, someCommits(commits, 10, 3));
+    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
+// Of the log alone, as a store of format 1 had other records beside it.
+TEST(RocksCommitStore, AnOlderFormatIsUpgraded) {
+    TestFolder folder;
+    TestCommits commits;
+    const LayerId imported{"b.usda"};
+    {
+        const auto store = open(folder.path);
+        append(*store, std::vector{commits.import(imported, LayerDoc())});
+        append(*store, someCommits(commits, 2'500));
+    }
+    {
+        RawRecords raw(folder.path);
+        for (const auto& key : raw.keys(RawRecords::Clients)) raw.erase(RawRecords::Clients, key);
+        for (const auto& key : raw.keys(RawRecords::Meta))
+            if (key[0] == 'T') raw.erase(RawRecords::Meta, key);
+        raw.put(RawRecords::State, "old", "record");
+        raw.put(RawRecords::Clients, "old", "record");
+    }
+    writeFormat(folder.path, 1);
+    for (int opened = 0; opened < 2; ++opened) {
+        const auto store = open(folder.path);
+        EXPECT_EQ(store->head().hash, commits.head.hash);
+        EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+        EXPECT_TRUE(*store->loadLayer(imported) == LayerDoc());
+        EXPECT_EQ(*store->committed(commits.id), commits.head.revision);
+        EXPECT_EQ(*store->unsavedLayers(), std::vector{kLayer});
+    }
+    append(*open(folder.path), someCommits(commits, 3));
+    EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    const RawRecords raw(folder.path);
+    const auto keys = raw.keys(RawRecords::Clients);
+    EXPECT_TRUE(std::ranges::find(keys, "old") == keys.end());
+    EXPECT_TRUE(raw.keys(RawRecords::State).empty()) << "it was dropped";
+}
+
 TEST(RocksCommitStore, ANewerFormatIsLeftAlone) {
     TestFolder folder;
     (void)open(folder.path);
-    Bytes format{2, 0, 0, 0};
-    const Hash seal = sha256(format);
-    format.insert(format.end(), seal.bytes.begin(), seal.bytes.end());
-    std::ofstream(folder.path / "format", std::ios::binary)
-        .write(reinterpret_cast<const char*>(format.data()), std::streamsize(format.size()));
+    writeFormat(folder.path, 3);
     const auto opened = createRocksCommitStore(folder.path, options());
     ASSERT_FALSE(opened);
     EXPECT_EQ(opened.error().code, ErrorCode::StorageTooNew);

@@ -8,8 +8,8 @@
 
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitContent.h"
 #include "usdlive/server/project/CommitStore.h"
-#include "usdlive/server/project/StateChanges.h"
 
 namespace usdlive::server::test {
 
@@ -30,7 +30,7 @@ public:
         Commit commit = begin();
         for (const ExecutedEdit& one : executed) commit.edits.push_back(one.edit);
         CommitRecord record = finish(commit);
-        record.changes = stateChanges(layers, executed);
+        for (const ExecutedEdit& one : executed) record.layers.insert(one.edit.layer);
         record.namespaceChanges = namespaceChanges(head.revision, executed);
         return record;
     }
@@ -44,17 +44,13 @@ public:
         for (auto& [path, action] : difference(LayerDoc(), doc))
             commit.edits.push_back({layer, {path, {}}, std::move(action)});
         CommitRecord record = finish(commit);
-        record.changes = {PutLayer{layer, doc}};
+        record.layers = {layer};
         record.saved = CommitRecord::Saved{layer, {head.revision, kFile}};
         layers[layer] = doc;
         return record;
     }
-    /// With state changes as they are given; the layers here do not follow.
-    CommitRecord raw(std::vector<StateChange> changes) {
-        CommitRecord record = finish(begin());
-        record.changes = std::move(changes);
-        return record;
-    }
+    /// That says nothing.
+    CommitRecord empty() { return finish(begin()); }
 
     LayerDocs layers;
     CommitStore::Head head;

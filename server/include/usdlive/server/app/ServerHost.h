@@ -76,6 +76,7 @@ private:
     bool lags(SessionId session) override;
     void close(SessionId session) override;
     void append(CommitRecord commit) override;
+    void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision) override;
     void loadLayer(const LayerId& layer) override;
     void readCommits(SessionId session, Revision from, Revision to) override;
     void readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
@@ -124,8 +125,9 @@ private:
 
     boost::asio::io_context& network_;
     boost::asio::thread_pool& workers_;
-    // In order: parts of a big value; saves of a layer, of which the last has to win.
-    boost::asio::strand<boost::asio::thread_pool::executor_type> blobWriter_, saver_;
+    // In order: parts of a big value; saves of a layer, of which the last has to win; snapshots.
+    boost::asio::strand<boost::asio::thread_pool::executor_type> blobWriter_, saver_,
+        snapshotWriter_;
     SharedStore& store_;
     StorageThread& storage_;
     BlobStore& blobs_;

@@ -1,69 +1,19 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
-#include <variant>
 #include <vector>
 
 #include "usdlive/common/core/Bytes.h"
-#include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
 
 namespace usdlive::server {
-
-/// What a commit changes in the stored state of one layer. Keyed by node, so that a move is one
-/// record.
-struct PutNode {
-    LayerId layer;
-    NodeId node = 0, parent = 0;
-    std::uint64_t order = 0;
-    SpecKind kind{};
-    std::string name;
-};
-struct EraseNodes {
-    LayerId layer;
-    std::vector<NodeId> nodes;  ///< with all their fields
-};
-/// Replaces a whole field.
-struct PutField {
-    LayerId layer;
-    NodeId node = 0;
-    std::string field;
-    FieldValue value;
-    bool hadSamples = true;  ///< it may have held time samples, each of which is a record
-};
-struct EraseField {
-    LayerId layer;
-    NodeId node = 0;
-    std::string field;
-    bool hadSamples = true;
-};
-/// One sample of a field that holds time samples; the others stay as they are. A field that is
-/// absent or holds another form becomes time samples.
-struct PutSample {
-    LayerId layer;
-    NodeId node = 0;
-    std::string field;
-    double time = 0;
-    Value value;
-};
-struct EraseSample {
-    LayerId layer;
-    NodeId node = 0;
-    std::string field;
-    double time = 0;
-};
-/// Everything of a layer that is not there yet.
-struct PutLayer {
-    LayerId layer;
-    LayerDoc doc;
-};
-using StateChange =
-    std::variant<PutNode, EraseNodes, PutField, EraseField, PutSample, EraseSample, PutLayer>;
 
 /// A move or delete that a commit made, kept so that addresses can be carried forward over it (M3)
 /// also after the server was started again.
@@ -115,9 +65,9 @@ struct SavedState {
 struct CommitRecord {
     Revision revision = 0;
     TransactionId id;
-    SharedBytes frame;  ///< encodeFrame(CommitFrame), with its length prefix
-    Hash hash;          ///< chain hash after it
-    std::vector<StateChange> changes;
+    SharedBytes frame;         ///< encodeFrame(CommitFrame), with its length prefix
+    Hash hash;                 ///< chain hash after it
+    std::set<LayerId> layers;  ///< that it edits, or brings in
     std::vector<NamespaceChange> namespaceChanges = {};
     /// Of the layer it brought in from its file, now or anew.
     struct Saved {
@@ -127,14 +77,30 @@ struct CommitRecord {
     std::optional<Saved> saved = std::nullopt;
 };
 
+/// What it takes to do a commit again, about, in bytes that are read.
+[[nodiscard]] inline std::size_t replayCost(std::size_t frameBytes, std::size_t edits) {
+    constexpr std::size_t kEditBytes = 32;
+    return frameBytes + kEditBytes * edits;
+}
+/// A snapshot of a layer is due when it takes so much to do its commits since the last one again:
+/// about what it takes to read the layer. `lastBytes`: of the last one, 0 not known; `least`: of an
+/// empty layer.
+inline constexpr std::size_t kLeastReplay = 1024 * 1024;
+[[nodiscard]] inline std::size_t snapshotDue(const LayerDoc& doc, std::size_t lastBytes,
+                                             std::size_t least = kLeastReplay) {
+    constexpr std::size_t kSpecBytes = 64;
+    return least + std::max(kSpecBytes * doc.specCount(), lastBytes);
+}
+
 struct StoredCommit {
     Revision revision = 0;
     SharedBytes frame;
     Hash hash;
 };
 
-/// Where a project's history and state are kept. One process has it open. Calls block; one thread
-/// calls append(), any thread the others.
+/// Where a project's history is kept. What a layer holds follows from it: from a snapshot of the
+/// layer and the commits since. One process has it open. Calls block; one thread calls append(),
+/// any thread the others.
 class CommitStore {
 public:
     struct Head {
@@ -148,10 +114,10 @@ public:
     /// The newest commit that is durable.
     [[nodiscard]] virtual Head head() const = 0;
 
-    /// Appends a group, all or nothing, state with it; durable when it returns (unless opened with
-    /// durability `os`). Revisions contiguous from head().revision + 1. Errors: StorageFull
-    /// (nothing was written; goes on when there is space again), StorageFailed (the store takes no
-    /// more appends; it has to be opened anew).
+    /// Appends a group, all or nothing; durable when it returns (unless opened with durability
+    /// `os`). Revisions contiguous from head().revision + 1. Errors: StorageFull (nothing was
+    /// written; goes on when there is space again), StorageFailed (the store takes no more appends;
+    /// it has to be opened anew).
     virtual Result<void> append(std::span<const CommitRecord> commits) = 0;
 
     /// Calls `visit` with each commit of [from, to] in order until it returns false. Checks the
@@ -160,11 +126,18 @@ public:
                               const std::function<bool(const StoredCommit&)>& visit) const = 0;
     [[nodiscard]] virtual Result<Hash> hashAt(Revision revision) const = 0;
 
-    /// Layers that have state.
+    /// Layers that commits have edited or brought in.
     [[nodiscard]] virtual Result<std::vector<LayerId>> layers() const = 0;
-    /// Nothing: never imported.
-    [[nodiscard]] virtual Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) const = 0;
-    /// LayerNotFound for setSaved() of a layer without state.
+    /// As of the newest commit. Nothing: no commit is for it. Errors: StorageCorrupt,
+    /// StorageFailed.
+    [[nodiscard]] virtual Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) = 0;
+    /// Keeps what a layer holds at a revision that is durable, so that loading it does not begin at
+    /// its first commit. Takes the place of what was kept of an older revision; may be lost, which
+    /// costs time and nothing else. Returns its bytes. LayerNotFound: no commit is for it.
+    /// StorageFull, StorageFailed.
+    virtual Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc,
+                                             Revision revision) = 0;
+    /// LayerNotFound for setSaved() of a layer that no commit is for.
     [[nodiscard]] virtual Result<SavedState> saved(const LayerId& layer) const = 0;
     virtual Result<void> setSaved(const LayerId& layer, const SavedState& saved) = 0;
     /// Layers that commits have changed since they were last saved.

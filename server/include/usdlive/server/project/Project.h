@@ -69,6 +69,9 @@ public:
 
     /// Appends to the store, in order; answered by appended() or appendFailed().
     virtual void append(CommitRecord commit) = 0;
+    /// CommitStore::keepSnapshot(), of a revision that is durable; snapshotKept() says how large it
+    /// is. Nothing waits for it.
+    virtual void keepSnapshot(const LayerId&, LayerDoc, Revision) {}
     /// From the store, or, if it has none, from the layer's file; answered by layerLoaded().
     virtual void loadLayer(const LayerId& layer) = 0;
     /// Commits of [from, to] from the store, answered by commitsRead().
@@ -168,6 +171,7 @@ public:
         std::size_t recentCommitBytes = 64ull << 20;  ///< kept in memory for who resumes
         std::size_t namespaceLogRevisions = 100'000;  ///< how far back a base may lie
         Revision maxBehind = 100'000;  ///< commits that a session may lag by; then it is cut
+        std::size_t leastReplay = kLeastReplay;  ///< see snapshotDue()
         std::set<UserName> administrators = {};  ///< who may edit and unlock what others lock
         /// When nobody of a lock's holder has been connected for so long, others may take it.
         std::int64_t lockTakeoverMs = 15 * 60'000;
@@ -208,6 +212,7 @@ public:
     /// (SE8), and those that it may know wait.
     void storeClosed();
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
+    void snapshotKept(const LayerId& layer, std::size_t bytes);
     void commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits);
     void historyRead(SessionId session, std::uint64_t request, Result<LayerDoc> doc);
     void blobWritten(SessionId session, const Hash& hash, Result<bool> whole);

@@ -1,0 +1,23 @@
+#pragma once
+
+#include <vector>
+
+#include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitStore.h"
+
+namespace usdlive::server {
+
+/// The moves and deletes among the executed edits of a commit.
+[[nodiscard]] std::vector<NamespaceChange> namespaceChanges(Revision revision,
+                                                            const std::vector<ExecutedEdit>& edits);
+
+// A layer is what its commits say. These fail with StorageCorrupt, which names the commit: what is
+// stored was executed once.
+
+[[nodiscard]] Result<Commit> decodeCommit(const StoredCommit& stored);
+
+/// What the commit does to the layer, done to `doc`, which is the layer as it was before.
+[[nodiscard]] Result<void> replay(LayerDoc& doc, const LayerId& layer, const Commit& commit);
+
+}  // namespace usdlive::server

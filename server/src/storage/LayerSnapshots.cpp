@@ -1,0 +1,43 @@
+#include "LayerSnapshots.h"
+
+#include <algorithm>
+
+#include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/protocol/Snapshot.h"
+
+namespace usdlive::server {
+
+Bytes encodeSnapshot(const LayerSnapshot& snapshot) {
+    Bytes bytes;
+    appendNumber<Revision>(bytes, snapshot.revision);
+    appendBytes(bytes, snapshot.hash.bytes);
+    SnapshotEncoder encoder(snapshot.doc, 0);
+    while (const auto chunk = encoder.next()) appendBytes(bytes, encodeFrame(*chunk));
+    return bytes;
+}
+
+std::optional<LayerSnapshot> decodeSnapshot(ByteView bytes) {
+    ByteReader in(bytes);
+    LayerSnapshot snapshot;
+    snapshot.revision = in.u64();
+    const ByteView hash = in.take(snapshot.hash.bytes.size());
+    if (in.failed()) return std::nullopt;
+    std::ranges::copy(hash, snapshot.hash.bytes.begin());
+    const auto frames = splitMessage(in.take(in.left()));
+    if (!frames) return std::nullopt;
+    SnapshotDecoder decoder;
+    bool whole = false;
+    for (const ByteView frame : *frames) {
+        const auto decoded = decodeFrame(frame);
+        const auto* chunk = decoded ? std::get_if<SnapshotFrame>(&*decoded) : nullptr;
+        if (!chunk || whole) return std::nullopt;
+        const auto last = decoder.add(*chunk);
+        if (!last) return std::nullopt;
+        whole = *last;
+    }
+    if (!whole) return std::nullopt;
+    snapshot.doc = decoder.take();
+    return snapshot;
+}
+
+}  // namespace usdlive::server
