@@ -44,10 +44,8 @@ void Session::Impl::apply(const Commit& commit) {
     const bool last = !prediction_.hasNames();
     const auto applied = applyCommit(confirmed_, log_, commit);
     if (last) prediction_.confirmNames();
-    for (const Edit& edit : commit.edits)
-        if (const auto entry = layers_.find(edit.layer);
-            entry != layers_.end() && entry->second.joining)
-            entry->second.joining->later.emplace_back(commit.revision, edit);
+    for (auto& [layer, opened] : layers_)
+        if (opened.joining) keepForLater(*opened.joining, layer, commit);
     if (!applied) {
         report({applied.error().code,
                 "this copy has diverged and is fetched again: " + applied.error().message});
@@ -62,12 +60,18 @@ void Session::Impl::apply(const Commit& commit) {
     prune();
 }
 
+void Session::Impl::keepForLater(Joining& joining, const LayerId& layer, const Commit& commit) {
+    for (const Edit& edit : commit.edits)
+        if (edit.layer == layer) joining.later.emplace_back(commit.revision, edit);
+}
+
 // Has the prediction to be made anew?
 bool Session::Impl::disturbs(const Commit& commit, const Pending* own) const {
     if (own &&
         (!asPredicted(*own, commit) || !previews_.empty() || !pending_.isFirst(commit.id.sequence)))
         return true;
     const bool names = prediction_.hasNames() || gesture_;
+    if (!names && prediction_.docs().empty()) return false;
     return std::any_of(commit.edits.begin(), commit.edits.end(), [&](const Edit& edit) {
         if (!confirmed_.contains(edit.layer)) return false;
         if (names && changesNames(edit)) return true;
@@ -78,14 +82,21 @@ bool Session::Impl::disturbs(const Commit& commit, const Pending* own) const {
 // Layers without predictions show the confirmed doc, and take every commit as it is. Of those with
 // predictions only an undisturbed one does; the others follow when they have been predicted anew.
 void Session::Impl::applyToEditor(const Commit& commit, bool own) {
+    const LayerId* layer = nullptr;  // of the edit before: mostly they are of one layer
+    bool known = false, predicted = false, shown = false;
     for (const Edit& edit : commit.edits) {
-        if (!confirmed_.contains(edit.layer)) continue;
-        if (prediction_.predicts(edit.layer)) {
+        if (!layer || *layer != edit.layer) {
+            layer = &edit.layer;
+            known = confirmed_.contains(*layer);
+            predicted = prediction_.predicts(*layer);
+            shown = isJoined(*layer) && !resets_.contains(*layer);
+        }
+        if (!known) continue;
+        if (predicted) {
             if (dirty_ || own) continue;
             prediction_.applyIndependent(edit);
         }
-        if (isJoined(edit.layer) && !resets_.contains(edit.layer))
-            editor_.apply(edit.layer, edit.address.path, edit.action);
+        if (shown) editor_.apply(edit.layer, edit.address.path, edit.action);
     }
 }
 

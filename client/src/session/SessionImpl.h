@@ -186,6 +186,7 @@ private:
 
     // SessionCommits.cpp
     void apply(const Commit& commit);
+    static void keepForLater(Joining& joining, const LayerId& layer, const Commit& commit);
     void applyToEditor(const Commit& commit, bool own);
     bool disturbs(const Commit& commit, const Pending* own) const;
     void acknowledge(const Commit& commit);

@@ -1,6 +1,7 @@
 #include "usdlive/common/layer/LayerDoc.h"
 
 #include <algorithm>
+#include <array>
 #include <optional>
 #include <span>
 #include <unordered_map>
@@ -350,13 +351,13 @@ public:
     Result<Applied> operator()(const SetField& set) {
         if (auto checked = checkSet(elements_.empty(), set); !checked)
             return tl::unexpected(checked.error());
-        const Node* node = walk(*doc_.root_, elements_);
+        const Node* node = walkNoting();
         if (!node) return noSpec(path_);
         if (by_ == By::Author && !canHave(node->kind, set)) return noSuchField(node->kind, set);
         Applied applied{false, node->id};
         if (holdsAlready(node->field(set.field), set)) return applied;
 
-        Fields& fields = editableNode(elements_).fields;
+        Fields& fields = editableNodeNoted().fields;
         const auto at = fieldPosition(fields, set.field);
         const bool present = at != fields.end() && at->first == set.field;
         applied.hadSamples = present && at->second.as<TimeSamples>();
@@ -367,13 +368,13 @@ public:
 
     Result<Applied> operator()(const EraseField& erase) {
         if (auto checked = checkErase(erase); !checked) return tl::unexpected(checked.error());
-        const Node* node = walk(*doc_.root_, elements_);
+        const Node* node = walkNoting();
         if (!node) return noSpec(path_);
         Applied applied{false, node->id};
         const FieldValue* field = node->field(erase.field);
         if (!field || !holdsPart(*field, erase.part)) return applied;
 
-        Fields& fields = editableNode(elements_).fields;
+        Fields& fields = editableNodeNoted().fields;
         const auto at = fieldPosition(fields, erase.field);
         applied.hadSamples = at->second.as<TimeSamples>() != nullptr;
         if (!erasePart(at->second, erase.part)) fields.erase(at);
@@ -396,6 +397,25 @@ private:
             ChildSequence& children = node->editableChildren(element.list);
             node = &children.editableNode(children.find(element.name)->order);
         }
+        return *node;
+    }
+
+    // As walk() and editableNode() of the whole path, whose names are looked for once.
+    const Node* walkNoting() {
+        const Node* node = doc_.root_.get();
+        for (std::size_t i = 0; i < elements_.size(); ++i) {
+            const ChildEntry* entry = childOf(*node, elements_[i]);
+            if (!entry) return nullptr;
+            if (i < kNoted) orders_[i] = entry->order;
+            node = entry->node.get();
+        }
+        return node;
+    }
+    Node& editableNodeNoted() {
+        if (elements_.size() > kNoted) return editableNode(elements_);
+        Node* node = &doc_.root_.editable();
+        for (std::size_t i = 0; i < elements_.size(); ++i)
+            node = &node->editableChildren(elements_[i].list).editableNode(orders_[i]);
         return *node;
     }
 
@@ -501,10 +521,13 @@ private:
         return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
     }
 
+    static constexpr std::size_t kNoted = 16;
+
     LayerDoc& doc_;
     std::string_view path_;
     Elements elements_;
     By by_;
+    std::array<std::uint64_t, kNoted> orders_;  // of the first specs on the way, once walked
 };
 
 // --- LayerDoc ---------------------------------------------------------------------------------

@@ -281,9 +281,12 @@ Result<Executed> executeInOrder(LayerDocs& layers, NamespaceLog& log, std::vecto
 Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit) {
     Result<void> result;
     std::unordered_set<LayerId> diverged;
+    auto layer = layers.end();
+    const LayerId* found = nullptr;  // the layer that was looked for last: mostly they follow
     for (const Edit& edit : commit.edits) {
-        const auto layer = layers.find(edit.layer);
-        if (layer == layers.end() || diverged.contains(edit.layer)) continue;
+        if (!found || *found != edit.layer) layer = layers.find(*(found = &edit.layer));
+        if (layer == layers.end()) continue;
+        if (!diverged.empty() && diverged.contains(edit.layer)) continue;
         const auto applied = layer->second.apply(edit.address.path, edit.action);
         if (applied) {
             if (applied->changed) record(log, commit.revision, edit);

@@ -13,6 +13,7 @@
 #include <unordered_map>
 
 #include "StoreDelegate.h"
+#include "Tokens.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
@@ -37,25 +38,6 @@ pxr::SdfAbstractDataRefPtr emptyData(const pxr::SdfLayer& layer) {
     if (!data->StreamsData() || layer.StreamsData()) return data;
     return pxr::SdfFileFormat::FindById(TfToken("usda"))->InitData({});
 }
-
-// Those of the names that come again and again, of fields and properties above all, and Tf
-// looks each up under a lock.
-class Tokens {
-public:
-    TfToken operator()(std::string_view name) {
-        if (const auto known = tokens_.find(name); known != tokens_.end()) return known->second;
-        TfToken token{std::string(name)};
-        if (tokens_.size() < kMost) tokens_.emplace(name, token);
-        return token;
-    }
-
-private:
-    struct NameHash : std::hash<std::string_view> {
-        using is_transparent = void;
-    };
-    static constexpr std::size_t kMost = 4096;
-    std::unordered_map<std::string, TfToken, NameHash, std::equal_to<>> tokens_;
-};
 
 }  // namespace
 

@@ -119,7 +119,7 @@ public:
     Result<void> operator()(const SetField& set) {
         if (auto checked = checkSet(elements_.empty(), set); !checked) return checked;
         if (!delegate_.kind(path_)) return noSpec(text_);
-        const TfToken field(set.field);
+        const TfToken field = delegate_.tokens(set.field);
         if (isStructural(field)) return {};  // `subLayerOffsets` goes with `subLayers`
         if (const auto* key = std::get_if<DictionaryKey>(&set.part))
             return setKey(field, key->path, set);
@@ -133,7 +133,7 @@ public:
     Result<void> operator()(const EraseField& erase) {
         if (auto checked = checkErase(erase); !checked) return checked;
         if (!delegate_.kind(path_)) return noSpec(text_);
-        const TfToken field(erase.field);
+        const TfToken field = delegate_.tokens(erase.field);
         if (isStructural(field)) return {};
         if (const auto* key = std::get_if<DictionaryKey>(&erase.part))
             return eraseKey(field, key->path);

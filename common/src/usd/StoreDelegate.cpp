@@ -60,7 +60,7 @@ pxr::SdfPath RecentPaths::operator()(std::string_view path) {
         parent_ = pxr::SdfPath(text_);
     }
     const PathElement last = specpath::last(path);
-    return childOf(parent_, last.list, pxr::TfToken(std::string(last.name)));
+    return childOf(parent_, last.list, tokens_(last.name));
 }
 
 // ------------------------------------------------------------------ writing

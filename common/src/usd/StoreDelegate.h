@@ -9,6 +9,7 @@
 #include <unordered_map>
 
 #include "LayerAccess.h"
+#include "Tokens.h"
 
 namespace usdlive::usd {
 
@@ -34,10 +35,12 @@ private:
 /// are of siblings.
 class RecentPaths {
 public:
+    explicit RecentPaths(Tokens& tokens) : tokens_(tokens) {}
     /// Precondition: specpath::parse() has taken it.
     pxr::SdfPath operator()(std::string_view path);
 
 private:
+    Tokens& tokens_;
     std::string text_;
     pxr::SdfPath parent_;
 };
@@ -75,7 +78,8 @@ public:
 
     BlobSource& blobs;
     WaitingFields waiting;
-    RecentPaths paths;
+    Tokens tokens;
+    RecentPaths paths{tokens};
     pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< whom the layer had before
 
 protected:

@@ -11,6 +11,7 @@
 #include <mutex>
 #include <set>
 #include <shared_mutex>
+#include <unordered_map>
 
 #include "FreeSpace.h"
 #include "LayerSnapshots.h"
@@ -32,6 +33,9 @@ using Clock = std::chrono::steady_clock;
 constexpr std::size_t kHashBytes = sizeof(Hash::bytes);
 
 constexpr std::chrono::milliseconds kSpaceCacheTime{100};
+// With so much more than is needed nobody looks again within that time.
+constexpr std::uint64_t kPlenty = 1024 * kMib;
+constexpr std::size_t kKnownClients = 10'000;
 // Free space that append() leaves: half of what is kept for everything, within these.
 constexpr std::uint64_t kLeastMargin = 4 * kMib, kMostMargin = 64 * kMib;
 // A batch is written to the log, to a table, and to another one when tables are merged.
@@ -304,13 +308,17 @@ private:
     Layers layers_;
     std::optional<Error> failure_;
 
+    // append()'s own: the highest numbers of who has sent something since the opening.
+    std::unordered_map<ClientId, std::uint64_t> highest_;
+
     std::mutex snapshotMutex_;                     // held while one is written; guards the next
     std::map<std::uint32_t, Revision> snapshots_;  // of layers, that were written since opening
 
-    mutable std::mutex spaceMutex_;  // guards the next three
+    mutable std::mutex spaceMutex_;  // guards the next four
     mutable Reserve reserve_;
     mutable Clock::time_point spaceTime_;
     mutable bool hasSpace_ = false;
+    mutable std::uint64_t plenty_ = 0;  // beyond what edits leave free
 };
 
 // --- Opening ------------------------------------------------------------------------------------
@@ -565,6 +573,8 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
 
     if (options_.durability == Durability::Synced)
         folder_.setMark({group.head.revision, group.head.hash});
+    if (highest_.size() > kKnownClients) highest_.clear();
+    for (const auto& [client, highest] : group.clients) highest_[client] = highest;
     const std::unique_lock lock(mutex_);
     head_ = group.head;
     for (auto& [name, layer] : group.layers) {
@@ -634,7 +644,8 @@ Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId&
     if (id.sequence == 0) return {};  // an import or a reload, which nobody sends again
     const auto [entry, added] = group.clients.try_emplace(id.client);
     if (added) {
-        const auto last = lastSequence(id.client);
+        const auto known = highest_.find(id.client);
+        const auto last = known == highest_.end() ? lastSequence(id.client) : known->second;
         if (!last) return tl::unexpected(last.error());
         entry->second = *last;
     }
@@ -714,11 +725,17 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
     // Tables are merged only where that leaves some space.
     files_->SetMaxAllowedSpaceUsage(files_->GetTotalSize() + std::max(usable, kMib));
     hasSpace_ = space.usable >= space.least;
+    plenty_ = hasSpace_ ? space.usable - space.least : 0;
     spaceTime_ = Clock::now();
     return space;
 }
 
 Result<void> RocksCommitStore::checkSpace(std::uint64_t bytes) const {
+    {
+        const std::lock_guard lock(spaceMutex_);
+        if (Clock::now() < spaceTime_ + kSpaceCacheTime && plenty_ >= kPlenty + kCopies * bytes)
+            return {};
+    }
     const Space space = measureSpace();
     if (space.usable >= kCopies * bytes + space.margin) return {};
     return fail(ErrorCode::StorageFull, "the disk of the store " + folder_.path().string() +
