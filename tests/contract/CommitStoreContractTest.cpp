@@ -212,7 +212,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
         auto store = disk.open();
         TestCommits commits;
         LayerDocs before;
-        Revision beforeRevision = 0;
+        CommitStore::Head at;
         for (int step = 0; step < 60; ++step) {
             std::vector<CommitRecord> group;
             for (auto size = random.below(6) + 1; size > 0; --size) {
@@ -220,7 +220,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
                 group.push_back(commits.next(random.next(layer, commits.layers[layer])));
                 if (random.below(12) == 0) {  // also in the middle of a group
                     before = commits.layers;
-                    beforeRevision = commits.head.revision;
+                    at = commits.head;
                 }
             }
             ASSERT_TRUE(store->append(group));
@@ -228,7 +228,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
             if (random.below(4) == 0)
                 for (const auto& [layer, doc] : before)
                     if (std::ranges::find(known, layer) != known.end()) {
-                        ASSERT_TRUE(store->keepSnapshot(layer, doc, beforeRevision));
+                        ASSERT_TRUE(store->keepSnapshot(layer, doc, at.revision, at.hash));
                     }
             if (random.below(4)) continue;
             if (random.below(2)) {
@@ -244,28 +244,48 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
     }
 }
 
-TYPED_TEST(CommitStoreContract, TheNewestSnapshotCounts) {
+TYPED_TEST(CommitStoreContract, ALayerBeginsWithItsNewestSnapshot) {
     ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})));
-    const LayerDoc older = this->commits.layers[kLayer];
-    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", MoveSpec{{"/", {}}, "B"})));
-    ASSERT_TRUE(this->store->keepSnapshot(kLayer, this->commits.layers[kLayer], 2));
-    ASSERT_TRUE(this->store->keepSnapshot(kLayer, older, 1)) << "late, and of no use any more";
-    this->expectLayers();
+    const Hash first = this->commits.head.hash;
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/B", CreateSpec{SpecKind::Prim})));
+    const Hash second = this->commits.head.hash;
+    LayerDoc older, newer;  // the log alone would give neither
+    ASSERT_TRUE(older.apply("/Older", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(newer.apply("/Newer", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(this->store->keepSnapshot(kLayer, newer, 2, second));
+    ASSERT_TRUE(this->store->keepSnapshot(kLayer, older, 1, first)) << "late, and of no use";
+    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/C", CreateSpec{SpecKind::Prim})));
+    ASSERT_TRUE(newer.apply("/C", CreateSpec{SpecKind::Prim}));
+    EXPECT_TRUE(**this->store->loadLayer(kLayer) == newer);
     this->reopen();
-    this->expectLayers();
-    EXPECT_EQ(this->store->keepSnapshot(kOther, older, 1).error().code, ErrorCode::LayerNotFound);
+    Replayed replayed;
+    EXPECT_TRUE(**this->store->loadLayer(kLayer, &replayed) == newer);
+    EXPECT_GT(replayed.snapshotBytes, 0u);
+    EXPECT_GT(replayed.cost, 0u);
+    EXPECT_LT(replayed.cost, 1'000u) << "of one commit";
 }
 
-TYPED_TEST(CommitStoreContract, ALayerBeginsWithItsSnapshot) {
+TYPED_TEST(CommitStoreContract, ASnapshotIsOfThisHistory) {
     ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})));
-    LayerDoc other;  // the log alone would never give it
-    ASSERT_TRUE(other.apply("/Other", CreateSpec{SpecKind::Prim}));
-    ASSERT_TRUE(this->store->keepSnapshot(kLayer, other, 1));
-    ASSERT_TRUE(this->append(this->commits.next(kLayer, "/B", CreateSpec{SpecKind::Prim})));
-    ASSERT_TRUE(other.apply("/B", CreateSpec{SpecKind::Prim}));
-    EXPECT_TRUE(**this->store->loadLayer(kLayer) == other);
-    this->reopen();
-    EXPECT_TRUE(**this->store->loadLayer(kLayer) == other) << "closing keeps it";
+    const Hash hash = this->commits.head.hash;
+    const LayerDoc doc = this->commits.layers[kLayer];
+    const auto refusal = [&](const LayerId& layer, Revision revision, const Hash& of) {
+        return this->store->keepSnapshot(layer, doc, revision, of).error().code;
+    };
+    EXPECT_EQ(refusal(kLayer, 1, Hash()), ErrorCode::HistoryDiverged);
+    EXPECT_EQ(refusal(kLayer, 0, Hash()), ErrorCode::HistoryDiverged);
+    EXPECT_EQ(refusal(kOther, 1, hash), ErrorCode::LayerNotFound);
+    EXPECT_TRUE(this->store->keepSnapshot(kLayer, doc, 1, hash));
+    this->expectLayers();
+}
+
+// As the server imports a file: plug-ins call their metadata what they like.
+TYPED_TEST(CommitStoreContract, WhatAFileHoldsIsThereAgain) {
+    LayerDoc doc;
+    ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(doc.apply("/A", SetField{"maxChildren", {}, doubleValue(3)}));
+    ASSERT_TRUE(this->append(this->commits.import(kLayer, doc)));
+    this->expectLayers();
 }
 
 TYPED_TEST(CommitStoreContract, KeepsMovesAndDeletes) {
@@ -329,6 +349,21 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
     EXPECT_EQ(committed(ada, 1'030), std::nullopt);
     EXPECT_EQ(committed(ada, 100'000), Revision(1'033));
     EXPECT_EQ(committed(bo, 1), Revision(1));
+
+    group.clear();
+
+    // SE4: one whose big value took its time comes behind all these, and takes nobody's place.
+    for (std::uint64_t sequence = 98'900; sequence < 100'000; ++sequence) commit(ada, sequence);
+    commit(ada, 98'305);  // of 100,000's slot
+    ASSERT_TRUE(this->store->append(group));
+    for (int opened = 0; opened < 2; ++opened) {
+        EXPECT_TRUE(committed(ada, 98'305));
+        EXPECT_EQ(committed(ada, 100'000), Revision(1'033));
+        for (std::uint64_t sequence = 98'977; sequence < 100'000; ++sequence)
+            ASSERT_TRUE(committed(ada, sequence)) << sequence;
+        EXPECT_EQ(last(ada), 100'000u);
+        this->reopen();
+    }
 }
 
 TYPED_TEST(CommitStoreContract, KeepsCheckpoints) {

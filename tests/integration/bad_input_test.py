@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 
 import pytest
+import wire
 from conftest import cat
 from wire import Peer, control
 from websockets.exceptions import ConnectionClosed
@@ -181,6 +182,29 @@ def sealed(content: bytes) -> bytes:
 
 def test_two_servers_of_one_project(served):
     one_line(run("serve", str(served.folder), "--port", "0"), str(served.folder))
+
+
+def test_fr7_a_commit_that_nobody_could_decode_is_refused(project, serve, tmp_path):
+    """Names that are written out each time pay for themselves; the commit would refer to them once."""
+    (project / "root.usda").write_text(ROOT)
+    server = serve(project)
+    path = [f"{part:02}" + "k" * 126 for part in range(64)]
+
+    def edits(count):
+        return [wire.set_field("/World", "customData", wire.int64(number),
+                               ("DictionaryKey", {"path": [*path[:-1], f"k{number}"]})) for number in range(count)]
+
+    with Peer(server.url) as peer:
+        peer.submit(1, "root.usda", *edits(5_000))
+        refusal = peer.expect("Refusal", 60)
+        assert refusal["code"] == "transactionTooLarge", refusal
+        peer.submit(2, "root.usda", *edits(500))
+        peer.follow(peer.expect("Commit", 60))
+    text = cat(server, "root.usda")
+    assert "k499" in text
+    server.kill()
+    server.start()
+    assert cat(server, "root.usda") == text
 
 
 def test_unknown_options_and_wrong_configuration(project, tmp_path):

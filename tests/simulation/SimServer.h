@@ -40,7 +40,8 @@ public:
     [[nodiscard]] bool lags(server::SessionId session) override;
     void close(server::SessionId session) override;
     void append(server::CommitRecord commit) override;
-    void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision) override;
+    void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision,
+                      const Hash& hash) override;
     void loadLayer(const LayerId& layer) override;
     void readCommits(server::SessionId session, Revision from, Revision to) override;
     void readHistory(server::SessionId session, std::uint64_t request, const LayerId& layer,

@@ -20,9 +20,13 @@ tl::unexpected<Error> misfit(const std::string& field, const char* problem) {
     return fail(ErrorCode::InvalidEdit, "the edit of the field " + inQuotes(field) + " " + problem);
 }
 
-// The fields that list the children of a spec: they follow from the specs.
+// The fields of Sdf that list the children of a spec: they follow from the specs.
 bool isChildrenField(std::string_view name) {
-    return name.ends_with("Children") || name == "properties";
+    constexpr std::string_view kNames[] = {
+        "primChildren",    "properties",         "variantSetChildren",
+        "variantChildren", "connectionChildren", "targetChildren",
+        "mapperChildren",  "mapperArgChildren",  "expressionChildren"};
+    return std::ranges::find(kNames, name) != std::end(kNames);
 }
 
 bool isLeaf(const FieldValue& value) {
@@ -212,6 +216,11 @@ Result<void> checkSet(bool pseudoRoot, const SetField& set) {
     const char* problem =
         std::visit([&](const auto& part) { return problemOf(part, set); }, set.part);
     if (problem) return misfit(set.field, problem);
+    return {};
+}
+
+Result<void> checkAuthored(const SetField& set) {
+    if (set.field.ends_with("Children")) return misfit(set.field, "sets a list of children");
     return {};
 }
 

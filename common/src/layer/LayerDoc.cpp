@@ -351,6 +351,8 @@ public:
     Result<Applied> operator()(const SetField& set) {
         if (auto checked = checkSet(elements_.empty(), set); !checked)
             return tl::unexpected(checked.error());
+        if (auto checked = checkAuthored(set); by_ == By::Author && !checked)
+            return tl::unexpected(checked.error());
         const Node* node = walkNoting();
         if (!node) return noSpec(path_);
         if (by_ == By::Author && !canHave(node->kind, set)) return noSuchField(node->kind, set);

@@ -121,7 +121,8 @@ private:
         if (auto valid = checkPath(edit.address); !valid) return valid;
         if (const auto* move = std::get_if<MoveSpec>(&edit.action)) return checkPath(move->parent);
         const bool root = !edit.address.creation && edit.address.path == "/";
-        if (const auto* set = std::get_if<SetField>(&edit.action)) return checkSet(root, *set);
+        if (const auto* set = std::get_if<SetField>(&edit.action))
+            return checkAuthored(*set).and_then([&] { return checkSet(root, *set); });
         if (const auto* erase = std::get_if<EraseField>(&edit.action)) return checkErase(*erase);
         return {};
     }

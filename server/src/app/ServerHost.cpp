@@ -321,16 +321,22 @@ void ServerHost::append(CommitRecord commit) {
     storage_.append(std::move(commit));
 }
 
-void ServerHost::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision) {
-    asio::post(snapshotWriter_, [this, layer, doc = std::move(doc), revision] {
-        faultPoint("snapshot");
-        const auto kept = store_.use(
-            [&](CommitStore& store) { return store.keepSnapshot(layer, doc, revision); });
-        if (!kept)
-            return log_.write(LogLevel::Warning, "snapshot not kept",
-                              {{"layer", layer.value}, {"error", kept.error().message}});
-        onProject([layer, bytes = *kept](Project& project) { project.snapshotKept(layer, bytes); });
-    });
+void ServerHost::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision,
+                              const Hash& hash) {
+    inBackground(
+        snapshotWriter_, 0, 0,
+        [this, layer, doc = std::move(doc), revision, hash] {
+            faultPoint("snapshot");
+            auto kept = store_.use(
+                [&](CommitStore& store) { return store.keepSnapshot(layer, doc, revision, hash); });
+            if (!kept)
+                log_.write(LogLevel::Warning, "snapshot not kept",
+                           {{"layer", layer.value}, {"error", kept.error().message}});
+            return kept;
+        },
+        [layer](Project& project, const Result<std::size_t>& kept) {
+            project.snapshotKept(layer, kept);
+        });
 }
 
 void ServerHost::loadLayer(const LayerId& layer) {
@@ -342,12 +348,13 @@ void ServerHost::loadLayer(const LayerId& layer) {
 }
 
 Result<LoadedLayer> ServerHost::loadOrImport(const LayerId& layer) {
-    auto stored = store_.use([&](CommitStore& store) { return store.loadLayer(layer); });
+    Replayed replayed;
+    auto stored = store_.use([&](CommitStore& store) { return store.loadLayer(layer, &replayed); });
     if (!stored) return tl::unexpected(stored.error());
     if (*stored) {
         auto saved = store_.use([&](CommitStore& store) { return store.saved(layer); });
         if (!saved) return tl::unexpected(saved.error());
-        return LoadedLayer{std::move(**stored), {}, std::move(*saved)};
+        return LoadedLayer{std::move(**stored), {}, std::move(*saved), replayed};
     }
     faultPoint("import");
     const auto begin = steady_clock::now();

@@ -9,6 +9,8 @@ namespace usdlive::server {
 
 namespace {
 
+constexpr std::size_t kSurelyDecoded = 8 * 1024;  // a frame within the budget, whatever it holds
+
 ByteView withoutLength(const Bytes& frame) {
     return ByteView(frame).subspan(sizeof(std::uint32_t));
 }
@@ -49,7 +51,10 @@ std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit
     record.layers = made.layers;
     record.frame = std::make_shared<const Bytes>(encodeFrame(frame));
     const ByteView encoded = withoutLength(*record.frame);
-    if (encoded.size() > options_.maxFrameBytes) return std::nullopt;
+    // FR7: one that refers to the same things too often, nobody would take.
+    if (encoded.size() > options_.maxFrameBytes ||
+        (encoded.size() > kSurelyDecoded && !decodeFrame(encoded)))
+        return std::nullopt;
     record.hash = made.hash = chainHash(executedHash_, encoded);
     made.broadcast = record.frame;
     history_.executed(made.revision);
@@ -94,15 +99,26 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
 void Project::Impl::takeSnapshot(const LayerId& layer) {
     LayerEntry& entry = layers_[layer];
     const auto doc = docs_.find(layer);
-    if (doc == docs_.end()) return;
+    if (doc == docs_.end() || entry.takesSnapshot) return;
     if (entry.replayCost < snapshotDue(doc->second, entry.snapshotBytes, options_.leastReplay))
         return;
     entry.replayCost = 0;
-    readySnapshots_.push_back({layer, doc->second, executed_});
+    entry.takesSnapshot = true;
+    readySnapshots_.push_back({layer, doc->second, executed_, executedHash_});
 }
 
-void Project::Impl::snapshotKept(const LayerId& layer, std::size_t bytes) {
-    layers_[layer].snapshotBytes = bytes;
+void Project::Impl::keepSnapshots() {
+    while (!readySnapshots_.empty() && readySnapshots_.front().revision <= durable_) {
+        const ReadySnapshot& ready = readySnapshots_.front();
+        host_.keepSnapshot(ready.layer, ready.doc, ready.revision, ready.hash);
+        readySnapshots_.pop_front();
+    }
+}
+
+void Project::Impl::snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes) {
+    LayerEntry& entry = layers_[layer];
+    entry.takesSnapshot = false;
+    if (bytes) entry.snapshotBytes = *bytes;
 }
 
 void Project::Impl::appended(Revision upTo) {
@@ -165,11 +181,7 @@ void Project::Impl::settle() {
         sendReloaded(readyReloads_.front());
         readyReloads_.pop_front();
     }
-    while (!readySnapshots_.empty() && readySnapshots_.front().revision <= durable_) {
-        const ReadySnapshot& ready = readySnapshots_.front();
-        host_.keepSnapshot(ready.layer, ready.doc, ready.revision);
-        readySnapshots_.pop_front();
-    }
+    keepSnapshots();
     storeCheckpoints();
 }
 
@@ -253,7 +265,11 @@ void Project::Impl::reloadLost(const Error& error, const std::vector<InFlightCom
         layers_[layer].state = NotLoaded{};
         layers_[layer].changed = std::min(layers_[layer].changed, durable_);
     }
-    std::erase_if(readySnapshots_, [this](const auto& one) { return one.revision > durable_; });
+    std::erase_if(readySnapshots_, [this](const auto& one) {
+        if (one.revision <= durable_) return false;
+        layers_[one.layer].takesSnapshot = false;
+        return true;
+    });
     std::deque<ReadyOpen> opens = std::move(readyOpens_);
     readyOpens_.clear();
     for (ReadyOpen& ready : opens) {

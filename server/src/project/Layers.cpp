@@ -94,6 +94,8 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     if (!loaded) return loadFailed(layer, loaded.error());
     docs_.insert_or_assign(layer, loaded->doc);
     found->second.state = Loaded{};
+    found->second.replayCost = loaded->replayed.cost;
+    found->second.snapshotBytes = loaded->replayed.snapshotBytes;
     fileWas(layer, loaded->saved);
     noteMutes(layer, found->second);
     noteSpecLocks(layer);
@@ -103,6 +105,8 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
             return loadFailed(layer, imported.error());
         }
     }
+    takeSnapshot(layer);
+    keepSnapshots();
     const auto opens = std::exchange(found->second.opens, {});
     for (const WaitingOpen& open : opens) openLoaded(open, layer);
     workAll();

@@ -68,7 +68,7 @@ void Project::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded) {
     impl_->layerLoaded(layer, std::move(loaded));
     impl_->tellStates();
 }
-void Project::snapshotKept(const LayerId& layer, std::size_t bytes) {
+void Project::snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes) {
     impl_->snapshotKept(layer, bytes);
 }
 void Project::commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits) {

@@ -134,8 +134,9 @@ struct LayerEntry {
     std::variant<NotLoaded, Loading, Loaded, LoadFailed> state;
     std::vector<WaitingOpen> opens;  ///< until it is loaded
     Revision changed = 0;            ///< by which commit since the start, 0 none
-    std::size_t replayCost = 0;      ///< of its commits since a snapshot was taken, or the start
-    std::size_t snapshotBytes = 0;   ///< of the last one, as far as known
+    std::size_t replayCost = 0;      ///< of its commits since a snapshot was taken
+    std::size_t snapshotBytes = 0;   ///< of the last one that was kept
+    bool takesSnapshot = false;      ///< one is on its way to the store
     SavedState saved;                ///< as far as known
     bool unsaved = false;            ///< differed from its file when the server started
     EntryFile file;
@@ -156,6 +157,7 @@ struct ReadySnapshot {
     LayerId layer;
     LayerDoc doc;
     Revision revision = 0;
+    Hash hash;  ///< chain hash at the revision
 };
 
 struct SaveRequest {
@@ -227,7 +229,7 @@ public:
     void appended(Revision upTo);
     void appendFailed(const Error& error, const CommitStore::Head& head);
     void storeClosed() { storeClosed_ = true; }
-    void snapshotKept(const LayerId& layer, std::size_t bytes);
+    void snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes);
 
     // LayerStates.cpp
     void tellStates();
@@ -325,6 +327,7 @@ private:
                 std::uint64_t mark);
     void append(InFlightCommit commit, CommitRecord record);
     void takeSnapshot(const LayerId& layer);
+    void keepSnapshots();
     void commitDurable(const InFlightCommit& commit);
     void broadcast(const InFlightCommit& commit);
     void settle();

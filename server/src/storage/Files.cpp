@@ -104,7 +104,7 @@ std::optional<Bytes> read(const std::filesystem::path& path) {
 }
 
 Result<void> replace(const std::filesystem::path& path, ByteView content) {
-    const std::filesystem::path draft = path.string() + ".new";
+    const std::filesystem::path draft = path.string() + kDraft;
     const auto file = openFile(draft, O_WRONLY | O_CREAT | O_TRUNC);
     if (!file) return tl::unexpected(file.error());
     const auto written =

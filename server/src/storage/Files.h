@@ -47,12 +47,13 @@ private:
 /// So that a file made or renamed in it is there after a power cut.
 [[nodiscard]] Result<void> syncFolder(const std::filesystem::path& path);
 
-/// Small files that are known to be whole: their content, then its SHA-256.
+/// Files that are known to be whole: their content, then its SHA-256.
 namespace sealedfile {
 
 [[nodiscard]] Bytes seal(ByteView content);
 /// Nothing: damaged.
 [[nodiscard]] std::optional<Bytes> unseal(ByteView sealed);
+inline constexpr const char* kDraft = ".new";  ///< how the name of one that is being written ends
 /// Nothing: missing or damaged.
 [[nodiscard]] std::optional<Bytes> read(const std::filesystem::path& path);
 /// The file holds the content, sealed and durable, or what it held before.

@@ -15,6 +15,7 @@ namespace {
 struct StoredLayer {
     std::optional<LayerDoc> snapshot;
     Revision snapshotRevision = 0;
+    std::size_t snapshotBytes = 0;
     Revision changed = 0;
     SavedState saved;
 };
@@ -29,6 +30,7 @@ public:
     std::vector<NamespaceChange> namespaceChanges;
     std::map<LayerId, StoredLayer> layers;
     std::map<ClientId, std::map<std::uint64_t, Revision>> clients;
+    std::map<TransactionId, Revision> late;  // behind those of their clients' that are remembered
     std::map<std::string, Checkpoint> checkpoints;
 };
 
@@ -72,29 +74,36 @@ public:
         return layersThat(
             [](const StoredLayer& layer) { return layer.changed > layer.saved.revision; });
     }
-    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) override {
+    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
+                                                            Replayed* replayed) const override {
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end()) return std::optional<LayerDoc>();
         LayerDoc doc = known->second.snapshot.value_or(LayerDoc());
+        std::size_t cost = 0;
         for (auto at = known->second.snapshotRevision; at < disk_->commits.size(); ++at) {
             const auto done = decodeCommit(disk_->commits[at]).and_then([&](const Commit& commit) {
+                cost += replayCost(disk_->commits[at].frame->size(), commit.edits.size());
                 return replay(doc, layer, commit);
             });
             if (!done) return tl::unexpected(done.error());
         }
+        if (replayed) *replayed = {known->second.snapshotBytes, cost};
         return std::optional(std::move(doc));
     }
-    Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc,
-                                     Revision revision) override {
+    Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
+                                     const Hash& hash) override {
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end())
             return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
-        if (revision <= known->second.snapshotRevision) return 0;
+        if (revision == 0 || revision > disk_->commits.size() ||
+            disk_->commits[revision - 1].hash != hash)
+            return fail(ErrorCode::HistoryDiverged, "the snapshot is of another history");
+        if (revision <= known->second.snapshotRevision) return known->second.snapshotBytes;
         known->second.snapshot = doc;
         known->second.snapshotRevision = revision;
-        return 0;
+        return known->second.snapshotBytes = doc.dump().size();
     }
     [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override {
         const std::lock_guard lock(disk_->mutex);
@@ -122,8 +131,11 @@ public:
         const std::lock_guard lock(disk_->mutex);
         const auto client = disk_->clients.find(transaction.client);
         if (client == disk_->clients.end()) return std::optional<Revision>();
-        const auto known = client->second.find(transaction.sequence);
-        return known == client->second.end() ? std::nullopt : std::optional(known->second);
+        if (const auto known = client->second.find(transaction.sequence);
+            known != client->second.end())
+            return known->second;
+        const auto late = disk_->late.find(transaction);
+        return late == disk_->late.end() ? std::nullopt : std::optional(late->second);
     }
     [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& id) const override {
         const std::lock_guard lock(disk_->mutex);
@@ -175,8 +187,9 @@ private:
         auto& numbers = disk_->clients[commit.id.client];
         numbers[commit.id.sequence] = commit.revision;
         const std::uint64_t last = numbers.rbegin()->first;
-        if (last >= kRemembered)
-            numbers.erase(numbers.begin(), numbers.lower_bound(last - kRemembered + 1));
+        if (last < kRemembered) return;
+        if (last - commit.id.sequence >= kRemembered) disk_->late[commit.id] = commit.revision;
+        numbers.erase(numbers.begin(), numbers.lower_bound(last - kRemembered + 1));
     }
 
     std::shared_ptr<MemoryDisk> disk_;

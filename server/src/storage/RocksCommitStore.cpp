@@ -50,6 +50,7 @@ constexpr const char* kHeadKey = "head";    // revision, hash
 constexpr const char* kEpochKey = "epoch";  // u64
 constexpr char kLayerPrefix = 'L';          // name -> number
 constexpr char kEditedPrefix = 'T';         // number, revision -> the last of a run of commits
+constexpr char kFormerChangedPrefix = 'C';  // of format 1
 constexpr char kSavedPrefix = 'S';          // number -> revision, file
 constexpr char kCheckpointPrefix = 'K';     // name -> revision, time, user
 constexpr char kNamespacePrefix = 'N';      // revision -> its moves and deletes
@@ -193,9 +194,10 @@ public:
                       const std::function<bool(const StoredCommit&)>& visit) const override;
     [[nodiscard]] Result<Hash> hashAt(Revision revision) const override;
     [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
-    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) override;
-    Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc,
-                                     Revision revision) override;
+    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
+                                                            Replayed* replayed) const override;
+    Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
+                                     const Hash& hash) override;
     [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override;
     Result<void> setSaved(const LayerId& layer, const SavedState& saved) override;
     [[nodiscard]] Result<std::vector<LayerId>> unsavedLayers() const override;
@@ -211,7 +213,8 @@ public:
 private:
     struct Layer {
         std::uint32_t number = 0;
-        Revision changed = 0;
+        Revision changed = 0;   // by which commit last
+        Revision runBegin = 0;  // of the run of commits for it that this one belongs to
         SavedState saved;
     };
     using Layers = std::map<LayerId, Layer>;
@@ -220,8 +223,8 @@ private:
         explicit Group(std::size_t bytes) : batch(bytes) {}
         rocksdb::WriteBatch batch;
         Head head;
-        std::map<LayerId, Revision> first;          // of its commits for each layer
-        Layers layers;                              // these, as they are after it
+        std::map<std::pair<LayerId, Revision>, Revision> runs;  // of commits: begin -> last
+        Layers layers;                                          // these, as they are after it
         std::set<LayerId> saved;                    // those that it brings in from their files
         std::map<ClientId, std::uint64_t> clients;  // the highest numbers of their transactions
     };
@@ -242,6 +245,7 @@ private:
 
     // Appending.
     Result<void> addTo(Group& group, const CommitRecord& commit);
+    void addEdited(Group& group, const LayerId& name, Revision revision);
     void addRecord(Group& group, const CommitRecord& commit);
     Layer& layerOf(Group& group, const LayerId& name);
     Result<void> addTransaction(Group& group, const TransactionId& id, Revision revision);
@@ -280,13 +284,9 @@ private:
         Revision first = 0, last = 0;
     };
     [[nodiscard]] Result<std::vector<Run>> runsAfter(std::uint32_t layer, Revision revision) const;
-    /// Has `doc`, which is the layer at `revision`, follow the commits since.
-    struct Tail {
-        Revision end = 0;  // the last commit that was read
-        std::size_t cost = 0;
-    };
-    Result<Tail> follow(LayerDoc& doc, const LayerId& layer, std::uint32_t number,
-                        Revision revision) const;
+    /// Has `doc`, which is the layer at `revision`, follow the commits since. Their replayCost().
+    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, std::uint32_t number,
+                               Revision revision) const;
     [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
     /// Nothing: none that can be read and goes with the log.
     [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer) const;
@@ -311,8 +311,9 @@ private:
     // append()'s own: the highest numbers of who has sent something since the opening.
     std::unordered_map<ClientId, std::uint64_t> highest_;
 
-    std::mutex snapshotMutex_;                     // held while one is written; guards the next
-    std::map<std::uint32_t, Revision> snapshots_;  // of layers, that were written since opening
+    std::mutex snapshotMutex_;  // held while one is written; guards the next
+    // Of layers, that were written since the opening: revision and bytes.
+    std::map<std::uint32_t, std::pair<Revision, std::size_t>> snapshots_;
 
     mutable std::mutex spaceMutex_;  // guards the next four
     mutable Reserve reserve_;
@@ -333,9 +334,9 @@ Result<void> RocksCommitStore::open() {
         .and_then([this] { return openDatabase(); })
         .and_then([this] { return readHead(); })
         .and_then([this] { return readLayers(); })
+        .and_then([this] { return verify(); })
         .and_then([this] { return upgrade(); })
         .and_then([this] { return readEdited(); })
-        .and_then([this] { return verify(); })
         .and_then([this] { return writeLogOut(); })
         .and_then([this] { return takeEpoch(); });
 }
@@ -410,11 +411,13 @@ Result<void> RocksCommitStore::upgrade() {
     Group group(0);
     group.head = head_;
     group.batch.DeleteRange(family(Family::Clients), std::string(), std::string(64, '\xff'));
+    group.batch.DeleteRange(family(Family::Meta), std::string(1, kFormerChangedPrefix),
+                            std::string(1, kFormerChangedPrefix + 1));
     Result<void> done;
     const auto writeOut = [&] {
         addFound(group);
-        done = write(group.batch);
-        for (const auto& [name, layer] : group.layers) layers_[name].number = layer.number;
+        done = checkSpace(group.batch.GetDataSize()).and_then([&] { return write(group.batch); });
+        for (const auto& [name, layer] : group.layers) layers_[name] = layer;
         group = Group(0);
         group.head = head_;
         return bool(done);
@@ -425,12 +428,8 @@ Result<void> RocksCommitStore::upgrade() {
             done = tl::unexpected(commit.error());
             return false;
         }
-        const auto edits = [&](const LayerId& name) {
-            layerOf(group, name).changed = commit->revision;
-            group.first.try_emplace(name, commit->revision);
-        };
-        for (const Edit& edit : commit->edits) edits(edit.layer);
-        if (commit->imported) edits(*commit->imported);
+        for (const Edit& edit : commit->edits) addEdited(group, edit.layer, commit->revision);
+        if (commit->imported) addEdited(group, *commit->imported, commit->revision);
         done = addTransaction(group, commit->id, commit->revision);
         if (!done || group.batch.Count() < kUpgradedAtOnce) return bool(done);
         return writeOut();
@@ -439,6 +438,9 @@ Result<void> RocksCommitStore::upgrade() {
     if (!read) return read;
     addHead(group);
     if (!done || !writeOut()) return done;
+    // Whatever the durability: the next two are synced.
+    if (const auto synced = db_->SyncWAL(); !synced.ok())
+        return tl::unexpected(error(synced, "upgrade"));
     for (; handles_.size() > columnFamilies().size(); handles_.pop_back()) {
         if (const auto dropped = db_->DropColumnFamily(handles_.back()); !dropped.ok())
             return tl::unexpected(error(dropped, "upgrade"));
@@ -455,8 +457,11 @@ Result<void> RocksCommitStore::readEdited() {
         at->SeekForPrev(key(kEditedPrefix, layer.number, ~Revision(0)));
         if (!at->Valid() || !text(at->key()).starts_with(all)) continue;
         const auto last = decoded<Revision>(bytes(at->value()));
-        if (!last) return damaged("a record of a layer's commits cannot be read");
+        const std::string_view first = text(at->key()).substr(all.size());
+        if (!last || first.size() != sizeof(Revision))
+            return damaged("a record of a layer's commits cannot be read");
         layer.changed = *last;
+        layer.runBegin = storekeys::bigEndian64(first);
     }
     if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
     return {};
@@ -474,7 +479,9 @@ Result<SavedState> RocksCommitStore::readSaved(std::uint32_t layer) const {
 }
 
 Result<void> RocksCommitStore::verify() const {
-    const auto clients = number<Revision>(Family::Clients, kClientsRevisionKey);
+    const bool former = folder_.format() < StoreFolder::kFormat;
+    const auto clients =
+        former ? head_.revision : number<Revision>(Family::Clients, kClientsRevisionKey);
     if (!clients) return tl::unexpected(clients.error());
     if (clients->value_or(0) != head_.revision)
         return damagedAt(head_.revision, "is the newest, and what clients sent is of another");
@@ -598,10 +605,7 @@ void RocksCommitStore::flushSoon() {
 
 Result<void> RocksCommitStore::addTo(Group& group, const CommitRecord& commit) {
     addRecord(group, commit);
-    for (const LayerId& name : commit.layers) {
-        layerOf(group, name).changed = commit.revision;
-        group.first.try_emplace(name, commit.revision);
-    }
+    for (const LayerId& name : commit.layers) addEdited(group, name, commit.revision);
     if (commit.saved) {
         Layer& layer = layerOf(group, commit.saved->layer);
         if (commit.saved->state.revision >= layer.saved.revision) layer.saved = commit.saved->state;
@@ -613,6 +617,15 @@ Result<void> RocksCommitStore::addTo(Group& group, const CommitRecord& commit) {
     group.head.revision = commit.revision;
     group.head.hash = commit.hash;
     return addTransaction(group, commit.id, commit.revision);
+}
+
+/// A run goes on while the next commit for the layer is near; its record is written anew.
+void RocksCommitStore::addEdited(Group& group, const LayerId& name, Revision revision) {
+    Layer& layer = layerOf(group, name);
+    if (layer.changed == revision) return;
+    if (layer.changed == 0 || revision > layer.changed + kSmallGap) layer.runBegin = revision;
+    layer.changed = revision;
+    group.runs[{name, layer.runBegin}] = revision;
 }
 
 void RocksCommitStore::addRecord(Group& group, const CommitRecord& commit) {
@@ -649,11 +662,13 @@ Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId&
         if (!last) return tl::unexpected(last.error());
         entry->second = *last;
     }
+    const bool late = entry->second >= id.sequence + kRemembered;
     entry->second = std::max(entry->second, id.sequence);
     Bytes value = encoded<std::uint64_t>(id.sequence);
     appendNumber<Revision>(value, revision);
-    group.batch.Put(family(Family::Clients), storekeys::transaction(id.client, id.sequence),
-                    slice(value));
+    const std::string key = late ? storekeys::lateTransaction(id.client, id.sequence)
+                                 : storekeys::transaction(id.client, id.sequence);
+    group.batch.Put(family(Family::Clients), key, slice(value));
     return {};
 }
 
@@ -662,11 +677,10 @@ void RocksCommitStore::addFound(Group& group) {
     for (const auto& [client, end] : group.clients)
         group.batch.Put(family(Family::Clients), storekeys::highestTransaction(client),
                         slice(encoded<std::uint64_t>(end)));
-    for (const auto& [name, first] : group.first) {
-        const Layer& layer = group.layers.at(name);
-        group.batch.Put(family(Family::Meta), key(kEditedPrefix, layer.number, first),
-                        slice(encoded<Revision>(layer.changed)));
-    }
+    for (const auto& [run, last] : group.runs)
+        group.batch.Put(family(Family::Meta),
+                        key(kEditedPrefix, group.layers.at(run.first).number, run.second),
+                        slice(encoded<Revision>(last)));
     for (const LayerId& name : group.saved) {
         const Layer& layer = group.layers.at(name);
         const std::shared_lock lock(mutex_);  // of setSaved()
@@ -864,18 +878,16 @@ Result<std::vector<RocksCommitStore::Run>> RocksCommitStore::runsAfter(std::uint
     return runs;
 }
 
-Result<RocksCommitStore::Tail> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer,
-                                                        std::uint32_t number,
-                                                        Revision revision) const {
+Result<std::size_t> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer,
+                                             std::uint32_t number, Revision revision) const {
     const auto runs = runsAfter(number, revision);
     if (!runs) return tl::unexpected(runs.error());
-    Tail tail{revision, 0};
+    std::size_t cost = 0;
     Result<void> followed;
     for (const auto& [first, last] : *runs) {
         const auto done = read(first, last, [&](const StoredCommit& stored) {
-            tail.end = stored.revision;
             followed = decodeCommit(stored).and_then([&](const Commit& commit) {
-                tail.cost += replayCost(stored.frame->size(), commit.edits.size());
+                cost += replayCost(stored.frame->size(), commit.edits.size());
                 return replay(doc, layer, commit);
             });
             return bool(followed);
@@ -883,7 +895,7 @@ Result<RocksCommitStore::Tail> RocksCommitStore::follow(LayerDoc& doc, const Lay
         if (!done) return tl::unexpected(done.error());
         if (!followed) return tl::unexpected(followed.error());
     }
-    return tail;
+    return cost;
 }
 
 std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer) const {
@@ -895,39 +907,50 @@ std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer)
 }
 
 /// A snapshot that is missing costs the time to do the whole log again.
-Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer) {
+Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer,
+                                                            Replayed* replayed) const {
     const std::uint32_t number = numberOf(layer);
     if (number == 0) return std::optional<LayerDoc>();
-    LayerSnapshot from = readSnapshot(number).value_or(LayerSnapshot());
-    const auto tail = follow(from.doc, layer, number, from.revision);
-    if (!tail) return tl::unexpected(tail.error());
-    // It costs time again otherwise; if it fails, that is all.
-    std::error_code none;
-    const auto bytes = std::filesystem::file_size(folder_.snapshot(number), none);
-    if (tail->cost >= snapshotDue(from.doc, none ? 0 : bytes))
-        (void)keepSnapshot(layer, from.doc, tail->end);
+    auto kept = readSnapshot(number);
+    LayerSnapshot from = kept ? std::move(*kept) : LayerSnapshot();
+    const auto cost = follow(from.doc, layer, number, from.revision);
+    if (!cost) return tl::unexpected(cost.error());
+    if (replayed) {
+        std::error_code none;
+        const auto bytes = std::filesystem::file_size(folder_.snapshot(number), none);
+        *replayed = {from.revision == 0 || none ? 0 : bytes, *cost};
+    }
     return std::optional(std::move(from.doc));
 }
 
 Result<std::size_t> RocksCommitStore::keepSnapshot(const LayerId& layer, const LayerDoc& doc,
-                                                   Revision revision) {
+                                                   Revision revision, const Hash& hash) {
     const std::uint32_t number = numberOf(layer);
     if (number == 0)
         return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
-    const auto hash = hashAt(revision);
-    if (!hash) return tl::unexpected(hash.error());
-    const Bytes content = encodeSnapshot({revision, *hash, doc});
+    const auto known = hashAt(revision);
+    if (!known) return tl::unexpected(known.error());
+    if (revision == 0 || *known != hash)
+        return fail(ErrorCode::HistoryDiverged,
+                    "the snapshot of " + layer.value + " is of another history");
     const std::lock_guard lock(snapshotMutex_);
-    Revision& kept = snapshots_[number];
-    if (revision <= kept) return content.size();
+    auto& [newest, size] = snapshots_[number];
+    if (revision <= newest) return size;
     // Edits need the space more than it does, which stands beside the one before for a while.
-    if (const Space space = measureSpace();
-        space.usable < 2 * space.least + kCopies * content.size())
+    const auto fits = [this](std::size_t bytes) {
+        const Space space = measureSpace();
+        return space.usable >= 2 * space.least + kCopies * bytes;
+    };
+    const auto full = [&] {
         return fail(ErrorCode::StorageFull, "too little space for a snapshot of " + layer.value);
+    };
+    if (!fits(size)) return full();
+    const Bytes content = encodeSnapshot({revision, hash, doc});
+    if (!fits(content.size())) return full();
     if (auto done = sealedfile::replace(folder_.snapshot(number), content); !done)
         return tl::unexpected(done.error());
-    kept = revision;
-    return content.size();
+    newest = revision;
+    return size = content.size();
 }
 
 Result<SavedState> RocksCommitStore::saved(const LayerId& layer) const {
@@ -981,11 +1004,12 @@ Result<std::optional<Revision>> RocksCommitStore::committed(
     const auto last = lastSequence(transaction.client);
     if (!last) return tl::unexpected(last.error());
     const std::uint64_t sequence = transaction.sequence;
-    if (sequence == 0 || sequence > *last || *last - sequence >= kRemembered)
-        return std::optional<Revision>();
+    if (sequence == 0 || sequence > *last) return std::optional<Revision>();
+    const std::string key = *last - sequence < kRemembered
+                                ? storekeys::transaction(transaction.client, sequence)
+                                : storekeys::lateTransaction(transaction.client, sequence);
     std::string value;
-    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Clients),
-                                 storekeys::transaction(transaction.client, sequence), &value);
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Clients), key, &value);
     if (status.IsNotFound()) return std::optional<Revision>();
     if (!status.ok()) return tl::unexpected(error(status, "read"));
     ByteReader in(asBytes(value));

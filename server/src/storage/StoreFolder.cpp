@@ -24,6 +24,10 @@ Result<StoreFolder> StoreFolder::open(const std::filesystem::path& path) {
             return folder.checkFormat();
         });
     if (!done) return tl::unexpected(done.error());
+    std::error_code ignored;  // drafts that were never finished only take space
+    for (const auto& entry : std::filesystem::directory_iterator(path / "snapshots", ignored))
+        if (entry.path().extension() == sealedfile::kDraft)
+            std::filesystem::remove(entry.path(), ignored);
     auto mark = openFile(path / "head", O_RDWR | O_CREAT);
     if (!mark) return tl::unexpected(mark.error());
     folder.mark_ = std::move(*mark);

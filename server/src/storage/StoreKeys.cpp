@@ -42,5 +42,10 @@ std::string transaction(const ClientId& client, std::uint64_t sequence) {
     return slot(client, std::uint32_t(1 + sequence % kRemembered));
 }
 std::string highestTransaction(const ClientId& client) { return slot(client, 0); }
+std::string lateTransaction(const ClientId& client, std::uint64_t sequence) {
+    std::string key = slot(client, ~std::uint32_t(0));
+    append(key, sequence);
+    return key;
+}
 
 }  // namespace usdlive::server::storekeys

@@ -24,6 +24,8 @@ inline constexpr std::size_t kCommitBeginning = 4;  ///< of a key, which rarely 
 // kRemembered numbers before. Slot 0 holds the highest number so far.
 [[nodiscard]] std::string transaction(const ClientId& client, std::uint64_t sequence);
 [[nodiscard]] std::string highestTransaction(const ClientId& client);
+/// One that comes behind those that are remembered (SE4): of its number alone, for ever.
+[[nodiscard]] std::string lateTransaction(const ClientId& client, std::uint64_t sequence);
 inline constexpr std::size_t kClientBeginning = 4 + 32;  ///< the same in all keys of a client
 
 }  // namespace storekeys

@@ -80,7 +80,7 @@ public:
     bool congested(SessionId session) override { return congestedSessions.contains(session); }
     void close(SessionId session) override { closed.insert(session); }
     void append(CommitRecord commit) override { appending.push_back(std::move(commit)); }
-    void keepSnapshot(const LayerId&, LayerDoc doc, Revision revision) override {
+    void keepSnapshot(const LayerId&, LayerDoc doc, Revision revision, const Hash&) override {
         kept.emplace_back(revision, std::move(doc));
     }
     void loadLayer(const LayerId& layer) override { loading.push_back(layer); }

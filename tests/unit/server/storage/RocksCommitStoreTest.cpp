@@ -10,6 +10,7 @@
 
 #include <atomic>
 #include <fstream>
+#include <map>
 #include <random>
 #include <thread>
 
@@ -52,6 +53,11 @@ void append(CommitStore& store, std::span<const CommitRecord> commits) {
         const auto appended = store.append({&commit, 1});
         ASSERT_TRUE(appended) << appended.error().message;
     }
+}
+
+bool keep(CommitStore& store, const TestCommits& commits) {
+    return bool(store.keepSnapshot(kLayer, commits.layers.at(kLayer), commits.head.revision,
+                                   commits.head.hash));
 }
 
 /// A copy of the store's folder as a killed process or a fault would leave it.
@@ -105,7 +111,7 @@ TEST(RocksCommitStore, WhatAKilledProcessLeftIsWhole) {
     for (int round = 0; round < 5; ++round) {
         append(*store, someCommits(commits, 20, unsigned(round)));
         if (round % 2 == 0) {
-            ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+            ASSERT_TRUE(keep(*store, commits));
         }
         append(*store, someCommits(commits, 5, unsigned(round)));
         copyFolder(folder.path / "a", folder.path / "b");
@@ -166,7 +172,7 @@ TEST(RocksCommitStore, AFlippedBitIsFoundOrHarmless) {
     for (unsigned part = 0; part < 3; ++part) {  // each opening writes tables of the log
         const auto store = open(whole);
         append(*store, someCommits(commits, 30, part));
-        ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+        ASSERT_TRUE(keep(*store, commits));
     }
     const auto store = open(whole);
     append(*store, someCommits(commits, 30, 3));
@@ -194,7 +200,7 @@ TEST(RocksCommitStore, AMissingFileIsFound) {
     for (unsigned part = 0; part < 3; ++part) {
         const auto store = open(whole);
         append(*store, someCommits(commits, 30, part));
-        ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+        ASSERT_TRUE(keep(*store, commits));
     }
     const auto store = open(whole);
     append(*store, someCommits(commits, 30, 3));
@@ -258,7 +264,7 @@ TEST(RocksCommitStore, ASnapshotThatCannotBeReadIsMadeUpForByTheLog) {
     const auto check = [&](auto damage) {
         const auto store = open(folder.path);
         append(*store, someCommits(commits, 30));
-        ASSERT_TRUE(store->keepSnapshot(kLayer, commits.layers[kLayer], commits.head.revision));
+        ASSERT_TRUE(keep(*store, commits));
         append(*store, someCommits(commits, 3));
         damage();
         EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
@@ -283,7 +289,7 @@ TEST(RocksCommitStore, ASnapshotOfAnotherHistoryIsNotUsed) {
         TestCommits others = commits;
         const auto store = open(folder.path / "b");
         append(*store, someCommits(others, 10, 2));
-        ASSERT_TRUE(store->keepSnapshot(kLayer, others.layers[kLayer], others.head.revision));
+        ASSERT_TRUE(keep(*store, others));
     }
     fs::copy(folder.path / "b" / "snapshots", folder.path / "a" / "snapshots",
              fs::copy_options::recursive);
@@ -309,6 +315,7 @@ TEST(RocksCommitStore, AnOlderFormatIsUpgraded) {
         for (const auto& key : raw.keys(RawRecords::Meta))
             if (key[0] == 'T') raw.erase(RawRecords::Meta, key);
         raw.put(RawRecords::State, "old", "record");
+        raw.put(RawRecords::Meta, "Cold", "record");
         raw.put(RawRecords::Clients, "old", "record");
     }
     writeFormat(folder.path, 1);
@@ -326,6 +333,10 @@ TEST(RocksCommitStore, AnOlderFormatIsUpgraded) {
     const auto keys = raw.keys(RawRecords::Clients);
     EXPECT_TRUE(std::ranges::find(keys, "old") == keys.end());
     EXPECT_TRUE(raw.keys(RawRecords::State).empty()) << "it was dropped";
+    std::map<char, int> counts;
+    for (const auto& key : raw.keys(RawRecords::Meta)) ++counts[key[0]];
+    EXPECT_EQ(counts['C'], 0);
+    EXPECT_EQ(counts['T'], 2) << "a run for each layer";
 }
 
 TEST(RocksCommitStore, ANewerFormatIsLeftAlone) {

@@ -10,6 +10,9 @@ namespace usdlive {
 /// Does the edit make sense by itself? A value that is there and of the part's kind, keys, a finite
 /// time (InvalidEdit, InvalidValue), and D1 on the pseudo-root (ForbiddenValue).
 [[nodiscard]] Result<void> checkSet(bool pseudoRoot, const SetField& set);
+/// An author may not set a field that looks like a list of children. Files may hold some that are
+/// none: a plug-in's metadata can be called so.
+[[nodiscard]] Result<void> checkAuthored(const SetField& set);
 [[nodiscard]] Result<void> checkErase(const EraseField& erase);
 
 /// ED7: no text could hold it otherwise. Whatever else a property of the other kind has is only

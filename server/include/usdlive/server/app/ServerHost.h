@@ -76,7 +76,8 @@ private:
     bool lags(SessionId session) override;
     void close(SessionId session) override;
     void append(CommitRecord commit) override;
-    void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision) override;
+    void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision,
+                      const Hash& hash) override;
     void loadLayer(const LayerId& layer) override;
     void readCommits(SessionId session, Revision from, Revision to) override;
     void readHistory(SessionId session, std::uint64_t request, const LayerId& layer,

@@ -79,9 +79,13 @@ struct CommitRecord {
 
 /// What it takes to do a commit again, about, in bytes that are read.
 [[nodiscard]] inline std::size_t replayCost(std::size_t frameBytes, std::size_t edits) {
-    constexpr std::size_t kEditBytes = 32;
-    return frameBytes + kEditBytes * edits;
+    constexpr std::size_t kCommitBytes = 256, kEditBytes = 32;
+    return kCommitBytes + frameBytes + kEditBytes * edits;
 }
+/// How a layer was loaded: bytes of its snapshot, 0 none, and the replayCost() of what followed.
+struct Replayed {
+    std::size_t snapshotBytes = 0, cost = 0;
+};
 /// A snapshot of a layer is due when it takes so much to do its commits since the last one again:
 /// about what it takes to read the layer. `lastBytes`: of the last one, 0 not known; `least`: of an
 /// empty layer.
@@ -129,14 +133,15 @@ public:
     /// Layers that commits have edited or brought in.
     [[nodiscard]] virtual Result<std::vector<LayerId>> layers() const = 0;
     /// As of the newest commit. Nothing: no commit is for it. Errors: StorageCorrupt,
-    /// StorageFailed.
-    [[nodiscard]] virtual Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer) = 0;
+    /// StorageFailed. `replayed`: what it was made of.
+    [[nodiscard]] virtual Result<std::optional<LayerDoc>> loadLayer(
+        const LayerId& layer, Replayed* replayed = nullptr) const = 0;
     /// Keeps what a layer holds at a revision that is durable, so that loading it does not begin at
     /// its first commit. Takes the place of what was kept of an older revision; may be lost, which
     /// costs time and nothing else. Returns its bytes. LayerNotFound: no commit is for it.
-    /// StorageFull, StorageFailed.
+    /// HistoryDiverged: the revision's chain hash is another. StorageFull, StorageFailed.
     virtual Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc,
-                                             Revision revision) = 0;
+                                             Revision revision, const Hash& hash) = 0;
     /// LayerNotFound for setSaved() of a layer that no commit is for.
     [[nodiscard]] virtual Result<SavedState> saved(const LayerId& layer) const = 0;
     virtual Result<void> setSaved(const LayerId& layer, const SavedState& saved) = 0;

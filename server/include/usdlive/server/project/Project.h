@@ -69,9 +69,9 @@ public:
 
     /// Appends to the store, in order; answered by appended() or appendFailed().
     virtual void append(CommitRecord commit) = 0;
-    /// CommitStore::keepSnapshot(), of a revision that is durable; snapshotKept() says how large it
-    /// is. Nothing waits for it.
-    virtual void keepSnapshot(const LayerId&, LayerDoc, Revision) {}
+    /// CommitStore::keepSnapshot(), of a revision that is durable; answered by snapshotKept().
+    /// Nothing waits for it.
+    virtual void keepSnapshot(const LayerId&, LayerDoc, Revision, const Hash&) {}
     /// From the store, or, if it has none, from the layer's file; answered by layerLoaded().
     virtual void loadLayer(const LayerId& layer) = 0;
     /// Commits of [from, to] from the store, answered by commitsRead().
@@ -132,6 +132,7 @@ struct LoadedLayer {
     LayerDoc doc;
     std::optional<LayerImport> import = std::nullopt;  ///< it came from its file
     SavedState saved = {};  ///< what its file has; of an import without a revision yet
+    Replayed replayed = {};
 };
 
 /// A layer's file, as edits that make the layer be like it.
@@ -212,7 +213,7 @@ public:
     /// (SE8), and those that it may know wait.
     void storeClosed();
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
-    void snapshotKept(const LayerId& layer, std::size_t bytes);
+    void snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes);
     void commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits);
     void historyRead(SessionId session, std::uint64_t request, Result<LayerDoc> doc);
     void blobWritten(SessionId session, const Hash& hash, Result<bool> whole);

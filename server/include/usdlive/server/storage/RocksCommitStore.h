@@ -29,6 +29,7 @@ struct RocksCommitStoreOptions {
 
 /// Opens the store in `folder`, or makes one. Takes the next epoch, durably, before anything else.
 ///
+/// A store of an older format is brought up to date, which an older server cannot read any more.
 /// Errors: StorageLocked (another process or store has it open), StorageTooNew, StorageCorrupt
 /// (what is there is not all that was acknowledged; nothing was changed), StorageFull (too full to
 /// open), StorageFailed. Its destructor may take as long as a write to the disk does.
