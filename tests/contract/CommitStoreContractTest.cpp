@@ -140,30 +140,50 @@ TYPED_TEST(CommitStoreContract, RefusesAGapAndAWrongHash) {
     EXPECT_TRUE(this->append(second));
 }
 
+/// A store that takes groups of random edits of two layers, and has to give back what they make.
+template <class Where>
+class RandomHistory {
+public:
+    explicit RandomHistory(unsigned seed) : random(seed) {}
+
+    /// `made` is called after each commit of the group, before it is appended.
+    template <class Made>
+    void appendGroup(Made made) {
+        std::vector<CommitRecord> group;
+        for (auto size = random.below(6) + 1; size > 0; --size) {
+            const LayerId& layer = random.below(3) ? kLayer : kOther;
+            group.push_back(commits.next(random.next(layer, commits.layers[layer])));
+            made();
+        }
+        ASSERT_TRUE(store->append(group));
+    }
+    /// Once in so many times; half of these opened anew.
+    void compare(std::size_t times) {
+        if (random.below(times)) return;
+        if (random.below(2)) {
+            store.reset();
+            store = disk.open();
+        }
+        for (const auto& [layer, doc] : commits.layers) {
+            const auto stored = store->loadLayer(layer);
+            ASSERT_TRUE(stored) << stored.error().message;
+            ASSERT_EQ(stored->value_or(LayerDoc()).dump(), doc.dump());
+        }
+    }
+
+    RandomEdits random;
+    Where disk;
+    std::unique_ptr<CommitStore> store = disk.open();
+    TestCommits commits;
+};
+
 TYPED_TEST(CommitStoreContract, StateFollowsAnyEdits) {
     for (unsigned seed = 0; seed < 15; ++seed) {
-        SCOPED_TRACE(seed);
-        RandomEdits random(seed);
-        TypeParam disk;
-        auto store = disk.open();
-        TestCommits commits;
+        RandomHistory<TypeParam> history(seed);
         for (int step = 0; step < 60; ++step) {
-            std::vector<CommitRecord> group;
-            for (auto size = random.below(6) + 1; size > 0; --size) {
-                const LayerId& layer = random.below(3) ? kLayer : kOther;
-                group.push_back(commits.next(random.next(layer, commits.layers[layer])));
-            }
-            ASSERT_TRUE(store->append(group));
-            if (random.below(8)) continue;
-            if (random.below(2)) {
-                store.reset();
-                store = disk.open();
-            }
-            for (const auto& [layer, doc] : commits.layers) {
-                const auto stored = store->loadLayer(layer);
-                ASSERT_TRUE(stored) << stored.error().message;
-                ASSERT_EQ(stored->value_or(LayerDoc()).dump(), doc.dump()) << "step " << step;
-            }
+            SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
+            ASSERT_NO_FATAL_FAILURE(history.appendGroup([] {}));
+            ASSERT_NO_FATAL_FAILURE(history.compare(8));
         }
     }
 }
@@ -202,44 +222,27 @@ TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
     EXPECT_EQ(this->store->setSaved({"c.usda"}, saved).error().code, ErrorCode::LayerNotFound);
 }
 
-// What is loaded is the snapshot and what was committed since, so a snapshot of another revision,
-// or one that is lost, would show.
+// What is loaded is the snapshot and what was committed since, so one of another revision would
+// show.
 TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
     for (unsigned seed = 0; seed < 15; ++seed) {
-        SCOPED_TRACE(seed);
-        RandomEdits random(seed);
-        TypeParam disk;
-        auto store = disk.open();
-        TestCommits commits;
+        RandomHistory<TypeParam> history(seed);
         LayerDocs before;
         CommitStore::Head at;
         for (int step = 0; step < 60; ++step) {
-            std::vector<CommitRecord> group;
-            for (auto size = random.below(6) + 1; size > 0; --size) {
-                const LayerId& layer = random.below(3) ? kLayer : kOther;
-                group.push_back(commits.next(random.next(layer, commits.layers[layer])));
-                if (random.below(12) == 0) {  // also in the middle of a group
-                    before = commits.layers;
-                    at = commits.head;
-                }
-            }
-            ASSERT_TRUE(store->append(group));
-            const auto known = *store->layers();
-            if (random.below(4) == 0)
+            SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
+            ASSERT_NO_FATAL_FAILURE(history.appendGroup([&] {
+                if (history.random.below(12)) return;  // also in the middle of a group
+                before = history.commits.layers;
+                at = history.commits.head;
+            }));
+            const auto known = *history.store->layers();
+            if (history.random.below(4) == 0)
                 for (const auto& [layer, doc] : before)
                     if (std::ranges::find(known, layer) != known.end()) {
-                        ASSERT_TRUE(store->keepSnapshot(layer, doc, at.revision, at.hash));
+                        ASSERT_TRUE(history.store->keepSnapshot(layer, doc, at.revision, at.hash));
                     }
-            if (random.below(4)) continue;
-            if (random.below(2)) {
-                store.reset();
-                store = disk.open();
-            }
-            for (const auto& [layer, doc] : commits.layers) {
-                const auto stored = store->loadLayer(layer);
-                ASSERT_TRUE(stored) << stored.error().message;
-                ASSERT_EQ(stored->value_or(LayerDoc()).dump(), doc.dump()) << "step " << step;
-            }
+            ASSERT_NO_FATAL_FAILURE(history.compare(4));
         }
     }
 }

@@ -351,18 +351,17 @@ public:
     Result<Applied> operator()(const SetField& set) {
         if (auto checked = checkSet(elements_.empty(), set); !checked)
             return tl::unexpected(checked.error());
-        if (auto checked = checkAuthored(set); by_ == By::Author && !checked)
-            return tl::unexpected(checked.error());
+        if (by_ == By::Author)
+            if (auto checked = checkAuthored(set); !checked) return tl::unexpected(checked.error());
         const Node* node = walkNoting();
         if (!node) return noSpec(path_);
         if (by_ == By::Author && !canHave(node->kind, set)) return noSuchField(node->kind, set);
         Applied applied{false, node->id};
         if (holdsAlready(node->field(set.field), set)) return applied;
 
-        Fields& fields = editableNodeNoted().fields;
+        Fields& fields = editableNode(elements_).fields;
         const auto at = fieldPosition(fields, set.field);
         const bool present = at != fields.end() && at->first == set.field;
-        applied.hadSamples = present && at->second.as<TimeSamples>();
         setPart(present ? at->second : insertField(fields, set.field), set);
         applied.changed = true;
         return applied;
@@ -376,9 +375,8 @@ public:
         const FieldValue* field = node->field(erase.field);
         if (!field || !holdsPart(*field, erase.part)) return applied;
 
-        Fields& fields = editableNodeNoted().fields;
+        Fields& fields = editableNode(elements_).fields;
         const auto at = fieldPosition(fields, erase.field);
-        applied.hadSamples = at->second.as<TimeSamples>() != nullptr;
         if (!erasePart(at->second, erase.part)) fields.erase(at);
         applied.changed = true;
         return applied;
@@ -392,32 +390,26 @@ private:
         return parent ? childOf(*parent, elements_.back()) : nullptr;
     }
 
-    // The node at a path that exists, with what leads to it no longer shared.
-    Node& editableNode(Elements elements) {
-        Node* node = &doc_.root_.editable();
-        for (const PathElement& element : elements) {
-            ChildSequence& children = node->editableChildren(element.list);
-            node = &children.editableNode(children.find(element.name)->order);
-        }
-        return *node;
-    }
-
-    // As walk() and editableNode() of the whole path, whose names are looked for once.
+    // As walk() of the whole path; editableNode() need not look for the first names again.
     const Node* walkNoting() {
         const Node* node = doc_.root_.get();
-        for (std::size_t i = 0; i < elements_.size(); ++i) {
-            const ChildEntry* entry = childOf(*node, elements_[i]);
+        for (const PathElement& element : elements_) {
+            const ChildEntry* entry = childOf(*node, element);
             if (!entry) return nullptr;
-            if (i < kNoted) orders_[i] = entry->order;
+            if (noted_ < orders_.size()) orders_[noted_++] = entry->order;
             node = entry->node.get();
         }
         return node;
     }
-    Node& editableNodeNoted() {
-        if (elements_.size() > kNoted) return editableNode(elements_);
+
+    // The node at a path that exists, with what leads to it no longer shared.
+    Node& editableNode(Elements elements) {
         Node* node = &doc_.root_.editable();
-        for (std::size_t i = 0; i < elements_.size(); ++i)
-            node = &node->editableChildren(elements_[i].list).editableNode(orders_[i]);
+        for (std::size_t i = 0; i < elements.size(); ++i) {
+            ChildSequence& children = node->editableChildren(elements[i].list);
+            node = &children.editableNode(i < noted_ ? orders_[i]
+                                                     : children.find(elements[i].name)->order);
+        }
         return *node;
     }
 
@@ -523,13 +515,12 @@ private:
         return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
     }
 
-    static constexpr std::size_t kNoted = 16;
-
     LayerDoc& doc_;
     std::string_view path_;
     Elements elements_;
     By by_;
-    std::array<std::uint64_t, kNoted> orders_;  // of the first specs on the way, once walked
+    std::array<std::uint64_t, 16> orders_;  // of the specs on the way, the first `noted_`
+    std::size_t noted_ = 0;
 };
 
 // --- LayerDoc ---------------------------------------------------------------------------------

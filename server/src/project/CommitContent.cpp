@@ -6,8 +6,6 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kLengthBytes = 4;
-
 tl::unexpected<Error> damaged(Revision revision, const std::string& why) {
     return fail(ErrorCode::StorageCorrupt,
                 "commit " + std::to_string(revision) + " cannot be applied again: " + why);
@@ -32,7 +30,7 @@ std::vector<NamespaceChange> namespaceChanges(Revision revision,
 }
 
 Result<Commit> decodeCommit(const StoredCommit& stored) {
-    auto frame = decodeFrame(ByteView(*stored.frame).subspan(kLengthBytes));
+    auto frame = decodeFrame(withoutLength(*stored.frame));
     if (!frame) return damaged(stored.revision, frame.error().message);
     auto* commit = std::get_if<CommitFrame>(&*frame);
     if (!commit) return damaged(stored.revision, "it is none");

@@ -11,10 +11,6 @@ namespace {
 
 constexpr std::size_t kSurelyDecoded = 8 * 1024;  // a frame within the budget, whatever it holds
 
-ByteView withoutLength(const Bytes& frame) {
-    return ByteView(frame).subspan(sizeof(std::uint32_t));
-}
-
 }  // namespace
 
 /// Of what was executed, the next commit; nothing when it does not fit into a frame. `mark`: of the

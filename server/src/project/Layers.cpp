@@ -1,5 +1,6 @@
 // Layers: loaded on first use, imported if the store has none, opened by sessions.
 #include "ProjectImpl.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 
@@ -153,8 +154,7 @@ Result<void> Project::Impl::import(const LayerId& layer, LayerImport import) {
     stub.commit = {made.revision, epoch_, {}, {},           host_.wallClockMs(), 0,
                    layer,         {},     {}, executedHash_};
     stampCommit(import.frame.bytes, stub.commit);
-    record.hash = made.hash =
-        chainHash(executedHash_, ByteView(import.frame.bytes).subspan(sizeof(std::uint32_t)));
+    record.hash = made.hash = chainHash(executedHash_, withoutLength(import.frame.bytes));
     record.frame = std::make_shared<const Bytes>(std::move(import.frame.bytes));
     stub.hashAfter = made.hash;
     made.broadcast = std::make_shared<const Bytes>(encodeFrame(stub));

@@ -6,6 +6,7 @@
 #include "ProjectImpl.h"
 #include "usdlive/common/layer/Conflation.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 
@@ -16,10 +17,6 @@ constexpr std::size_t kMaxLogs = 16;           // asked for by one session and n
 constexpr std::size_t kRunBytes = 512 * 1024;  // of commits of the past that are sent together
 
 const std::string kConflation = "conflation";
-
-ByteView withoutLength(const SharedBytes& frame) {
-    return ByteView(*frame).subspan(sizeof(std::uint32_t));
-}
 
 /// CF1: one for all of them, or nothing when each register was written once. Precondition: they
 /// follow one another, and nobody waits for one of them.
@@ -119,7 +116,7 @@ std::optional<CommitFrame> Project::Impl::conflatable(const Session& session,
     if (!std::holds_alternative<CatchingUp>(session.stream) || session.ahead ||
         !session.features.contains(kConflation))
         return std::nullopt;
-    auto frame = decodeFrame(withoutLength(stored.frame));
+    auto frame = decodeFrame(withoutLength(*stored.frame));
     auto* found = frame ? std::get_if<CommitFrame>(&*frame) : nullptr;
     if (!found || found->commit.imported || found->commit.gesture != 0 ||
         found->commit.id.client == session.client)
@@ -226,7 +223,7 @@ void Project::Impl::streamRead(Session& session, Result<std::vector<StoredCommit
     if (!session.isGreeted()) return;
     if (!commits) return close(session, commits.error());
     for (StoredCommit& commit : *commits) {
-        auto stub = importStub(withoutLength(commit.frame), commit.hash);
+        auto stub = importStub(withoutLength(*commit.frame), commit.hash);
         if (!stub) return close(session, stub.error());
         if (*stub) commit.frame = std::make_shared<const Bytes>(std::move(**stub));
     }

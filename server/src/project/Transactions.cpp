@@ -4,6 +4,7 @@
 
 #include "ProjectImpl.h"
 #include "usdlive/common/layer/SpecPath.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 
@@ -218,10 +219,9 @@ bool Project::Impl::creationsKnown(Session& session, Author& author, QueuedTrans
 
 void Project::Impl::learnCreations(Author& author, std::uint64_t sequence,
                                    const StoredCommit& stored) {
-    const auto frame = decodeFrame(ByteView(*stored.frame).subspan(sizeof(std::uint32_t)));
-    const auto* found = frame ? std::get_if<CommitFrame>(&*frame) : nullptr;
-    if (!found) return;
-    const Commit& commit = found->commit;
+    const auto decoded = decodeCommit(stored);
+    if (!decoded) return;
+    const Commit& commit = *decoded;
     std::uint64_t mark = history_.markBefore(commit.revision);
     auto dropped = commit.dropped.begin();
     std::uint32_t index = 0;  // of the edit in the transaction

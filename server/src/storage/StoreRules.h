@@ -5,17 +5,12 @@
 #include <string>
 
 #include "usdlive/common/protocol/Control.h"
-#include "usdlive/common/protocol/Frame.h"
-#include "usdlive/server/project/CommitStore.h"
+#include "usdlive/server/project/CommitContent.h"
 
 // What is the same in every store.
 namespace usdlive::server {
 
-inline constexpr std::size_t kFrameLengthBytes = 4;
 inline constexpr std::uint64_t kRemembered = 1'024;  ///< transactions of a client (M9)
-
-/// Of a commit's frame what its chain hash is made of.
-inline ByteView withoutLength(ByteView frame) { return frame.subspan(kFrameLengthBytes); }
 
 /// The commits continue the log that ends at `head`: a wrong number or hash would make the whole
 /// store unreadable from there on.

@@ -36,14 +36,13 @@ public:
     LayerDoc& operator=(LayerDoc&&) noexcept;
     ~LayerDoc();
 
-    /// What an edit did, with what a store has to write down. Ids are this doc's.
+    /// What an edit did. Ids are this doc's.
     struct Applied {
         bool changed = false;  ///< false: M2 merge, erasing what is absent, all as it was already
         NodeId node = 0;       ///< the spec the edit was for (the created one)
         NodeId parent = 0;     ///< of a Create, Move or Place: the (new) parent
         std::uint64_t order = 0;  ///< of a Create, Move or Place: sorts it among its siblings
         bool renumbered = false;  ///< the parent's whole list got new order numbers
-        bool hadSamples = false;  ///< the field that was set or erased held time samples before
         std::vector<NodeId> erased = {};  ///< of a Delete: the spec and all below it
     };
 

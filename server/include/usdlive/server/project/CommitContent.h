@@ -8,6 +8,12 @@
 
 namespace usdlive::server {
 
+inline constexpr std::size_t kFrameLengthBytes = 4;
+/// Of a commit's frame what its chain hash is made of, and what decodeFrame() takes.
+[[nodiscard]] inline ByteView withoutLength(ByteView frame) {
+    return frame.subspan(kFrameLengthBytes);
+}
+
 /// The moves and deletes among the executed edits of a commit.
 [[nodiscard]] std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                                             const std::vector<ExecutedEdit>& edits);
