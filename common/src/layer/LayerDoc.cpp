@@ -650,6 +650,7 @@ struct LayerDoc::Builder::State {
         /// nullptr when it is not there. Valid until the next call of add().
         [[nodiscard]] const Built* find(NodeId id) const {
             if (id < dense_.size() && dense_[id].node) return &dense_[id];
+            if (sparse_.empty()) return nullptr;
             const auto found = sparse_.find(id);
             return found == sparse_.end() ? nullptr : &found->second;
         }
