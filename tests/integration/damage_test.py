@@ -38,9 +38,10 @@ class Truth:
 
 
 def a_store(project, serve, editor) -> Truth:
-    """Tables, a log that is not in them yet, several of the latter's epochs, big values."""
+    """Tables, a log that is not in them yet, several of the latter's epochs, big values, snapshots."""
     for name in LAYERS:
-        (project / name).write_text('#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n')
+        many = "".join(f"    double d{i} = {i}\n" for i in range(10_000))  # a snapshot is due at once
+        (project / name).write_text('#usda 1.0\n\ndef "World"\n{\n    string s\n' + many + "}\n\n")
     server = serve(project)
     for life in range(3):
         for name in LAYERS:
@@ -177,6 +178,8 @@ def start_and_judge(server: Server, truth: Truth) -> str:
 def kind_of(name: pathlib.Path) -> str:
     if name.name.startswith(("IDENTITY", "OPTIONS")):  # RocksDB writes these for people
         return "for people"
+    if "snapshots" in name.parts:
+        return "snapshot"
     return "blob" if "blobs" in name.parts else name.suffix or name.name.split("-")[0]
 
 
@@ -220,3 +223,4 @@ def test_k5_a_damaged_store_is_served_whole_or_refused(manifest, places, project
         print(f"  {kind:10} {outcome:16} {count}")
     assert not wrong, f"{len(wrong)} of {places}:\n" + "\n".join(wrong[:20])
     assert outcomes["refused"], "the places do not say anything"
+    assert manifest or any(kind == "snapshot" for kind, _ in kinds), "the store has no snapshot"
