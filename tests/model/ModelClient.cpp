@@ -39,10 +39,9 @@ static void digest(Digest& out, const Prediction& part) {
         part.revision_);
 }
 static void digest(Digest& out, const Incoming& part) {
-    const auto& [request, opened, decoder, whole] = part;
+    const auto& [request, opened, content] = part;
     // What a snapshot holds follows from its revision.
-    out(request, opened ? encodeControl(*opened) : "",
-        decoder ? decoder->specs() : std::uint64_t(0), whole);
+    out(request, opened ? encodeControl(*opened) : "", content.has_value());
 }
 static void digest(Digest& out, const Joining& part) {
     const auto& [snapshot, later, again] = part;
@@ -53,8 +52,21 @@ static void digest(Digest& out, const Session::Impl::OpenedLayer& part) {
     out(wanted, joining);
 }
 static void digest(Digest& out, const Session::Impl::Frozen& part) { out(part.views); }
-static void digest(Digest& out, const Session::Impl::Received& part) {
-    out(Bytes(part.frame.begin(), part.frame.end()));
+static void digest(Digest& out, const ReceivedCommit& part) {
+    out(encodeFrame(CommitFrame{part.commit}), part.hashAfter);
+}
+static void digest(Digest& out, const RefusalFrame& part) { out(encodeFrame(part)); }
+static void digest(Digest& out, const PreviewFrame& part) { out(encodeFrame(part)); }
+static void digest(Digest& out, const BlobFrame& part) { out(encodeFrame(part)); }
+static void digest(Digest& out, const ReceivedSnapshot& part) {
+    out(part.request, part.specs, part.whole);
+}
+static void digest(Digest& out, const Received& part) {
+    std::visit([&](const auto& frame) { digest(out, frame); }, part);
+}
+static void digest(Digest& out, const Result<Received>& part) {
+    require(part.has_value(), "a server's frame cannot be read");
+    digest(out, *part);
 }
 
 static void digest(Digest& out, const Session::Impl::Missed& part) {
@@ -93,14 +105,14 @@ ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages&
 std::vector<Output> ModelClient::apply(Input input) {
     switch (input.kind) {
         case Input::Connect:
+            reader_.emplace();
             session_.connected();
             break;
         case Input::Disconnect:
             session_.disconnected({ErrorCode::NotConnected, "the line is cut"});
             break;
         case Input::Receive:
-            require(session_.received(messages_[input.argument]).has_value(),
-                    "a message does not split");
+            session_.received(reader_->read(*messages_[input.argument]));
             break;
         case Input::Write:
             write();

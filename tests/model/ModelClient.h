@@ -57,7 +57,8 @@ private:
     bool wanted_ = true;  // the layer is open
     std::size_t written_ = 0;
     Labels authored_ = 0, lost_ = 0;
-    Revision told_ = 0;  // the last commit the editor heard of
+    Revision told_ = 0;                            // the last commit the editor heard of
+    std::optional<client::MessageReader> reader_;  // of the present line
     client::Session session_;
 };
 

@@ -82,10 +82,10 @@ void SimClient::connect() {
         return connectLater();
     }
     auto link = std::make_shared<server::SessionId>();
+    reader_.emplace();
     *link = link_ = network_.open({[this, link](SharedBytes message) {
                                        if (*link != link_) return;
-                                       const auto done = session_.received(std::move(message));
-                                       require(done.has_value(), "a message does not split");
+                                       session_.received(reader_->read(*message));
                                    },
                                    [this, link] {
                                        if (*link != link_) return;

@@ -72,12 +72,7 @@ Result<std::vector<client::Event>> Link::step() {
             lost = gone->reason;
             if (std::exchange(open_, false)) session_->disconnected(gone->reason);
         } else if (auto* message = std::get_if<client::Connection::Message>(&happening); open_) {
-            if (const auto taken = session_->received(std::move(message->bytes)); !taken) {
-                lost = taken.error();
-                open_ = false;
-                session_->disconnected(taken.error());
-                connection_->reset();
-            }
+            session_->received(std::move(message->content));
         }
     }
     while (!session_->advance(kBudgetMs, nowMs())) {

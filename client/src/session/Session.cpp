@@ -127,7 +127,7 @@ Session::~Session() = default;
 
 void Session::connected() { impl_->connected(); }
 void Session::disconnected(Error reason) { impl_->disconnected(std::move(reason)); }
-Result<void> Session::received(SharedBytes message) { return impl_->received(std::move(message)); }
+void Session::received(ReceivedMessage message) { impl_->received(std::move(message)); }
 
 void Session::openLayer(const LayerId& layer) { impl_->openLayer(layer); }
 void Session::closeLayer(const LayerId& layer) { impl_->closeLayer(layer); }

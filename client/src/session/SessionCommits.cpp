@@ -185,8 +185,9 @@ void Session::Impl::completeJoins() {
 
 bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {
     Incoming& snapshot = joining.snapshot;
-    if (!snapshot.whole || !snapshot.opened || snapshot.opened->revision > revision_) return false;
-    LayerDoc doc = snapshot.decoder->take();
+    if (!snapshot.content || !snapshot.opened || snapshot.opened->revision > revision_)
+        return false;
+    LayerDoc doc = *std::exchange(snapshot.content, std::nullopt);
     // A frozen layer is reset at the thaw, all at once.
     if (layers_.at(layer).wanted && !frozen_) editor_.arrived(layer, doc);
     for (const auto& [revision, edit] : joining.later) {
@@ -203,15 +204,15 @@ bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {
 void Session::Impl::completePeeks() {
     for (std::size_t index = 0; index < peeks_.size();) {
         Incoming& snapshot = peeks_[index].snapshot;
-        if (!snapshot.whole || !snapshot.opened) {
+        if (!snapshot.content || !snapshot.opened) {
             ++index;
             continue;
         }
-        const Peek peek = std::move(peeks_[index]);
+        Peek peek = std::move(peeks_[index]);
         peeks_.erase(peeks_.begin() + std::ptrdiff_t(index));
         if (peek.revision == 0 && online_ && !layers_.contains(peek.layer))
             sendControl(CloseLayer{peek.layer});
-        peek.done(peek.snapshot.decoder->take(), peek.snapshot.opened->revision);
+        peek.done(std::move(*peek.snapshot.content), peek.snapshot.opened->revision);
     }
 }
 

@@ -42,13 +42,10 @@ void Session::Impl::disconnected(Error reason) {
     const bool wasLinked = std::exchange(linked_, false);
     online_ = false;
     // What has not been worked off comes again, but not what the server said at last.
-    for (const Received& received : std::exchange(inbox_, {})) {
-        const auto frame = decodeFrame(received.frame);
-        const auto* control = frame ? std::get_if<ControlFrame>(&*frame) : nullptr;
-        const auto message =
-            control ? decodeControl(control->json) : fail(ErrorCode::Internal, "-");
-        if (message && std::holds_alternative<ErrorMessage>(*message))
-            events_.push_back(event::ServerError{std::get<ErrorMessage>(*message)});
+    for (const Result<Received>& received : std::exchange(inbox_, {})) {
+        const auto* control = received ? std::get_if<ControlMessage>(&*received) : nullptr;
+        const auto* error = control ? std::get_if<ErrorMessage>(control) : nullptr;
+        if (error) events_.push_back(event::ServerError{*error});
     }
     pending_.markUnsent(false);
     if (gesture_) gesture_->shown = false;
@@ -67,20 +64,20 @@ void Session::Impl::disconnected(Error reason) {
     if (wasLinked) events_.push_back(event::Disconnected{std::move(reason)});
 }
 
-Result<void> Session::Impl::received(SharedBytes message) {
-    auto frames = splitMessage(*message);
-    if (!frames) return tl::unexpected(frames.error());
-    for (const ByteView frame : *frames) inbox_.push_back({message, frame});
-    return {};
+void Session::Impl::received(ReceivedMessage message) {
+    std::ranges::move(message.frames, std::back_inserter(inbox_));
 }
 
 bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     nowMs_ = nowMs;
     const double start = options_.clockMs();
     while (!inbox_.empty()) {
-        const Received received = std::move(inbox_.front());
+        Result<Received> received = std::move(inbox_.front());
         inbox_.pop_front();
-        process(received);
+        if (received)
+            std::visit([this](auto&& part) { handle(std::move(part)); }, std::move(*received));
+        else
+            protocolFault(received.error());
         if (options_.clockMs() - start >= budgetMs) break;
     }
     completeJoins();
@@ -100,24 +97,8 @@ void Session::Impl::protocolFault(Error error) {
 
 // ---- what arrives
 
-void Session::Impl::process(const Received& received) {
-    auto frame = decodeFrame(received.frame);
-    if (!frame) return protocolFault(frame.error());
-    std::visit(
-        [&](auto&& part) {
-            using Part = std::decay_t<decltype(part)>;
-            if constexpr (std::is_same_v<Part, CommitFrame>)
-                handleCommit(std::move(part), received.frame);
-            else if constexpr (!std::is_same_v<Part, SubmitFrame>)
-                handle(std::move(part));
-        },
-        std::move(*frame));
-}
-
-void Session::Impl::handle(ControlFrame&& frame) {
-    const auto message = decodeControl(frame.json);
-    if (!message) return protocolFault(message.error());
-    std::visit([this](const auto& part) { on(part); }, *message);
+void Session::Impl::handle(ControlMessage&& message) {
+    std::visit([this](const auto& part) { on(part); }, message);
 }
 
 void Session::Impl::handle(PreviewFrame&& frame) {
@@ -135,27 +116,20 @@ void Session::Impl::handle(PreviewFrame&& frame) {
     events_.push_back(event::PreviewChanged{id.first, id.second, withdrawn});
 }
 
-void Session::Impl::handle(SnapshotFrame&& frame) {
-    const auto add = [&](Incoming& snapshot, const SnapshotFrame& chunk) {
-        if (!snapshot.decoder) snapshot.decoder = std::make_unique<SnapshotDecoder>();
-        const auto whole = snapshot.decoder->add(chunk);
-        if (!whole) protocolFault(whole.error());
-        snapshot.whole = whole && *whole;
-        return bool(whole);
-    };
+void Session::Impl::handle(ReceivedSnapshot&& received) {
     for (auto& [layer, opened] : layers_) {
-        if (!opened.joining || opened.joining->snapshot.request != frame.request) continue;
+        if (!opened.joining || opened.joining->snapshot.request != received.request) continue;
         Incoming& snapshot = opened.joining->snapshot;
-        const auto chunk = std::make_shared<const SnapshotFrame>(std::move(frame));
-        if (opened.wanted) editor_.arriving(layer, chunk);
-        if (!add(snapshot, *chunk)) return;
+        snapshot.content = std::move(received.whole);
+        if (!opened.wanted) return;
+        editor_.arriving(layer, std::move(received.part));
         const std::uint64_t total = snapshot.opened ? snapshot.opened->specs : 0;
-        if (opened.wanted)
-            events_.push_back(event::Joining{{layer, snapshot.decoder->specs(), total}});
+        events_.push_back(event::Joining{{layer, received.specs, total}});
         return;
     }
     for (Peek& peek : peeks_)
-        if (peek.snapshot.request == frame.request) return void(add(peek.snapshot, frame));
+        if (peek.snapshot.request == received.request)
+            peek.snapshot.content = std::move(received.whole);
 }
 
 void Session::Impl::handle(RefusalFrame&& frame) {
@@ -172,8 +146,8 @@ void Session::Impl::handle(BlobFrame&& frame) {
     report(done.error(), about(frame.hash));
 }
 
-void Session::Impl::handleCommit(CommitFrame&& frame, ByteView encoded) {
-    const Commit& commit = frame.commit;
+void Session::Impl::handle(ReceivedCommit&& received) {
+    const Commit& commit = received.commit;
     if (!logs_.empty() && logs_.front().begun) return logs_.front().each(commit);
     if (!online_ || commit.revision <= revision_ || commit.epoch < commitEpoch_) return;
     if (commit.revision - commit.conflated != revision_ + 1 || commit.previous != hash_) {
@@ -183,11 +157,11 @@ void Session::Impl::handleCommit(CommitFrame&& frame, ByteView encoded) {
             {ErrorCode::HistoryDiverged,
              "commit " + std::to_string(commit.revision) + " does not follow the one before"});
     }
-    hash_ = hashAfter(frame, hash_, encoded);
+    hash_ = received.hashAfter;
     commitEpoch_ = commit.epoch;
     apply(commit);
     if (isCaughtUp()) caughtUp();
-    events_.push_back(event::Committed{std::move(frame.commit)});
+    events_.push_back(event::Committed{std::move(received.commit)});
 }
 
 bool Session::Impl::isCaughtUp() const { return welcome_ && revision_ >= welcome_->revision; }

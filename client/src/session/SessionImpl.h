@@ -14,7 +14,6 @@
 #include "Prediction.h"
 #include "usdlive/client/session/Session.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
-#include "usdlive/common/protocol/Snapshot.h"
 
 namespace usdlive::client {
 
@@ -39,8 +38,7 @@ namespace usdlive::client {
 struct Incoming {
     std::uint64_t request = 0;  ///< 0: not asked for on this connection
     std::optional<LayerOpened> opened;
-    std::unique_ptr<SnapshotDecoder> decoder;
-    bool whole = false;
+    std::optional<LayerDoc> content;  ///< once it is whole
 };
 /// A layer whose content is not there yet.
 struct Joining {
@@ -58,7 +56,7 @@ public:
 
     void connected();
     void disconnected(Error reason);
-    Result<void> received(SharedBytes message);
+    void received(ReceivedMessage message);
 
     void openLayer(const LayerId& layer);
     void closeLayer(const LayerId& layer);
@@ -132,10 +130,6 @@ private:
     struct Frozen {
         LayerDocs views;
     };
-    struct Received {
-        SharedBytes owner;
-        ByteView frame;
-    };
     // Edits the editor made that the model does not hold: what the editor is to be told.
     struct Repairs {
         std::set<LayerId> resets;
@@ -147,13 +141,12 @@ private:
     std::uint64_t request(Request message);
 
     // SessionConnection.cpp
-    void process(const Received& received);
-    void handle(ControlFrame&& frame);
+    void handle(ControlMessage&& message);
+    void handle(ReceivedCommit&& received);
     void handle(PreviewFrame&& frame);
-    void handle(SnapshotFrame&& frame);
+    void handle(ReceivedSnapshot&& received);
     void handle(RefusalFrame&& frame);
     void handle(BlobFrame&& frame);
-    void handleCommit(CommitFrame&& frame, ByteView encoded);
     template <class Event, class Answer>
     void answer(const Answer& message);
     void on(const Welcome& message);
@@ -230,7 +223,7 @@ private:
 
     // The connection.
     bool linked_ = false;
-    std::deque<Received> inbox_;
+    std::deque<Result<Received>> inbox_;
     std::uint64_t lastRequest_ = 0;
     bool resealWhenCaughtUp_ = false;
     std::int64_t nowMs_ = 0;

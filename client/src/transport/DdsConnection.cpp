@@ -317,8 +317,8 @@ private:
 class DdsConnection final : public MailboxConnection {
 public:
     DdsConnection(const ServerAddress& address, const dds::DomainSettings& settings,
-                  std::unique_ptr<dds::Domain> domain)
-        : MailboxConnection(address),
+                  std::unique_ptr<dds::Domain> domain, Brings brings)
+        : MailboxConnection(address, brings),
           settings_(settings),
           domain_(std::move(domain)),
           projects_(*domain_),
@@ -434,11 +434,12 @@ private:
 }  // namespace
 
 Result<std::unique_ptr<Connection>> createDdsConnection(const ServerAddress& address,
-                                                        const dds::DomainSettings& settings) {
+                                                        const dds::DomainSettings& settings,
+                                                        Connection::Brings brings) {
     auto domain = dds::createDomain(settings);
     if (!domain) return tl::unexpected(domain.error());
     try {
-        return std::make_unique<DdsConnection>(address, settings, std::move(*domain));
+        return std::make_unique<DdsConnection>(address, settings, std::move(*domain), brings);
     } catch (const std::runtime_error& fault) {
         return fail(ErrorCode::InvalidConfiguration, fault.what());
     }

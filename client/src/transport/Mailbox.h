@@ -27,9 +27,12 @@ public:
     // Not taken by the server: above it the connection is given up; the session resumes.
     static constexpr std::size_t kMaxOutboxBytes = 1024 * 1024 * 1024;
 
+    explicit Mailbox(Connection::Brings brings) : brings_(brings) {}
+
     // --- the network's thread ---
 
     std::uint64_t opened() {
+        reader_.emplace();
         const std::lock_guard lock(mutex_);
         clearOutbox();
         open_ = ++generation_;
@@ -49,9 +52,15 @@ public:
     }
     // False: full, wait before reading on.
     [[nodiscard]] bool message(SharedBytes bytes) {
+        Connection::Message message{std::move(bytes), {}};
+        std::size_t size = message.bytes->size();
+        if (brings_ == Connection::Brings::Frames) {
+            message.content = reader_->read(*std::exchange(message.bytes, nullptr));
+            size = message.content.bytes;
+        }
         const std::lock_guard lock(mutex_);
-        inboxBytes_ += bytes->size();
-        inbox_.push_back({Connection::Message{std::move(bytes)}, generation_});
+        inboxBytes_ += size;
+        inbox_.push_back({std::move(message), generation_, size});
         arrived_.notify_all();
         return inboxBytes_ < kMaxInboxBytes;
     }
@@ -95,9 +104,8 @@ public:
         const bool wasFull = inboxBytes_ >= kMaxInboxBytes / 2;
         std::vector<Happening> fetched;
         while (!inbox_.empty() && fetched.size() < most) {
-            auto& [happening, generation] = inbox_.front();
-            if (const auto* message = std::get_if<Connection::Message>(&happening))
-                inboxBytes_ -= message->bytes->size();
+            auto& [happening, generation, bytes] = inbox_.front();
+            inboxBytes_ -= bytes;
             if (std::holds_alternative<Connection::Opened>(happening)) seen_ = generation;
             fetched.push_back(std::move(happening));
             inbox_.pop_front();
@@ -123,12 +131,17 @@ private:
     struct Entry {
         Happening happening;
         std::uint64_t generation;
+        std::size_t bytes = 0;  // about what it takes in memory
     };
 
     void clearOutbox() {
         outbox_.clear();
         outboxBytes_ = 0;
     }
+
+    // The network's thread's.
+    const Connection::Brings brings_;
+    std::optional<MessageReader> reader_;  // of the present connection
 
     mutable std::mutex mutex_;
     std::condition_variable arrived_;

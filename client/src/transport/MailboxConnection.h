@@ -32,7 +32,8 @@ public:
     void reset() final { drop(mailbox_.seen(), "the connection was reset"); }
 
 protected:
-    explicit MailboxConnection(ServerAddress address) : address_(std::move(address)) {}
+    MailboxConnection(ServerAddress address, Brings brings)
+        : address_(std::move(address)), mailbox_(brings) {}
 
     // On the owner's thread: there is something to write; there is room to read on.
     virtual void queued() = 0;

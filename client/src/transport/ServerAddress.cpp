@@ -158,10 +158,10 @@ Result<ServerAddress> parseServerAddress(const std::string& text) {
 }
 
 Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address) {
-    if (!address.dds) return createWebSocketConnection(address);
+    if (!address.dds) return createWebSocketConnection(address, Connection::Brings::Frames);
     const auto settings = ddsSettings();
     if (!settings) return tl::unexpected(settings.error());
-    return createDdsConnection(address, *settings);
+    return createDdsConnection(address, *settings, Connection::Brings::Frames);
 }
 
 }  // namespace usdlive::client

@@ -67,8 +67,8 @@ struct Line {
 
 class WebSocketConnection final : public MailboxConnection {
 public:
-    explicit WebSocketConnection(const ServerAddress& address)
-        : MailboxConnection(address), pause_(context_) {
+    WebSocketConnection(const ServerAddress& address, Brings brings)
+        : MailboxConnection(address, brings), pause_(context_) {
         asio::co_spawn(context_, run(), asio::detached);
         thread_ = std::thread([this] { context_.run(); });
     }
@@ -242,8 +242,9 @@ private:
 
 }  // namespace
 
-std::unique_ptr<Connection> createWebSocketConnection(const ServerAddress& address) {
-    return std::make_unique<WebSocketConnection>(address);
+std::unique_ptr<Connection> createWebSocketConnection(const ServerAddress& address,
+                                                      Connection::Brings brings) {
+    return std::make_unique<WebSocketConnection>(address, brings);
 }
 
 }  // namespace usdlive::client

@@ -1,29 +1,27 @@
 #include "usdlive/client/usd/BackgroundFill.h"
 
+#include <algorithm>
 #include <atomic>
 
-#include "usdlive/common/protocol/Snapshot.h"
+#include "usdlive/common/core/Overloaded.h"
 
 namespace usdlive::client {
 
 namespace {
 
-class FillFromRecords final : public SnapshotRecords {
-public:
-    explicit FillFromRecords(usd::LayerFill& fill) : fill_(fill) {}
-
-    Result<void> spec(NodeId node, NodeId parent, std::uint64_t order, SpecKind kind,
-                      std::string_view name) override {
-        return fill_.addSpec(node, parent, order, kind, name);
-    }
-    Result<void> field(std::string_view name, FieldValue value) override {
-        fill_.addField(name, value);
-        return {};
-    }
-
-private:
-    usd::LayerFill& fill_;
-};
+// False: it does not follow what was added before.
+bool addPart(usd::LayerFill& fill, const SnapshotPart& part) {
+    const Overloaded add{
+        [&](const SnapshotPart::Spec& spec) {
+            return bool(fill.addSpec(spec.node, spec.parent, spec.order, spec.kind, spec.name));
+        },
+        [&](const SnapshotPart::Field& field) {
+            fill.addField(field.name, field.value);
+            return true;
+        }};
+    return std::ranges::all_of(part.records,
+                               [&](const auto& record) { return std::visit(add, record); });
+}
 
 }  // namespace
 
@@ -32,8 +30,6 @@ struct BackgroundFill::Job {
     Job(const pxr::SdfLayerHandle& layer, usd::BlobSource& blobs) : fill(layer, blobs) {}
 
     usd::LayerFill fill;
-    FillFromRecords records{fill};
-    SnapshotReader reader{records};
     bool failed = false;
 
     std::atomic<int> underWay = 0;
@@ -60,8 +56,8 @@ void BackgroundFill::add(const LayerDoc& doc) {
     post([doc](Job& job) { job.fill.add(doc); });
 }
 
-void BackgroundFill::add(std::shared_ptr<const SnapshotFrame> chunk) {
-    post([chunk = std::move(chunk)](Job& job) { job.failed = !job.reader.add(*chunk); });
+void BackgroundFill::add(std::shared_ptr<const SnapshotPart> part) {
+    post([part = std::move(part)](Job& job) { job.failed = !addPart(job.fill, *part); });
 }
 
 bool BackgroundFill::isDone() const { return job_->underWay == 0; }

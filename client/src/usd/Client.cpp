@@ -259,8 +259,8 @@ public:
 
     // --- LayerView ---
 
-    void arriving(const LayerId& id, std::shared_ptr<const SnapshotFrame> chunk) override {
-        if (auto* live = find(id)) live->arriving(std::move(chunk));
+    void arriving(const LayerId& id, std::shared_ptr<const client::SnapshotPart> part) override {
+        if (auto* live = find(id)) live->arriving(std::move(part));
     }
     void arrived(const LayerId& id, const LayerDoc& snapshot) override {
         if (auto* live = find(id)) live->arrived(snapshot);
@@ -485,9 +485,7 @@ private:
         session_.connected();
     }
     void hear(Connection::Message& message) {
-        if (!lineOpen_) return;
-        const auto received = session_.received(std::move(message.bytes));
-        if (!received) hangUp(received.error());
+        if (lineOpen_) session_.received(std::move(message.content));
     }
     void hear(Connection::Lost& lost) {
         lastLoss_ = lost.reason;

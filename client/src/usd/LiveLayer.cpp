@@ -55,12 +55,12 @@ std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
                                             surroundings_.worker);
 }
 
-void LiveLayer::arriving(std::shared_ptr<const SnapshotFrame> chunk) {
-    if (chunk->index == 0) {
+void LiveLayer::arriving(std::shared_ptr<const SnapshotPart> part) {
+    if (part->first) {
         arriving_ = newFill();
         snapshot_.reset();
     }
-    if (arriving_) arriving_->add(std::move(chunk));
+    if (arriving_) arriving_->add(std::move(part));
 }
 
 void LiveLayer::arrived(const LayerDoc& snapshot) {
@@ -89,7 +89,7 @@ void LiveLayer::reset(const LayerDoc& doc) {
 void LiveLayer::fill() {
     if (!fill_ || !fill_->isDone()) return;
     if (fill_->hasFailed()) {
-        // The session made something of the same chunks: that is shown.
+        // The session made something of the same parts: that is shown.
         if (const LayerDoc* view = surroundings_.view()) reset(*view);
         return;
     }

@@ -170,7 +170,7 @@ private:
             return malformed("a snapshot's field has parts that do not fit");
         appendBytes(part, bytes);  // grows by what has arrived, not by what is claimed
         if (part.size() < size) return {};
-        auto done = put(partName, part);
+        auto done = put(name, part);  // the names of all parts are the same
         part = {};
         return done;
     }
@@ -212,6 +212,7 @@ Result<bool> SnapshotReader::add(const SnapshotFrame& frame) {
 }
 
 std::uint64_t SnapshotReader::specs() const { return state_->specs; }
+Bytes SnapshotReader::takeBytes() { return std::move(state_->raw); }
 
 class SnapshotDecoder::Records final : public SnapshotRecords {
 public:

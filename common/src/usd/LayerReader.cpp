@@ -1,6 +1,8 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <algorithm>
+
 #include "LayerAccess.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
@@ -21,9 +23,12 @@ public:
             const Spec spec = std::move(waiting_.back());
             waiting_.pop_back();
             if (auto done = readFields(spec); !done) return tl::unexpected(done.error());
+            const auto children = std::ptrdiff_t(waiting_.size());
             for (const ChildList list : kChildLists)
                 if (auto done = readChildren(spec, list); !done)
                     return tl::unexpected(done.error());
+            // In the order of LayerDoc::visit(), so that ids mostly grow with it.
+            std::reverse(waiting_.begin() + children, waiting_.end());
         }
         return builder_.finish();
     }

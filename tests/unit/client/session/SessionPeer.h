@@ -28,6 +28,7 @@ public:
 
     // ---- the server
 
+    MessageReader reader;
     LayerDocs docs;
     NamespaceLog log;
     std::map<ClientId, OwnCreations> creations;
@@ -64,10 +65,7 @@ public:
         return std::move(frame->transaction);
     }
 
-    void deliver(const Frame& frame) {
-        const auto done = session.received(std::make_shared<const Bytes>(encodeFrame(frame)));
-        if (!done) throw std::runtime_error(done.error().message);
-    }
+    void deliver(const Frame& frame) { session.received(reader.read(encodeFrame(frame))); }
     void deliver(const ControlMessage& message) { deliver(ControlFrame{encodeControl(message)}); }
 
     /// Executes a transaction; the commit's frame waits in history.
@@ -98,9 +96,7 @@ public:
         tell(made.revision);
         return made;
     }
-    void tell(Revision revision) {
-        (void)session.received(std::make_shared<const Bytes>(history[revision - 1].first));
-    }
+    void tell(Revision revision) { session.received(reader.read(history[revision - 1].first)); }
     /// Somebody else's transaction, as of now.
     Transaction foreign(std::vector<Edit> edits, std::uint64_t gesture = 0) {
         return {{kOther, ++lastForeign_}, head(), gesture, std::move(edits)};

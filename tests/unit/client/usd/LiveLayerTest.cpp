@@ -19,7 +19,7 @@ using usdlive::test::MemoryBlobs;
 
 namespace {
 
-using Chunks = std::vector<std::shared_ptr<const SnapshotFrame>>;
+using Parts = std::vector<std::shared_ptr<const client::SnapshotPart>>;
 
 std::string textOf(const pxr::SdfLayerHandle& layer) {
     std::string text;
@@ -27,7 +27,7 @@ std::string textOf(const pxr::SdfLayerHandle& layer) {
     return text;
 }
 
-// Of several chunks.
+// Of several parts.
 LayerDoc bigDoc(const std::string& name, int prims = 6'000) {
     LayerDoc doc;
     EXPECT_TRUE(doc.apply("/" + name, CreateSpec{SpecKind::Prim}));
@@ -39,27 +39,30 @@ LayerDoc bigDoc(const std::string& name, int prims = 6'000) {
     return doc;
 }
 
-Chunks chunksOf(const LayerDoc& doc) {
-    Chunks chunks;
+Parts partsOf(const LayerDoc& doc) {
+    Parts parts;
     SnapshotEncoder encoder(doc, 1);
-    while (auto chunk = encoder.next())
-        chunks.push_back(std::make_shared<const SnapshotFrame>(std::move(*chunk)));
-    EXPECT_GT(chunks.size(), 2U);
-    return chunks;
+    client::MessageReader reader;
+    while (const auto chunk = encoder.next()) {
+        auto read = reader.read(encodeFrame(*chunk));
+        parts.push_back(std::get<client::ReceivedSnapshot>(*read.frames.at(0)).part);
+    }
+    EXPECT_GT(parts.size(), 2U);
+    return parts;
 }
 
 class LiveLayerTest : public ::testing::Test {
 protected:
-    void arrive(const Chunks& chunks) {
-        for (const auto& chunk : chunks) live.arriving(chunk);
+    void arrive(const Parts& parts) {
+        for (const auto& part : parts) live.arriving(part);
     }
     void show(const LayerDoc& doc) {
         view = doc;
         live.reset(doc);
     }
     // As a session joins a layer to which nothing was committed meanwhile.
-    void join(const Chunks& chunks, const LayerDoc& doc) {
-        arrive(chunks);
+    void join(const Parts& parts, const LayerDoc& doc) {
+        arrive(parts);
         live.arrived(doc);
         show(doc);
         expectView();
@@ -96,7 +99,7 @@ protected:
 
 TEST_F(LiveLayerTest, ShowsWhatArrivedWithWhatWasCommittedSince) {
     LayerDoc doc = bigDoc("W");
-    arrive(chunksOf(doc));
+    arrive(partsOf(doc));
     live.arrived(doc);
     ASSERT_TRUE(doc.apply("/W/p7", MoveSpec{{"/W", {}}, "renamed"}));
     ASSERT_TRUE(doc.apply("/W/p8", DeleteSpec{}));
@@ -110,7 +113,7 @@ TEST_F(LiveLayerTest, ShowsWhatArrivedWithWhatWasCommittedSince) {
 
 TEST_F(LiveLayerTest, IsMadeAnewWhereMuchWasCommittedSince) {
     LayerDoc doc = bigDoc("W");
-    arrive(chunksOf(doc));
+    arrive(partsOf(doc));
     live.arrived(doc);
     for (int i = 0; i < 6'000; ++i)
         ASSERT_TRUE(
@@ -128,30 +131,28 @@ TEST_F(LiveLayerTest, ASmallOneIsThereAtOnce) {
 }
 
 TEST_F(LiveLayerTest, ASnapshotThatBeginsAnewMakesTheOneBeforeVoid) {
-    Chunks first = chunksOf(bigDoc("First"));
+    Parts first = partsOf(bigDoc("First"));
     first.pop_back();
     arrive(first);
     const LayerDoc doc = bigDoc("Second");
-    join(chunksOf(doc), doc);
+    join(partsOf(doc), doc);
 }
 
 TEST_F(LiveLayerTest, IsFilledAnewWhileASnapshotArrives) {
     const LayerDoc next = bigDoc("Next");
-    Chunks chunks = chunksOf(next);
-    live.arriving(chunks.front());
-    chunks.erase(chunks.begin());
+    Parts parts = partsOf(next);
+    live.arriving(parts.front());
+    parts.erase(parts.begin());
     show(bigDoc("Now", 3));
     expectView();
-    join(chunks, next);
+    join(parts, next);
 }
 
-TEST_F(LiveLayerTest, ShowsTheViewWhereChunksCannotBeRead) {
+TEST_F(LiveLayerTest, ShowsTheViewWherePartsDoNotFollow) {
     const LayerDoc doc = bigDoc("W");
-    Chunks chunks = chunksOf(doc);
-    SnapshotFrame broken = *chunks[1];
-    broken.data.resize(broken.data.size() / 2);
-    chunks[1] = std::make_shared<const SnapshotFrame>(broken);
-    join(chunks, doc);
+    Parts parts = partsOf(doc);
+    std::swap(parts[1], parts[2]);
+    join(parts, doc);
 }
 
-TEST_F(LiveLayerTest, MayGoWhileItIsFilled) { arrive(chunksOf(bigDoc("W", 50'000))); }
+TEST_F(LiveLayerTest, MayGoWhileItIsFilled) { arrive(partsOf(bigDoc("W", 50'000))); }

@@ -40,11 +40,20 @@ public:
         inbox.push_back(Lost{{ErrorCode::NotConnected, why}});
     }
 
+    void open(server::SessionId session) {
+        session_ = session;
+        reader_.emplace();
+    }
+    void deliver(const SharedBytes& frames) {
+        inbox.push_back(Message{nullptr, reader_->read(*frames)});
+    }
+
     std::deque<Happening> inbox;
     server::SessionId session_ = 0;
 
 private:
     MemoryServer& server_;
+    std::optional<client::MessageReader> reader_;
 };
 
 namespace {
@@ -90,7 +99,7 @@ void MemoryServer::work() {
 
 bool MemoryServer::open(MemoryConnection& connection) {
     if (!reachable_) return false;
-    connection.session_ = ++lastSession_;
+    connection.open(++lastSession_);
     lines_[lastSession_] = &connection;
     project_->connected(lastSession_);
     return true;
@@ -102,8 +111,7 @@ void MemoryServer::gone(MemoryConnection& connection) {
 }
 
 void MemoryServer::send(server::SessionId session, SharedBytes frames) {
-    if (const auto line = lines_.find(session); line != lines_.end())
-        line->second->inbox.push_back(client::Connection::Message{std::move(frames)});
+    if (const auto line = lines_.find(session); line != lines_.end()) line->second->deliver(frames);
 }
 
 void MemoryServer::close(server::SessionId session) {

@@ -10,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "usdlive/client/session/MessageReader.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
@@ -37,10 +38,9 @@ public:
 class LayerView {
 public:
     virtual ~LayerView() = default;
-    /// The content of a layer as it arrives, chunk by chunk (SN1): who makes what the editor is to
-    /// see of it beside the editor's thread can begin. Chunk 0 makes those before it void.
-    virtual void arriving(const LayerId& /*layer*/,
-                          std::shared_ptr<const SnapshotFrame> /*chunk*/) {}
+    /// The content of a layer as it arrives, part by part: who makes what the editor is to see of
+    /// it beside the editor's thread can begin. A first part makes those before it void.
+    virtual void arriving(const LayerId& /*layer*/, std::shared_ptr<const SnapshotPart> /*part*/) {}
     /// That was all, and `snapshot` is what it says. The reset() that follows at once is with the
     /// commits made since. Not told of every content: a reset() without it is of a doc alone.
     virtual void arrived(const LayerId& /*layer*/, const LayerDoc& /*snapshot*/) {}
@@ -171,8 +171,8 @@ public:
     // The connection, by whoever owns it. Each connection is new; the session resumes by itself.
     void connected();
     void disconnected(Error reason);
-    /// A message as it came; cheap (queues it). An error means the connection is to be closed.
-    Result<void> received(SharedBytes message);
+    /// A message, as a MessageReader of this connection has read it; cheap (queues it).
+    void received(ReceivedMessage message);
 
     // Layers.
     void openLayer(const LayerId& layer);

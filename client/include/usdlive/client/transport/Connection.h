@@ -7,6 +7,7 @@
 #include <variant>
 #include <vector>
 
+#include "usdlive/client/session/MessageReader.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
 #include "usdlive/common/dds/Domain.h"
@@ -33,8 +34,11 @@ struct ServerAddress {
 class Connection {
 public:
     struct Opened {};
+    /// As it came, or read on the connection's thread already.
+    enum class Brings { Bytes, Frames };
     struct Message {
-        SharedBytes bytes;
+        SharedBytes bytes;        ///< nullptr unless the connection brings bytes
+        ReceivedMessage content;  ///< empty unless it brings frames
     };
     struct Lost {
         Error reason;
@@ -54,15 +58,18 @@ public:
     virtual void reset() = 0;
 };
 
-/// Of the address's kind. InvalidConfiguration: this process cannot use DDS as it is told to.
+/// Of the address's kind; brings frames. InvalidConfiguration: this process cannot use DDS as it is
+/// told to.
 [[nodiscard]] Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address);
 
 /// WebSocket at `/live`. A dead peer is noticed within 15 s by pings.
-[[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(const ServerAddress& address);
+[[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(
+    const ServerAddress& address, Connection::Brings brings = Connection::Brings::Bytes);
 
 /// DDS, to the project of that name. Several servers of the name: the one started last.
 [[nodiscard]] Result<std::unique_ptr<Connection>> createDdsConnection(
-    const ServerAddress& address, const dds::DomainSettings& settings);
+    const ServerAddress& address, const dds::DomainSettings& settings,
+    Connection::Brings brings = Connection::Brings::Bytes);
 /// What the environment says: USDLIVE_DDS_INTERFACE, USDLIVE_DDS_DOMAIN, USDLIVE_DDS_CONFIG (a
 /// file) and USDLIVE_DDS_SECURITY (a folder). InvalidConfiguration: the domain is no number.
 [[nodiscard]] Result<dds::DomainSettings> ddsSettings();

@@ -4,8 +4,8 @@
 
 #include <memory>
 
+#include "usdlive/client/session/MessageReader.h"
 #include "usdlive/client/usd/Worker.h"
-#include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::client {
@@ -21,15 +21,15 @@ public:
     BackgroundFill(const BackgroundFill&) = delete;
     BackgroundFill& operator=(const BackgroundFill&) = delete;
 
-    /// Either a doc, or the chunks of a snapshot in their order. A doc of at most kMadeAtOnce specs
+    /// Either a doc, or the parts of a snapshot in their order. A doc of at most kMadeAtOnce specs
     /// takes a few milliseconds: it is made here and now.
     static constexpr std::size_t kMadeAtOnce = 2'000;
     void add(const LayerDoc& doc);
-    void add(std::shared_ptr<const SnapshotFrame> chunk);
+    void add(std::shared_ptr<const SnapshotPart> part);
 
     /// All that was added is made.
     [[nodiscard]] bool isDone() const;
-    /// Something was wrong with the chunks. Precondition: isDone().
+    /// The parts do not follow one another. Precondition: isDone().
     [[nodiscard]] bool hasFailed() const;
     /// As LayerFill::namesLayers(). Precondition: isDone().
     [[nodiscard]] bool namesLayers() const;

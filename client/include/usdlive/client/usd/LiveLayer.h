@@ -47,7 +47,7 @@ public:
     [[nodiscard]] bool isFilled() const { return store_ && !fill_; }
 
     /// As LayerView: content that a reset() will be about. The worker begins with it.
-    void arriving(std::shared_ptr<const SnapshotFrame> chunk);
+    void arriving(std::shared_ptr<const SnapshotPart> part);
     void arrived(const LayerDoc& snapshot);
     /// All content anew. What comes to apply() meanwhile waits for it.
     void reset(const LayerDoc& doc);

@@ -42,6 +42,8 @@ public:
     /// after the last.
     Result<bool> add(const SnapshotFrame& frame);
     [[nodiscard]] std::uint64_t specs() const;  ///< so far
+    /// What the names of the last chunk's records are views of; else they end with the next add().
+    [[nodiscard]] Bytes takeBytes();
 
 private:
     struct State;
