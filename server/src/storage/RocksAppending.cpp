@@ -1,0 +1,207 @@
+#include "RocksCommitStoreImpl.h"
+#include "StoreRules.h"
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::size_t kKnownClients = 10'000;
+constexpr std::size_t kRecordBytes = 256;  // of a commit, beside its frame, about
+constexpr std::uint64_t kLongLogBytes = 4 * kMib;
+
+}  // namespace
+
+CommitStore::Head RocksCommitStore::head() const {
+    const std::shared_lock lock(mutex_);
+    return head_;
+}
+
+Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
+    if (commits.empty()) return {};
+    if (const auto ready = checkFailed().and_then([&] { return mayAppend(commits, head_); });
+        !ready)
+        return ready;
+    std::size_t bytes = 0;
+    for (const CommitRecord& commit : commits) bytes += commit.frame->size() + kRecordBytes;
+
+    Group group(bytes);
+    group.head = head_;
+    for (const CommitRecord& commit : commits)
+        if (const auto added = addTo(group, commit); !added) return added;
+    addFound(group);
+    addHead(group);
+    const auto written =
+        checkSpace(group.batch.GetDataSize()).and_then([&] { return write(group.batch); });
+    if (!written) return written;
+
+    if (options_.durability == Durability::Synced)
+        folder_.setMark({group.head.revision, group.head.hash});
+    if (highest_.size() > kKnownClients) highest_.clear();
+    for (const auto& [client, highest] : group.clients) highest_[client] = highest;
+    const std::unique_lock lock(mutex_);
+    head_ = group.head;
+    for (auto& [name, layer] : group.layers) {
+        // Somebody may have saved it meanwhile.
+        Layer& known = layers_[name];
+        const bool isNew = group.saved.contains(name);
+        if (!isNew || known.saved.revision > layer.saved.revision) layer.saved = known.saved;
+        known = layer;
+    }
+    if (group.batch.GetDataSize() > kLongLogBytes) flushSoon();
+    return {};
+}
+
+/// Has RocksDB write what is in its log to tables, beside everything else: the next opening would
+/// have to do what the log says once more.
+void RocksCommitStore::flushSoon() {
+    rocksdb::FlushOptions options;
+    options.wait = false;
+    db_->Flush(options, handles_).PermitUncheckedError();
+}
+
+Result<void> RocksCommitStore::addTo(Group& group, const CommitRecord& commit) {
+    addRecord(group, commit);
+    for (const LayerId& name : commit.layers) addEdited(group, name, commit.revision);
+    if (commit.saved) {
+        Layer& layer = layerOf(group, commit.saved->layer);
+        if (commit.saved->state.revision >= layer.saved.revision) layer.saved = commit.saved->state;
+        group.saved.insert(commit.saved->layer);
+    }
+    if (!commit.namespaceChanges.empty())
+        group.batch.Put(family(Family::Meta), key(kNamespacePrefix, commit.revision),
+                        slice(encoded(commit.namespaceChanges)));
+    group.head.revision = commit.revision;
+    group.head.hash = commit.hash;
+    return addTransaction(group, commit.id, commit.revision);
+}
+
+/// A run goes on while the next commit for the layer is near; its record is written anew.
+void RocksCommitStore::addEdited(Group& group, const LayerId& name, Revision revision) {
+    Layer& layer = layerOf(group, name);
+    if (layer.changed == revision) return;
+    if (layer.changed == 0 || revision > layer.changed + kSmallGap) layer.runBegin = revision;
+    layer.changed = revision;
+    group.runs[{name, layer.runBegin}] = revision;
+}
+
+void RocksCommitStore::addRecord(Group& group, const CommitRecord& commit) {
+    const std::string revision = storekeys::commit(commit.revision);
+    const rocksdb::Slice keys[] = {revision};
+    const rocksdb::Slice values[] = {slice(commit.hash.bytes), slice(*commit.frame)};
+    group.batch.Put(family(Family::Commits), {keys, 1}, {values, 2});
+}
+
+// Layers are added by this thread alone, which need not lock to look for one.
+RocksCommitStore::Layer& RocksCommitStore::layerOf(Group& group, const LayerId& name) {
+    const auto [entry, added] = group.layers.try_emplace(name);
+    if (!added) return entry->second;
+    if (const auto known = layers_.find(name); known != layers_.end()) {
+        const std::shared_lock lock(mutex_);  // of setSaved()
+        return entry->second = known->second;
+    }
+    // No layer is ever taken out, so their count is the highest number.
+    std::uint32_t number = std::uint32_t(layers_.size());
+    for (const auto& [other, layer] : group.layers) number = std::max(number, layer.number);
+    entry->second.number = number + 1;
+    group.batch.Put(family(Family::Meta), key(kLayerPrefix, name.value),
+                    slice(encoded<std::uint32_t>(number + 1)));
+    return entry->second;
+}
+
+Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId& id,
+                                              Revision revision) {
+    if (id.sequence == 0) return {};  // an import or a reload, which nobody sends again
+    const auto [entry, added] = group.clients.try_emplace(id.client);
+    if (added) {
+        const auto known = highest_.find(id.client);
+        const auto last = known == highest_.end() ? lastSequence(id.client) : known->second;
+        if (!last) return tl::unexpected(last.error());
+        entry->second = *last;
+    }
+    const bool late = entry->second >= id.sequence + kRemembered;
+    entry->second = std::max(entry->second, id.sequence);
+    Bytes value = encoded<std::uint64_t>(id.sequence);
+    appendNumber<Revision>(value, revision);
+    const std::string key = late ? storekeys::lateTransaction(id.client, id.sequence)
+                                 : storekeys::transaction(id.client, id.sequence);
+    group.batch.Put(family(Family::Clients), key, slice(value));
+    return {};
+}
+
+/// What the group's commits say of layers and clients.
+void RocksCommitStore::addFound(Group& group) {
+    for (const auto& [client, end] : group.clients)
+        group.batch.Put(family(Family::Clients), storekeys::highestTransaction(client),
+                        slice(encoded<std::uint64_t>(end)));
+    for (const auto& [run, last] : group.runs)
+        group.batch.Put(family(Family::Meta),
+                        key(kEditedPrefix, group.layers.at(run.first).number, run.second),
+                        slice(encoded<Revision>(last)));
+    for (const LayerId& name : group.saved) {
+        const Layer& layer = group.layers.at(name);
+        const std::shared_lock lock(mutex_);  // of setSaved()
+        const auto known = layers_.find(name);
+        if (known == layers_.end() || layer.saved.revision >= known->second.saved.revision)
+            group.batch.Put(family(Family::Meta), key(kSavedPrefix, layer.number),
+                            slice(encodedSaved(layer.saved)));
+    }
+}
+
+void RocksCommitStore::addHead(Group& group) {
+    Bytes head = encoded<Revision>(group.head.revision);
+    appendBytes(head, group.head.hash.bytes);
+    group.batch.Put(family(Family::Meta), kHeadKey, slice(head));
+    group.batch.Put(family(Family::Clients), kClientsRevisionKey,
+                    slice(encoded<Revision>(group.head.revision)));
+}
+
+Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch) {
+    rocksdb::WriteOptions options;
+    options.sync = options_.durability == Durability::Synced;
+    const auto status = db_->Write(options, &batch);
+    if (status.ok()) return {};
+    // Part of it may be on the disk. Only opening anew tells what is, so there is no second try.
+    Error failure = error(status, "write to");
+    failure.code = ErrorCode::StorageFailed;
+    const std::unique_lock lock(mutex_);
+    failure_ = failure;
+    return tl::unexpected(std::move(failure));
+}
+
+Result<void> RocksCommitStore::checkFailed() const {
+    const std::shared_lock lock(mutex_);
+    if (failure_) return tl::unexpected(*failure_);
+    return {};
+}
+
+Result<std::size_t> RocksCommitStore::keepSnapshot(const LayerId& layer, const LayerDoc& doc,
+                                                   Revision revision, const Hash& hash) {
+    const std::uint32_t number = numberOf(layer);
+    if (number == 0)
+        return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+    const auto known = hashAt(revision);
+    if (!known) return tl::unexpected(known.error());
+    if (revision == 0 || *known != hash)
+        return fail(ErrorCode::HistoryDiverged,
+                    "the snapshot of " + layer.value + " is of another history");
+    const std::lock_guard lock(snapshotMutex_);
+    auto& [newest, size] = snapshots_[number];
+    if (revision <= newest) return size;
+    // Edits need the space more than it does, which stands beside the one before for a while.
+    const auto fits = [this](std::size_t bytes) {
+        const Space space = measureSpace();
+        return space.usable >= 2 * space.least + kCopies * bytes;
+    };
+    const auto full = [&] {
+        return fail(ErrorCode::StorageFull, "too little space for a snapshot of " + layer.value);
+    };
+    if (!fits(size)) return full();
+    const Bytes content = encodeSnapshot({revision, hash, doc});
+    if (!fits(content.size())) return full();
+    if (auto done = sealedfile::replace(folder_.snapshot(number), content); !done)
+        return tl::unexpected(done.error());
+    newest = revision;
+    return size = content.size();
+}
+
+}  // namespace usdlive::server

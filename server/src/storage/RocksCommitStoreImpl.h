@@ -1,0 +1,184 @@
+#pragma once
+
+#include <rocksdb/db.h>
+#include <rocksdb/sst_file_manager.h>
+#include <rocksdb/write_batch.h>
+
+#include <chrono>
+#include <map>
+#include <mutex>
+#include <set>
+#include <shared_mutex>
+#include <unordered_map>
+
+#include "FreeSpace.h"
+#include "LayerSnapshots.h"
+#include "RocksSupport.h"
+#include "RocksTuning.h"
+#include "StoreFolder.h"
+#include "StoreRecords.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
+
+namespace usdlive::server {
+
+/// Parts: RocksCommitStore.cpp (space on the disk), RocksOpening.cpp, RocksAppending.cpp,
+/// RocksReading.cpp (the log, layers, and what is known of them and of checkpoints).
+class RocksCommitStore final : public CommitStore {
+public:
+    RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)
+        : folder_(std::move(folder)),
+          options_(options),
+          files_(rocksdb::NewSstFileManager(rocksdb::Env::Default())),
+          reserve_(folder_.reserve(), options.reserveBytes) {}
+    ~RocksCommitStore() override;
+
+    Result<void> open();
+
+    [[nodiscard]] Head head() const override;
+    Result<void> append(std::span<const CommitRecord> commits) override;
+    Result<void> read(Revision from, Revision to,
+                      const std::function<bool(const StoredCommit&)>& visit) const override;
+    [[nodiscard]] Result<Hash> hashAt(Revision revision) const override;
+    [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
+    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
+                                                            Replayed* replayed) const override;
+    Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
+                                     const Hash& hash) override;
+    [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override;
+    Result<void> setSaved(const LayerId& layer, const SavedState& saved) override;
+    [[nodiscard]] Result<std::vector<LayerId>> unsavedLayers() const override;
+    [[nodiscard]] Result<std::vector<NamespaceChange>> namespaceChanges(
+        Revision revision) const override;
+    [[nodiscard]] Result<std::optional<Revision>> committed(
+        const TransactionId& transaction) const override;
+    [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const override;
+    Result<void> addCheckpoint(const Checkpoint& checkpoint) override;
+    [[nodiscard]] Result<std::vector<Checkpoint>> checkpoints() const override;
+    [[nodiscard]] bool hasSpace() const override;
+
+private:
+    struct Layer {
+        std::uint32_t number = 0;
+        Revision changed = 0;   // by which commit last
+        Revision runBegin = 0;  // of the run of commits for it that this one belongs to
+        SavedState saved;
+    };
+    using Layers = std::map<LayerId, Layer>;
+    /// What one append() writes, and what it makes of the values in memory.
+    struct Group {
+        explicit Group(std::size_t bytes) : batch(bytes) {}
+        rocksdb::WriteBatch batch;
+        Head head;
+        std::map<std::pair<LayerId, Revision>, Revision> runs;  // of commits: begin -> last
+        Layers layers;                                          // these, as they are after it
+        std::set<LayerId> saved;                    // those that it brings in from their files
+        std::map<ClientId, std::uint64_t> clients;  // the highest numbers of their transactions
+    };
+
+    // Opening.
+    Result<void> checkRoom();
+    Result<void> openDatabase();
+    Result<void> readHead();
+    Result<void> readLayers();
+    Result<void> upgrade();
+    Result<void> readEdited();
+    [[nodiscard]] Result<SavedState> readSaved(std::uint32_t layer) const;
+    Result<void> verify() const;
+    Result<void> verifyMark() const;
+    Result<void> verifyChain() const;
+    Result<void> writeLogOut();
+    Result<void> takeEpoch();
+
+    // Appending.
+    Result<void> addTo(Group& group, const CommitRecord& commit);
+    void addEdited(Group& group, const LayerId& name, Revision revision);
+    void addRecord(Group& group, const CommitRecord& commit);
+    Layer& layerOf(Group& group, const LayerId& name);
+    Result<void> addTransaction(Group& group, const TransactionId& id, Revision revision);
+    void addFound(Group& group);
+    void addHead(Group& group);
+    void flushSoon();
+    Result<void> write(rocksdb::WriteBatch& batch);
+    Result<void> checkFailed() const;
+
+    // Space.
+    /// A batch is written to the log, to a table, and to another one when tables are merged.
+    static constexpr std::uint64_t kCopies = 3;
+    struct Space {
+        std::uint64_t usable = 0, least = 0, margin = 0;
+    };
+    Space measureSpace() const;
+    Result<void> checkSpace(std::uint64_t bytes) const;
+
+    // Reading.
+    [[nodiscard]] rocksdb::ColumnFamilyHandle* family(Family family) const {
+        return handles_[std::size_t(family)];
+    }
+    [[nodiscard]] Error error(const rocksdb::Status& status, const char* verb) const {
+        return rocksError(status, verb, folder_.path());
+    }
+    tl::unexpected<Error> damaged(const std::string& why) const {
+        return fail(ErrorCode::StorageCorrupt,
+                    "the store " + folder_.path().string() + " is damaged: " + why);
+    }
+    tl::unexpected<Error> damagedAt(Revision revision, const char* what) const {
+        return damaged("commit " + std::to_string(revision) + " " + what);
+    }
+    /// Nothing: there is no such record.
+    template <Number T>
+    Result<std::optional<T>> number(Family from, const std::string& key) const;
+    /// The runs of commits after `revision` that are for a layer, in order.
+    struct Run {
+        Revision first = 0, last = 0;
+    };
+    [[nodiscard]] Result<std::vector<Run>> runsAfter(std::uint32_t layer, Revision revision) const;
+    /// Has `doc`, which is the layer at `revision`, follow the commits since. Their replayCost().
+    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, std::uint32_t number,
+                               Revision revision) const;
+    [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
+    /// Nothing: none that can be read and goes with the log.
+    [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer) const;
+    /// Visits the records of the meta family whose key begins with `prefix`, from `start` on.
+    Result<void> each(char prefix, const std::string& start,
+                      const std::function<bool(std::string_view, ByteView)>& visit) const;
+    /// Commits as they are stored; nothing when the value is too short to be one.
+    [[nodiscard]] std::optional<StoredCommit> commitAt(const rocksdb::Iterator& iterator) const;
+
+    StoreFolder folder_;
+    const RocksCommitStoreOptions options_;
+    const std::shared_ptr<rocksdb::SstFileManager> files_;
+    std::uint64_t logBytes_ = 0;  // that opening had to do again
+    std::unique_ptr<rocksdb::DB> db_;
+    std::vector<rocksdb::ColumnFamilyHandle*> handles_;
+
+    mutable std::shared_mutex mutex_;  // guards the next three
+    Head head_;
+    Layers layers_;
+    std::optional<Error> failure_;
+
+    // append()'s own: the highest numbers of who has sent something since the opening.
+    std::unordered_map<ClientId, std::uint64_t> highest_;
+
+    std::mutex snapshotMutex_;  // held while one is written; guards the next
+    // Of layers, that were written since the opening: revision and bytes.
+    std::map<std::uint32_t, std::pair<Revision, std::size_t>> snapshots_;
+
+    mutable std::mutex spaceMutex_;  // guards the next four
+    mutable Reserve reserve_;
+    mutable std::chrono::steady_clock::time_point spaceTime_;
+    mutable bool hasSpace_ = false;
+    mutable std::uint64_t plenty_ = 0;  // beyond what edits leave free
+};
+
+template <Number T>
+Result<std::optional<T>> RocksCommitStore::number(Family from, const std::string& key) const {
+    std::string value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(from), key, &value);
+    if (status.IsNotFound()) return std::optional<T>();
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    const auto number = decoded<T>(asBytes(value));
+    if (!number) return damaged("a record cannot be read");
+    return number;
+}
+
+}  // namespace usdlive::server

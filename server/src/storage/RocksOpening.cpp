@@ -1,0 +1,247 @@
+#include "RocksCommitStoreImpl.h"
+#include "StoreRules.h"
+
+namespace usdlive::server {
+
+namespace {
+
+// Opening writes what is in the log to tables.
+constexpr std::uint64_t kOpeningBytes = 2 * kMib;
+// Commits of an older format that are looked through before what was found is written.
+constexpr std::size_t kUpgradedAtOnce = 1'000;
+
+std::uint64_t logBytes(const std::filesystem::path& database) {
+    std::uint64_t bytes = 0;
+    std::error_code error;
+    for (const auto& entry : std::filesystem::directory_iterator(database, error))
+        if (entry.path().extension() == ".log") bytes += entry.file_size(error);
+    return bytes;
+}
+
+}  // namespace
+
+Result<void> RocksCommitStore::open() {
+    return checkRoom()
+        .and_then([this] { return openDatabase(); })
+        .and_then([this] { return readHead(); })
+        .and_then([this] { return readLayers(); })
+        .and_then([this] { return verify(); })
+        .and_then([this] { return upgrade(); })
+        .and_then([this] { return readEdited(); })
+        .and_then([this] { return writeLogOut(); })
+        .and_then([this] { return takeEpoch(); });
+}
+
+// RocksDB (as Debian builds it) ends the process when the disk is full.
+Result<void> RocksCommitStore::checkRoom() {
+    logBytes_ = logBytes(folder_.database());
+    const std::uint64_t needed = 2 * logBytes_ + kOpeningBytes;
+    reserve_.adapt(diskSpace(folder_.path()).free, needed, ~std::uint64_t(0));
+    if (diskSpace(folder_.path()).free >= needed) return {};
+    return fail(ErrorCode::StorageFull, "the disk is too full to open the store " +
+                                            folder_.path().string() + ", which takes " +
+                                            std::to_string(needed / kMib) + " MiB");
+}
+
+Result<void> RocksCommitStore::openDatabase() {
+    rocksdb::DBOptions options = databaseOptions(files_);
+    // Where commits were acknowledged nothing is to be made anew.
+    const auto mark = folder_.mark();
+    options.create_if_missing = !mark || mark->revision == 0;
+    auto families = columnFamilies();
+    if (folder_.format() < StoreFolder::kFormat) families.push_back(formerFamily());
+    rocksdb::DB* opened = nullptr;
+    const auto status =
+        rocksdb::DB::Open(options, folder_.database().string(), families, &handles_, &opened);
+    db_.reset(opened);
+    // RocksDB syncs what is in its folder, and not that there is one.
+    if (status.ok()) return syncFolder(folder_.path());
+    // Files that are missing, short or from elsewhere come as these two.
+    const bool broken = status.IsInvalidArgument() || status.IsPathNotFound();
+    Error what = error(status, "open");
+    if (broken) what.code = ErrorCode::StorageCorrupt;
+    return tl::unexpected(std::move(what));
+}
+
+Result<void> RocksCommitStore::readHead() {
+    const auto epoch = number<std::uint64_t>(Family::Meta, kEpochKey);
+    if (!epoch) return tl::unexpected(epoch.error());
+    head_.epoch = epoch->value_or(0);
+    std::string value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Meta), kHeadKey, &value);
+    if (status.IsNotFound()) return {};
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    if (value.size() != sizeof(Revision) + kHashBytes) return damaged("its head cannot be read");
+    ByteReader in(asBytes(value));
+    head_.revision = in.u64();
+    head_.hash = hashOf(in.take(kHashBytes));
+    return {};
+}
+
+Result<void> RocksCommitStore::readLayers() {
+    std::map<std::uint32_t, LayerId> names;
+    const auto read = each(kLayerPrefix, {}, [&](std::string_view name, ByteView value) {
+        const auto number = decoded<std::uint32_t>(value);
+        if (!number || !names.try_emplace(*number, LayerId{std::string(name)}).second) return false;
+        layers_[{std::string(name)}].number = *number;
+        return true;
+    });
+    if (!read) return read;
+    for (auto& [name, layer] : layers_) {
+        auto saved = readSaved(layer.number);
+        if (!saved) return tl::unexpected(saved.error());
+        layer.saved = std::move(*saved);
+    }
+    return {};
+}
+
+/// A store of format 1 held each layer field by field, and other keys for transactions. The log has
+/// all that is wanted now.
+Result<void> RocksCommitStore::upgrade() {
+    if (folder_.format() == StoreFolder::kFormat) return {};
+    Group group(0);
+    group.head = head_;
+    group.batch.DeleteRange(family(Family::Clients), std::string(), std::string(64, '\xff'));
+    group.batch.DeleteRange(family(Family::Meta), std::string(1, kFormerChangedPrefix),
+                            std::string(1, kFormerChangedPrefix + 1));
+    Result<void> done;
+    const auto writeOut = [&] {
+        addFound(group);
+        done = checkSpace(group.batch.GetDataSize()).and_then([&] { return write(group.batch); });
+        for (const auto& [name, layer] : group.layers) layers_[name] = layer;
+        group = Group(0);
+        group.head = head_;
+        return bool(done);
+    };
+    const auto visit = [&](const StoredCommit& stored) {
+        const auto commit = decodeCommit(stored);
+        if (!commit) {
+            done = tl::unexpected(commit.error());
+            return false;
+        }
+        for (const Edit& edit : commit->edits) addEdited(group, edit.layer, commit->revision);
+        if (commit->imported) addEdited(group, *commit->imported, commit->revision);
+        done = addTransaction(group, commit->id, commit->revision);
+        if (!done || group.batch.Count() < kUpgradedAtOnce) return bool(done);
+        return writeOut();
+    };
+    const auto read = this->read(1, head_.revision, visit);
+    if (!read) return read;
+    addHead(group);
+    if (!done || !writeOut()) return done;
+    // Whatever the durability: the next two are synced.
+    if (const auto synced = db_->SyncWAL(); !synced.ok())
+        return tl::unexpected(error(synced, "upgrade"));
+    for (; handles_.size() > columnFamilies().size(); handles_.pop_back()) {
+        if (const auto dropped = db_->DropColumnFamily(handles_.back()); !dropped.ok())
+            return tl::unexpected(error(dropped, "upgrade"));
+        db_->DestroyColumnFamilyHandle(handles_.back());
+    }
+    return folder_.setFormat();
+}
+
+Result<void> RocksCommitStore::readEdited() {
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
+    for (auto& [name, layer] : layers_) {
+        const std::string all = key(kEditedPrefix, layer.number);
+        at->SeekForPrev(key(kEditedPrefix, layer.number, ~Revision(0)));
+        if (!at->Valid() || !text(at->key()).starts_with(all)) continue;
+        const auto last = decoded<Revision>(bytes(at->value()));
+        const std::string_view first = text(at->key()).substr(all.size());
+        if (!last || first.size() != sizeof(Revision))
+            return damaged("a record of a layer's commits cannot be read");
+        layer.changed = *last;
+        layer.runBegin = storekeys::bigEndian64(first);
+    }
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    return {};
+}
+
+Result<SavedState> RocksCommitStore::readSaved(std::uint32_t layer) const {
+    std::string value;
+    const auto status =
+        db_->Get(rocksdb::ReadOptions(), family(Family::Meta), key(kSavedPrefix, layer), &value);
+    if (status.IsNotFound()) return SavedState();
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    auto saved = decodedSaved(asBytes(value));
+    if (!saved) return damaged("what it says of a saved layer cannot be read");
+    return std::move(*saved);
+}
+
+Result<void> RocksCommitStore::verify() const {
+    const bool former = folder_.format() < StoreFolder::kFormat;
+    const auto clients =
+        former ? head_.revision : number<Revision>(Family::Clients, kClientsRevisionKey);
+    if (!clients) return tl::unexpected(clients.error());
+    if (clients->value_or(0) != head_.revision)
+        return damagedAt(head_.revision, "is the newest, and what clients sent is of another");
+    return verifyChain().and_then([this] { return verifyMark(); });
+}
+
+Result<void> RocksCommitStore::verifyMark() const {
+    const auto mark = folder_.mark();
+    if (!mark || mark->revision == 0) return {};
+    if (mark->revision > head_.revision)
+        return damagedAt(mark->revision, ("was acknowledged, and the history ends at " +
+                                          std::to_string(head_.revision))
+                                             .c_str());
+    const auto hash = hashAt(mark->revision);
+    if (!hash) return tl::unexpected(hash.error());
+    if (*hash != mark->hash) return damagedAt(mark->revision, "is another than was acknowledged");
+    return {};
+}
+
+// Newest first, as what was written last is what a crash damages.
+Result<void> RocksCommitStore::verifyChain() const {
+    const auto end = std::chrono::steady_clock::now() + options_.verifyTime;
+    rocksdb::ReadOptions options;
+    options.fill_cache = false;
+    options.readahead_size = kMib;
+    const std::unique_ptr<rocksdb::Iterator> at(db_->NewIterator(options, family(Family::Commits)));
+    const auto follows = [](const StoredCommit& commit, const Hash& before) {
+        return chainHash(before, withoutLength(*commit.frame)) == commit.hash;
+    };
+    Revision revision = head_.revision;
+    std::optional<StoredCommit> later;  // not verified yet: it needs the hash before it
+    for (at->SeekToLast(); at->Valid(); at->Prev(), --revision) {
+        auto commit = commitAt(*at);
+        if (revision == 0 || !commit || commit->revision != revision)
+            return damagedAt(revision + (revision == 0), "is missing or out of its place");
+        if (later ? !follows(*later, commit->hash) : commit->hash != head_.hash)
+            return damagedAt(later ? later->revision : revision, "breaks the hash chain");
+        if (std::chrono::steady_clock::now() > end) return {};
+        later = std::move(commit);
+    }
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    if (revision != 0) return damagedAt(revision, "is missing");
+    if (later && !follows(*later, Hash())) return damagedAt(1, "breaks the hash chain");
+    return {};
+}
+
+/// What the log says may not be on the disk: whoever wrote it died before the sync, or the sync
+/// failed, after which the system takes it for written. So it goes to tables, which are synced,
+/// before anything builds on it.
+Result<void> RocksCommitStore::writeLogOut() {
+    if (logBytes_ == 0) return {};
+    const auto status = db_->Flush(rocksdb::FlushOptions(), handles_);
+    if (!status.ok()) return tl::unexpected(error(status, "write to"));
+    return {};
+}
+
+Result<void> RocksCommitStore::takeEpoch() {
+    ++head_.epoch;
+    rocksdb::WriteOptions options;
+    options.sync = true;
+    const auto status = db_->Put(options, family(Family::Meta), kEpochKey,
+                                 slice(encoded<std::uint64_t>(head_.epoch)));
+    if (!status.ok()) return tl::unexpected(error(status, "take over"));
+    if (options_.durability == Durability::Synced)
+        folder_.setMark({head_.revision, head_.hash});
+    else
+        folder_.setMark({});
+    (void)measureSpace();
+    return {};
+}
+
+}  // namespace usdlive::server

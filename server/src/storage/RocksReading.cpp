@@ -1,0 +1,245 @@
+#include "RocksCommitStoreImpl.h"
+#include "StoreRules.h"
+
+namespace usdlive::server {
+
+Result<void> RocksCommitStore::each(
+    char prefix, const std::string& start,
+    const std::function<bool(std::string_view, ByteView)>& visit) const {
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
+    for (at->Seek(key(prefix, start)); at->Valid() && text(at->key()).front() == prefix; at->Next())
+        if (!visit(text(at->key()).substr(1), bytes(at->value())))
+            return damaged(std::string("a record of kind ") + prefix + " cannot be read");
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    return {};
+}
+
+std::optional<StoredCommit> RocksCommitStore::commitAt(const rocksdb::Iterator& at) const {
+    const ByteView value = bytes(at.value());
+    if (at.key().size() != sizeof(Revision) || value.size() < kHashBytes + kFrameLengthBytes)
+        return std::nullopt;
+    const ByteView frame = value.subspan(kHashBytes);
+    return StoredCommit{storekeys::bigEndian64(text(at.key())),
+                        std::make_shared<const Bytes>(frame.begin(), frame.end()), hashOf(value)};
+}
+
+Result<void> RocksCommitStore::read(Revision from, Revision to,
+                                    const std::function<bool(const StoredCommit&)>& visit) const {
+    Revision next = std::max<Revision>(from, 1);
+    const Revision last = std::min(to, head().revision);
+    if (next > last) return {};
+    auto before = hashAt(next - 1);
+    if (!before) return tl::unexpected(before.error());
+    rocksdb::ReadOptions options;
+    options.fill_cache = false;
+    const std::unique_ptr<rocksdb::Iterator> at(db_->NewIterator(options, family(Family::Commits)));
+    for (at->Seek(storekeys::commit(next)); at->Valid() && next <= last; at->Next(), ++next) {
+        const auto commit = commitAt(*at);
+        if (!commit || commit->revision != next) break;
+        if (chainHash(*before, withoutLength(*commit->frame)) != commit->hash)
+            return damagedAt(next, "breaks the hash chain");
+        before = commit->hash;
+        if (!visit(*commit)) return {};
+    }
+    if (next > last) return {};
+    if (!at->status().ok())
+        return damagedAt(next, ("cannot be read: " + at->status().ToString()).c_str());
+    return damagedAt(next, "is missing or out of its place");
+}
+
+Result<Hash> RocksCommitStore::hashAt(Revision revision) const {
+    if (revision == 0) return Hash{};
+    const Head newest = head();
+    if (revision == newest.revision) return newest.hash;
+    if (revision > newest.revision)
+        return fail(ErrorCode::FutureRevision,
+                    "there is no commit " + std::to_string(revision) + " yet");
+    rocksdb::PinnableSlice value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Commits),
+                                 storekeys::commit(revision), &value);
+    if (!status.ok() && !status.IsNotFound())
+        return damagedAt(revision, ("cannot be read: " + status.ToString()).c_str());
+    if (!status.ok() || value.size() < kHashBytes) return damagedAt(revision, "is missing");
+    return hashOf(bytes(value));
+}
+
+Result<std::vector<LayerId>> RocksCommitStore::layers() const {
+    const std::shared_lock lock(mutex_);
+    std::vector<LayerId> names;
+    for (const auto& [name, layer] : layers_) names.push_back(name);
+    return names;
+}
+
+std::uint32_t RocksCommitStore::numberOf(const LayerId& layer) const {
+    const std::shared_lock lock(mutex_);
+    const auto known = layers_.find(layer);
+    return known == layers_.end() ? 0 : known->second.number;
+}
+
+Result<std::vector<RocksCommitStore::Run>> RocksCommitStore::runsAfter(std::uint32_t layer,
+                                                                       Revision revision) const {
+    std::vector<Run> runs;
+    const std::string all = key(kEditedPrefix, layer);
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
+    const auto inside = [&] { return at->Valid() && text(at->key()).starts_with(all); };
+    at->SeekForPrev(key(kEditedPrefix, layer, revision));  // it may go on after `revision`
+    if (!inside()) at->Seek(all);
+    for (; inside(); at->Next()) {
+        const std::string_view first = text(at->key()).substr(all.size());
+        const auto last = decoded<Revision>(bytes(at->value()));
+        if (first.size() != sizeof(Revision) || !last)
+            return damaged("a record of a layer's commits cannot be read");
+        const Run run{std::max(storekeys::bigEndian64(first), revision + 1), *last};
+        if (run.first > run.last) continue;
+        if (!runs.empty() && run.first <= runs.back().last + kSmallGap)
+            runs.back().last = run.last;
+        else
+            runs.push_back(run);
+    }
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    return runs;
+}
+
+Result<std::size_t> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer,
+                                             std::uint32_t number, Revision revision) const {
+    const auto runs = runsAfter(number, revision);
+    if (!runs) return tl::unexpected(runs.error());
+    std::size_t cost = 0;
+    Result<void> followed;
+    for (const auto& [first, last] : *runs) {
+        const auto done = read(first, last, [&](const StoredCommit& stored) {
+            followed = decodeCommit(stored).and_then([&](const Commit& commit) {
+                cost += replayCost(stored.frame->size(), commit.edits.size());
+                return replay(doc, layer, commit);
+            });
+            return bool(followed);
+        });
+        if (!done) return tl::unexpected(done.error());
+        if (!followed) return tl::unexpected(followed.error());
+    }
+    return cost;
+}
+
+std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer) const {
+    const auto content = sealedfile::read(folder_.snapshot(layer));
+    auto snapshot = content ? decodeSnapshot(*content) : std::nullopt;
+    if (!snapshot) return std::nullopt;
+    const auto hash = hashAt(snapshot->revision);
+    return hash && *hash == snapshot->hash ? std::move(snapshot) : std::nullopt;
+}
+
+/// A snapshot that is missing costs the time to do the whole log again.
+Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer,
+                                                            Replayed* replayed) const {
+    const std::uint32_t number = numberOf(layer);
+    if (number == 0) return std::optional<LayerDoc>();
+    auto kept = readSnapshot(number);
+    LayerSnapshot from = kept ? std::move(*kept) : LayerSnapshot();
+    const auto cost = follow(from.doc, layer, number, from.revision);
+    if (!cost) return tl::unexpected(cost.error());
+    if (replayed) {
+        std::error_code none;
+        const auto bytes = std::filesystem::file_size(folder_.snapshot(number), none);
+        *replayed = {from.revision == 0 || none ? 0 : bytes, *cost};
+    }
+    return std::optional(std::move(from.doc));
+}
+
+Result<SavedState> RocksCommitStore::saved(const LayerId& layer) const {
+    const std::shared_lock lock(mutex_);
+    const auto known = layers_.find(layer);
+    return known == layers_.end() ? SavedState() : known->second.saved;
+}
+
+Result<void> RocksCommitStore::setSaved(const LayerId& layer, const SavedState& saved) {
+    std::uint32_t number = 0;
+    {
+        const std::shared_lock lock(mutex_);
+        const auto known = layers_.find(layer);
+        if (known == layers_.end())
+            return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+        number = known->second.number;
+    }
+    rocksdb::WriteBatch batch;
+    batch.Put(family(Family::Meta), key(kSavedPrefix, number), slice(encodedSaved(saved)));
+    const auto written =
+        checkFailed().and_then([&] { return checkSpace(batch.GetDataSize()); }).and_then([&] {
+            return write(batch);
+        });
+    if (!written) return written;
+    const std::unique_lock lock(mutex_);
+    layers_[layer].saved = saved;
+    return {};
+}
+
+Result<std::vector<LayerId>> RocksCommitStore::unsavedLayers() const {
+    const std::shared_lock lock(mutex_);
+    std::vector<LayerId> names;
+    for (const auto& [name, layer] : layers_)
+        if (layer.changed > layer.saved.revision) names.push_back(name);
+    return names;
+}
+
+Result<std::vector<NamespaceChange>> RocksCommitStore::namespaceChanges(Revision revision) const {
+    std::vector<NamespaceChange> changes;
+    const auto read = each(kNamespacePrefix, storekeys::commit(revision + 1),
+                           [&](std::string_view key, ByteView value) {
+                               return key.size() == sizeof(Revision) &&
+                                      decodeInto(changes, storekeys::bigEndian64(key), value);
+                           });
+    if (!read) return tl::unexpected(read.error());
+    return changes;
+}
+
+Result<std::optional<Revision>> RocksCommitStore::committed(
+    const TransactionId& transaction) const {
+    const auto last = lastSequence(transaction.client);
+    if (!last) return tl::unexpected(last.error());
+    const std::uint64_t sequence = transaction.sequence;
+    if (sequence == 0 || sequence > *last) return std::optional<Revision>();
+    const std::string key = *last - sequence < kRemembered
+                                ? storekeys::transaction(transaction.client, sequence)
+                                : storekeys::lateTransaction(transaction.client, sequence);
+    std::string value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Clients), key, &value);
+    if (status.IsNotFound()) return std::optional<Revision>();
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    ByteReader in(asBytes(value));
+    const std::uint64_t held = in.u64();
+    const Revision revision = in.u64();
+    if (!in.finished()) return damaged("a record of a transaction cannot be read");
+    return held == sequence ? std::optional(revision) : std::nullopt;
+}
+
+Result<std::uint64_t> RocksCommitStore::lastSequence(const ClientId& client) const {
+    return number<std::uint64_t>(Family::Clients, storekeys::highestTransaction(client))
+        .map([](const auto& last) { return last.value_or(0); });
+}
+
+Result<void> RocksCommitStore::addCheckpoint(const Checkpoint& checkpoint) {
+    const std::string at = key(kCheckpointPrefix, checkpoint.name);
+    std::string known;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Meta), at, &known);
+    if (!status.ok() && !status.IsNotFound()) return tl::unexpected(error(status, "read"));
+    if (auto may = mayAdd(checkpoint, head().revision, status.ok()); !may) return may;
+    rocksdb::WriteBatch batch;
+    batch.Put(family(Family::Meta), at, slice(encodedCheckpoint(checkpoint)));
+    return checkFailed().and_then([&] { return checkSpace(batch.GetDataSize()); }).and_then([&] {
+        return write(batch);
+    });
+}
+
+Result<std::vector<Checkpoint>> RocksCommitStore::checkpoints() const {
+    std::vector<Checkpoint> all;
+    const auto read = each(kCheckpointPrefix, {}, [&](std::string_view name, ByteView value) {
+        auto checkpoint = decodedCheckpoint(name, value);
+        if (checkpoint) all.push_back(std::move(*checkpoint));
+        return checkpoint.has_value();
+    });
+    if (!read) return tl::unexpected(read.error());
+    return all;
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,106 @@
+#include "StoreRecords.h"
+
+#include <algorithm>
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::uint8_t kHasFile = 1, kHasComing = 2;
+
+}  // namespace
+
+std::string key(char prefix, std::string_view name) { return prefix + std::string(name); }
+std::string key(char prefix, std::uint32_t number) {
+    std::string key(1, prefix);
+    storekeys::appendBigEndian(key, number);
+    return key;
+}
+std::string key(char prefix, Revision revision) { return prefix + storekeys::commit(revision); }
+std::string key(char prefix, std::uint32_t number, Revision revision) {
+    return key(prefix, number) + storekeys::commit(revision);
+}
+
+Hash hashOf(ByteView bytes) {
+    Hash hash;
+    std::ranges::copy(bytes.first(kHashBytes), hash.bytes.begin());
+    return hash;
+}
+
+Bytes encodedSaved(const SavedState& saved) {
+    Bytes bytes = encoded<Revision>(saved.revision);
+    appendNumber<std::uint8_t>(bytes,
+                               (saved.file ? kHasFile : 0) | (saved.coming ? kHasComing : 0));
+    if (saved.file) {
+        const auto& [trace, hash] = *saved.file;
+        appendNumber<std::uint64_t>(bytes, trace.size);
+        appendNumber<std::uint64_t>(bytes, trace.inode);
+        appendNumber<std::int64_t>(bytes, trace.modifiedNs);
+        appendNumber<std::int64_t>(bytes, trace.changedNs);
+        appendBytes(bytes, hash.bytes);
+    }
+    if (saved.coming) {
+        appendNumber<Revision>(bytes, saved.coming->revision);
+        appendBytes(bytes, saved.coming->hash.bytes);
+    }
+    return bytes;
+}
+std::optional<SavedState> decodedSaved(ByteView bytes) {
+    ByteReader in(bytes);
+    SavedState saved;
+    saved.revision = in.u64();
+    const std::uint8_t has = in.left() > 0 ? in.u8() : 0;  // a store of before has no more
+    const auto hash = [&] {
+        const ByteView bytes = in.take(kHashBytes);
+        return bytes.empty() ? Hash() : hashOf(bytes);
+    };
+    if (has & kHasFile) {
+        FileStamp& file = saved.file.emplace();
+        file.trace.size = in.u64();
+        file.trace.inode = in.u64();
+        file.trace.modifiedNs = in.i64();
+        file.trace.changedNs = in.i64();
+        file.hash = hash();
+    }
+    if (has & kHasComing) {
+        const Revision revision = in.u64();
+        saved.coming = SavedState::Coming{revision, hash()};
+    }
+    return in.finished() ? std::optional(saved) : std::nullopt;
+}
+
+Bytes encodedCheckpoint(const Checkpoint& checkpoint) {
+    Bytes bytes = encoded<Revision>(checkpoint.revision);
+    appendNumber<std::uint64_t>(bytes, checkpoint.timeMs);
+    appendText(bytes, checkpoint.user.value);
+    return bytes;
+}
+std::optional<Checkpoint> decodedCheckpoint(std::string_view name, ByteView bytes) {
+    ByteReader in(bytes);
+    Checkpoint checkpoint{std::string(name), in.u64(), {}, 0};
+    checkpoint.timeMs = in.u64();
+    checkpoint.user.value = in.text();
+    return in.finished() ? std::optional(std::move(checkpoint)) : std::nullopt;
+}
+
+Bytes encoded(std::span<const NamespaceChange> changes) {
+    Bytes bytes;
+    for (const NamespaceChange& change : changes) {
+        appendText(bytes, change.layer.value);
+        appendText(bytes, change.from);
+        appendNumber<std::uint8_t>(bytes, change.to ? 1 : 0);
+        if (change.to) appendText(bytes, *change.to);
+    }
+    return bytes;
+}
+bool decodeInto(std::vector<NamespaceChange>& changes, Revision revision, ByteView bytes) {
+    ByteReader in(bytes);
+    while (in.left() > 0) {
+        NamespaceChange change{revision, {std::string(in.text())}, std::string(in.text()), {}};
+        if (in.u8() == 1) change.to = in.text();
+        changes.push_back(std::move(change));
+    }
+    return in.finished();
+}
+
+}  // namespace usdlive::server
