@@ -53,8 +53,8 @@ static void digest(Digest& out, const WaitingOpen& part) {
 static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
 static void digest(Digest& out, const LayerEntry& part) {
     // Nobody notices when a snapshot is taken.
-    const auto& [state, opens, changed, replayCost, snapshotBytes, takesSnapshot, saved, unsaved,
-                 file, mutes, told] = part;
+    const auto& [state, opens, changed, replayCost, snapshotBytes, takesSnapshot, snapshotMs, saved,
+                 unsaved, file, mutes, told] = part;
     out(state, opens, changed, saved.revision, unsaved,
         encodeControl(LayerStates{{told}}));  // no files here
 }

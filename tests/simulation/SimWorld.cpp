@@ -68,6 +68,7 @@ private:
         server::Project::Options options;
         options.name = "simulation";
         options.leastReplay = 500;
+        options.snapshotIntervalMs = 0;
         if (random_.chance(30)) options.recentCommitBytes = 2'000;
         forgetful_ = random_.chance(15);
         if (forgetful_) options.namespaceLogRevisions = 5;

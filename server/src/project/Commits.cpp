@@ -98,6 +98,9 @@ void Project::Impl::takeSnapshot(const LayerId& layer) {
     if (doc == docs_.end() || entry.takesSnapshot) return;
     if (entry.replayCost < snapshotDue(doc->second, entry.snapshotBytes, options_.leastReplay))
         return;
+    const std::int64_t now = host_.wallClockMs();
+    if (entry.snapshotMs && std::abs(now - *entry.snapshotMs) < options_.snapshotIntervalMs) return;
+    entry.snapshotMs = now;
     entry.replayCost = 0;
     entry.takesSnapshot = true;
     readySnapshots_.push_back({layer, doc->second, executed_, executedHash_});

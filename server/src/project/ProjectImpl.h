@@ -132,13 +132,14 @@ struct EntryFile {
 /// What is known of a layer beside its content.
 struct LayerEntry {
     std::variant<NotLoaded, Loading, Loaded, LoadFailed> state;
-    std::vector<WaitingOpen> opens;  ///< until it is loaded
-    Revision changed = 0;            ///< by which commit since the start, 0 none
-    std::size_t replayCost = 0;      ///< of its commits since a snapshot was taken
-    std::size_t snapshotBytes = 0;   ///< of the last one that was kept
-    bool takesSnapshot = false;      ///< one is on its way to the store
-    SavedState saved;                ///< as far as known
-    bool unsaved = false;            ///< differed from its file when the server started
+    std::vector<WaitingOpen> opens;          ///< until it is loaded
+    Revision changed = 0;                    ///< by which commit since the start, 0 none
+    std::size_t replayCost = 0;              ///< of its commits since a snapshot was taken
+    std::size_t snapshotBytes = 0;           ///< of the last one that was kept
+    bool takesSnapshot = false;              ///< one is on its way to the store
+    std::optional<std::int64_t> snapshotMs;  ///< when the last one was taken
+    SavedState saved;                        ///< as far as known
+    bool unsaved = false;                    ///< differed from its file when the server started
     EntryFile file;
     std::set<LayerId> mutes;  ///< on its stages, for everybody (MU1)
     LayerState told;          ///< as everybody was told last

@@ -326,6 +326,7 @@ TEST(ProjectPreviews, M11EndWithTheirTransaction) {
 Project::Options snapshotsAfter(std::size_t bytes) {
     Project::Options options;
     options.leastReplay = bytes;
+    options.snapshotIntervalMs = 0;
     return options;
 }
 
@@ -363,6 +364,31 @@ TEST(ProjectLayers, ASnapshotIsTakenOfWhatIsDurableWhenItIsDue) {
     for (int i = 0; i < 200; ++i) edit();
     world.store();
     EXPECT_EQ(world.host.kept.size(), 3u);
+}
+
+TEST(ProjectLayers, ASnapshotIsTakenSomeTimeAfterTheOneBefore) {
+    auto options = snapshotsAfter(0);
+    options.snapshotIntervalMs = 10'000;
+    World world(options);
+    world.join(1);
+    world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
+    world.load();
+    Revision revision = 0;
+    const auto edit = [&] {
+        ++revision;
+        world.submit(1, revision, {set("/A.x", double(revision))}, revision - 1);
+        world.store();
+        if (!world.host.kept.empty()) world.project->snapshotKept({"a.usda"}, 100);
+        return world.host.kept.size();
+    };
+    EXPECT_EQ(edit(), 1u);
+    EXPECT_EQ(edit(), 1u);
+    world.host.nowMs += 9'999;
+    EXPECT_EQ(edit(), 1u);
+    world.host.nowMs += 1;
+    EXPECT_EQ(edit(), 2u);
+    world.host.nowMs -= 60'000;  // somebody sets the clock
+    EXPECT_EQ(edit(), 3u);
 }
 
 TEST(ProjectLayers, ALayerThatTookLongToLoadIsKeptAtOnce) {

@@ -173,6 +173,8 @@ public:
         std::size_t namespaceLogRevisions = 100'000;  ///< how far back a base may lie
         Revision maxBehind = 100'000;  ///< commits that a session may lag by; then it is cut
         std::size_t leastReplay = kLeastReplay;  ///< see snapshotDue()
+        /// From one snapshot of a layer to the next, also when much is written: they cost time.
+        std::int64_t snapshotIntervalMs = 10'000;
         std::set<UserName> administrators = {};  ///< who may edit and unlock what others lock
         /// When nobody of a lock's holder has been connected for so long, others may take it.
         std::int64_t lockTakeoverMs = 15 * 60'000;
