@@ -3,6 +3,7 @@
 
 #include "Fuzz.h"
 #include "unit/common/protocol/SampleFrames.h"
+#include "usdlive/client/session/MessageReader.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Snapshot.h"
 
@@ -22,6 +23,9 @@ void look(const auto&) {}
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    client::MessageReader reader;
+    for (int twice = 0; twice < 2; ++twice)
+        fuzz::require(!reader.read({data, size}).frames.empty(), "a message says something");
     const auto message = splitMessage({data, size});
     if (!message) return 0;
     for (const ByteView bytes : *message) {

@@ -9,6 +9,7 @@ namespace {
 
 // More than any session asks for at once.
 constexpr std::size_t kMaxSnapshots = 10'000;
+constexpr std::size_t kEditBytes = 256;  // beside its texts and values, about
 
 }  // namespace
 
@@ -21,6 +22,7 @@ public:
         const auto whole = reader_.add(chunk);
         if (!whole) return tl::unexpected(whole.error());
         part_->names = reader_.takeBytes();
+        part_->records.shrink_to_fit();
         ReceivedSnapshot received{chunk.request, std::move(part_), reader_.specs(), {}};
         if (*whole) received.whole = builder_.finish();
         return received;
@@ -59,6 +61,7 @@ ReceivedMessage MessageReader::read(ByteView message) {
         return received;
     }
     received.frames.reserve(frames->size());
+    received.bytes += frames->size() * sizeof received.frames.front();
     for (const ByteView frame : *frames)
         if (!received.frames.emplace_back(readFrame(frame, received.bytes))) break;
     return received;
@@ -71,12 +74,20 @@ Result<Received> MessageReader::readFrame(ByteView encoded, std::size_t& bytes) 
         Overloaded{
             [](ControlFrame& control) -> Result<Received> { return decodeControl(control.json); },
             [&](CommitFrame& commit) -> Result<Received> {
+                bytes += kEditBytes * commit.commit.edits.size();
                 const Hash after = hashAfter(commit, commit.commit.previous, encoded);
                 return ReceivedCommit{std::move(commit.commit), after};
             },
             [&](SnapshotFrame& chunk) -> Result<Received> {
-                bytes += chunk.rawBytes;
-                return readSnapshot(chunk);
+                auto received = readSnapshot(chunk);
+                if (!received) return tl::unexpected(received.error());
+                const SnapshotPart& part = *received->part;
+                bytes += part.names.size() + part.records.size() * sizeof part.records.front();
+                return std::move(*received);
+            },
+            [&](PreviewFrame& preview) -> Result<Received> {
+                bytes += kEditBytes * preview.edits.size();
+                return std::move(preview);
             },
             [](SubmitFrame&) -> Result<Received> {
                 return fail(ErrorCode::UnknownFrame, "a server does not submit");
@@ -85,7 +96,7 @@ Result<Received> MessageReader::readFrame(ByteView encoded, std::size_t& bytes) 
         *frame);
 }
 
-Result<Received> MessageReader::readSnapshot(const SnapshotFrame& chunk) {
+Result<ReceivedSnapshot> MessageReader::readSnapshot(const SnapshotFrame& chunk) {
     auto& snapshot = snapshots_[chunk.request];
     if (!snapshot) snapshot = std::make_unique<Snapshot>();
     if (snapshots_.size() > kMaxSnapshots)

@@ -4,8 +4,10 @@
 #include <chrono>
 #include <condition_variable>
 #include <deque>
+#include <exception>
 #include <mutex>
 #include <optional>
+#include <string>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -23,7 +25,7 @@ public:
     static constexpr std::size_t kBatchBytes = 1024 * 1024;
     // Not fetched by poll(): above it reading pauses, the server hears of it, and in the end one of
     // the two gives the connection up; the session resumes.
-    static constexpr std::size_t kMaxInboxBytes = 256 * 1024 * 1024;
+    static constexpr std::size_t kMaxInboxBytes = 1024 * 1024 * 1024;
     // Not taken by the server: above it the connection is given up; the session resumes.
     static constexpr std::size_t kMaxOutboxBytes = 1024 * 1024 * 1024;
 
@@ -55,7 +57,7 @@ public:
         Connection::Message message{std::move(bytes), {}};
         std::size_t size = message.bytes->size();
         if (brings_ == Connection::Brings::Frames) {
-            message.content = reader_->read(*std::exchange(message.bytes, nullptr));
+            message.content = read(*std::exchange(message.bytes, nullptr));
             size = message.content.bytes;
         }
         const std::lock_guard lock(mutex_);
@@ -134,6 +136,18 @@ private:
         std::size_t bytes = 0;  // about what it takes in memory
     };
 
+    // What is thrown here would end the connection's thread and tell nobody.
+    ReceivedMessage read(ByteView message) {
+        try {
+            return reader_->read(message);
+        } catch (const std::exception& fault) {
+            ReceivedMessage failed;
+            failed.frames.emplace_back(fail(
+                ErrorCode::Internal, std::string("a message cannot be read: ") + fault.what()));
+            return failed;
+        }
+    }
+
     void clearOutbox() {
         outbox_.clear();
         outboxBytes_ = 0;
@@ -141,7 +155,7 @@ private:
 
     // The network's thread's.
     const Connection::Brings brings_;
-    std::optional<MessageReader> reader_;  // of the present connection
+    std::optional<MessageReader> reader_{std::in_place};  // of the present connection
 
     mutable std::mutex mutex_;
     std::condition_variable arrived_;

@@ -1,5 +1,6 @@
 // What was executed, until it is durable and everybody has been told.
 #include <algorithm>
+#include <cstdlib>
 #include <stdexcept>
 
 #include "ProjectImpl.h"
@@ -267,6 +268,7 @@ void Project::Impl::reloadLost(const Error& error, const std::vector<InFlightCom
     std::erase_if(readySnapshots_, [this](const auto& one) {
         if (one.revision <= durable_) return false;
         layers_[one.layer].takesSnapshot = false;
+        layers_[one.layer].snapshotMs.reset();
         return true;
     });
     std::deque<ReadyOpen> opens = std::move(readyOpens_);

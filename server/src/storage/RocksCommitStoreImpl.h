@@ -21,8 +21,9 @@
 
 namespace usdlive::server {
 
-/// Parts: RocksCommitStore.cpp (space on the disk), RocksOpening.cpp, RocksAppending.cpp,
-/// RocksReading.cpp (the log, layers, and what is known of them and of checkpoints).
+/// Parts: RocksCommitStore.cpp (space on the disk), RocksOpening.cpp, RocksAppending.cpp (commits
+/// and snapshots), RocksReading.cpp (the log, layers, and what is known of them and of
+/// checkpoints).
 class RocksCommitStore final : public CommitStore {
 public:
     RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)

@@ -73,7 +73,7 @@ TEST(MessageReader, ReadsALayerAsADocAndAsParts) {
         EXPECT_FALSE(whole);
         const Bytes message = encodeFrame(chunk);
         const ReceivedMessage read = reader.read(message);
-        EXPECT_EQ(read.bytes, message.size() + chunk.rawBytes);
+        EXPECT_GT(read.bytes, message.size() + chunk.rawBytes);
         auto received = only<ReceivedSnapshot>(read);
         EXPECT_EQ(received.request, 5U);
         EXPECT_EQ(received.part->first, parts.empty());

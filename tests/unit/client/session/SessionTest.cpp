@@ -503,6 +503,20 @@ TEST_F(SessionTest, ACommitThatDoesNotFollowEndsTheConnection) {
     EXPECT_FALSE(peer.session.isConnected());
 }
 
+TEST_F(SessionTest, WhatCannotBeReadEndsTheConnectionAfterWhatCameBefore) {
+    joinShot();
+    peer.commit(peer.foreign({edit("/B", createPrim())}));
+    peer.tell(peer.head());
+    peer.session.received(peer.reader.read(Bytes(40, 7)));
+    peer.advance();
+    EXPECT_NE(peer.session.view(kShot)->kind("/B"), std::nullopt);
+    const auto errors = peer.eventsOf<event::ServerError>();
+    ASSERT_EQ(errors.size(), 1u);
+    EXPECT_TRUE(errors[0].message.closing);
+    EXPECT_EQ(errors[0].message.code, errorName(ErrorCode::FrameTooLarge));
+    EXPECT_FALSE(peer.session.isConnected());
+}
+
 TEST_F(SessionTest, WhatWasOnItsWayThenIsAskedForAgain) {
     peer.connect();
     peer.session.openLayer(kShot);

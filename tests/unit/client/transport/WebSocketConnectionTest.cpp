@@ -9,6 +9,7 @@
 
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/Snapshot.h"
 
 using namespace usdlive;
 using namespace std::chrono_literals;
@@ -111,6 +112,53 @@ TEST(WebSocketConnection, SpeaksBinaryAtLive) {
     socket.write(asio::buffer(std::string("more")));
     EXPECT_EQ(nextMessage(*connection), "welcome");
     EXPECT_EQ(nextMessage(*connection), "more");
+}
+
+// As editors have it: what arrives is read, by a reader of each connection.
+TEST(WebSocketConnection, BringsFrames) {
+    LayerDoc doc;
+    ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
+    ASSERT_TRUE(doc.apply("/A", SetField{"comment", {}, stringValue(std::string(200'000, 'c'))}));
+    std::vector<SnapshotFrame> chunks;
+    SnapshotEncoder encoder(doc, 1);
+    while (auto chunk = encoder.next()) chunks.push_back(std::move(*chunk));
+    ASSERT_GE(chunks.size(), 2u);
+
+    SmallServer server;
+    const auto connection =
+        client::createWebSocketConnection(server.address(), Connection::Brings::Frames);
+    const auto received = [&]() -> Result<client::Received> {
+        const auto happening = next(*connection);
+        const auto* message = happening ? std::get_if<Connection::Message>(&*happening) : nullptr;
+        if (!message || message->bytes || message->content.frames.size() != 1)
+            return fail(ErrorCode::Internal, "not a message of one frame");
+        return message->content.frames[0];
+    };
+    {
+        auto socket = server.accept();
+        ASSERT_TRUE(isNext<Connection::Opened>(*connection));
+        socket.write(asio::buffer(encodeFrame(chunks[0])));
+        const auto first = received();
+        ASSERT_TRUE(first) << first.error().message;
+        EXPECT_FALSE(std::get<client::ReceivedSnapshot>(*first).whole);
+    }
+    ASSERT_TRUE(isNext<Connection::Lost>(*connection));
+    auto socket = server.accept();
+    ASSERT_TRUE(isNext<Connection::Opened>(*connection));
+    for (const SnapshotFrame& chunk : chunks) {
+        socket.write(asio::buffer(encodeFrame(chunk)));
+        const auto part = received();
+        ASSERT_TRUE(part) << part.error().message;
+        const auto& snapshot = std::get<client::ReceivedSnapshot>(*part);
+        ASSERT_EQ(snapshot.whole.has_value(), chunk.last);
+        if (chunk.last) {
+            EXPECT_EQ(snapshot.whole->dump(), doc.dump());
+        }
+    }
+    socket.write(asio::buffer(std::string("nonsense")));
+    const auto nonsense = received();
+    ASSERT_FALSE(nonsense);
+    EXPECT_NE(nonsense.error().code, ErrorCode::Internal);
 }
 
 TEST(WebSocketConnection, WhatIsQueuedTogetherLeavesInOrder) {

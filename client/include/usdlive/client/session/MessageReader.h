@@ -68,7 +68,7 @@ private:
     class Snapshot;
 
     Result<Received> readFrame(ByteView frame, std::size_t& bytes);
-    Result<Received> readSnapshot(const SnapshotFrame& chunk);
+    Result<ReceivedSnapshot> readSnapshot(const SnapshotFrame& chunk);
 
     std::map<std::uint64_t, std::unique_ptr<Snapshot>> snapshots_;  // on their way, by request
 };

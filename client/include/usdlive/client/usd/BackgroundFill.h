@@ -29,7 +29,7 @@ public:
 
     /// All that was added is made.
     [[nodiscard]] bool isDone() const;
-    /// The parts do not follow one another. Precondition: isDone().
+    /// A part does not go with those before it. Precondition: isDone().
     [[nodiscard]] bool hasFailed() const;
     /// As LayerFill::namesLayers(). Precondition: isDone().
     [[nodiscard]] bool namesLayers() const;
