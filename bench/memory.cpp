@@ -2,8 +2,9 @@
 //
 //   --specs=1000000
 //
-// Attributes with a value each, ten to a prim; the prims count as specs, too, and have none.
-#include <malloc.h>
+// Attributes with a value each, ten to a prim; the prims count as specs, too, and have none. By the
+// server's allocator.
+#include <jemalloc/jemalloc.h>
 
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -19,8 +20,12 @@ using namespace usdlive::bench;
 namespace {
 
 std::size_t usedBytes() {
-    const auto info = mallinfo2();
-    return info.uordblks + info.hblkhd;
+    std::uint64_t epoch = 1;  // figures are made anew
+    std::size_t bytes = 0, size = sizeof bytes;
+    if (mallctl("epoch", nullptr, nullptr, &epoch, sizeof epoch) != 0 ||
+        mallctl("stats.allocated", &bytes, &size, nullptr, 0) != 0)
+        throw std::runtime_error("the allocator does not tell what is used");
+    return bytes;
 }
 
 void apply(LayerDoc& doc, const std::string& path, const EditAction& action) {
