@@ -26,6 +26,8 @@ using client::Connection;
 using std::chrono::milliseconds;
 
 constexpr auto kWaitForAll = std::chrono::seconds(60);
+// Of ddsperf's writer; each process has a port by its index.
+constexpr int kWriterIndex = 100;
 
 /// What all connections share.
 struct Run {
@@ -177,12 +179,25 @@ LoadFigures runDdsPerf(const LoadPlan& plan, std::size_t frameBytes,
     const TemporaryFolder folder;
     const auto config = folder.path() / "cyclone.xml";
     std::ofstream(config) << dds::cycloneConfig(settings).value();
-    ::setenv("CYCLONEDDS_URI", ("file://" + config.string()).c_str(), 1);
+    // Each would find each, and have an answering writer for it: with 52 processes the machine does
+    // nothing else. So that readers know the writer alone, it is where they look for others.
+    const auto configure = [&](const std::string& discovery) {
+        const std::string beside =
+            "<CycloneDDS><Domain><General><AllowMulticast>asm"
+            "</AllowMulticast></General><Discovery>" +
+            discovery + "</Discovery></Domain></CycloneDDS>";
+        ::setenv("CYCLONEDDS_URI", ("file://" + config.string() + "," + beside).c_str(), 1);
+    };
+    configure("<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
+              std::to_string(kWriterIndex - 1) +
+              R"(</MaxAutoParticipantIndex><Peers><Peer Address="127.0.0.1:)" +
+              std::to_string(7'410 + 250 * settings.domain + 2 * kWriterIndex) + R"("/></Peers>)");
     std::vector<std::unique_ptr<ChildProcess>> readers;
     for (int number = 0; number < plan.connections; ++number)
         readers.push_back(std::make_unique<ChildProcess>(
             std::vector<std::string>{program, "-D", "120", "sub"}, std::vector<int>{}));
     std::this_thread::sleep_for(std::chrono::seconds(2));
+    configure("<ParticipantIndex>" + std::to_string(kWriterIndex) + "</ParticipantIndex>");
 
     const int perSecond = int(plan.perSecond * std::min(plan.writers, plan.connections));
     const std::vector<std::string> publish{"pub", std::to_string(perSecond) + "Hz", "size",
