@@ -57,7 +57,10 @@ static void digest(Digest& out, const ReceivedCommit& part) {
 }
 static void digest(Digest& out, const RefusalFrame& part) { out(encodeFrame(part)); }
 static void digest(Digest& out, const PreviewFrame& part) { out(encodeFrame(part)); }
-static void digest(Digest& out, const BlobFrame& part) { out(encodeFrame(part)); }
+static void digest(Digest& out, const ReceivedBlob& blob) {
+    if (!blob.whole) return out(blob.hash, blob.whole.error());
+    out(blob.hash, *blob.whole != nullptr);
+}
 static void digest(Digest& out, const ReceivedSnapshot& part) {
     out(part.request, part.specs, part.whole);
 }

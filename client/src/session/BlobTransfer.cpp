@@ -61,38 +61,12 @@ void BlobUploads::forgetAll() {
     stored_.clear();
 }
 
-bool BlobDownloads::want(const Hash& hash) { return wanted_.try_emplace(hash).second; }
-
-std::vector<Hash> BlobDownloads::restart() {
-    std::vector<Hash> hashes;
-    for (auto& [hash, bytes] : wanted_) {
-        bytes.clear();
-        hashes.push_back(hash);
-    }
-    return hashes;
-}
-
-Result<void> BlobDownloads::received(const BlobFrame& part, std::uint64_t maxBlobBytes) {
-    const auto entry = wanted_.find(part.hash);
-    if (entry == wanted_.end()) return {};
-    Bytes& bytes = entry->second;
-    const auto giveUp = [&](Error error) -> Result<void> {
-        wanted_.erase(entry);
-        return tl::unexpected(std::move(error));
-    };
-    if (part.size > maxBlobBytes || part.offset != bytes.size() ||
-        part.rawBytes > part.size - part.offset)
-        return giveUp({ErrorCode::BlobMismatch, "parts of " + part.hash.hex() + " do not fit"});
-    const auto raw = inflate(part.data, part.rawBytes, kChunkBytes);
-    if (!raw) return giveUp(raw.error());
-    bytes.insert(bytes.end(), raw->begin(), raw->end());
-    if (bytes.size() < part.size) return {};
-    if (sha256(bytes) != part.hash)
-        return giveUp({ErrorCode::BlobMismatch, "the bytes of " + part.hash.hex() + " are others"});
-    auto whole = std::make_shared<const Bytes>(std::move(bytes));
-    wanted_.erase(entry);
-    host_.blobArrived(part.hash, std::move(whole));
-    return {};
+Result<void> BlobDownloads::received(ReceivedBlob&& blob) {
+    if (blob.whole && !*blob.whole) return {};  // more is to come
+    if (wanted_.erase(blob.hash) == 0) return {};
+    return std::move(blob.whole).map([&](SharedBytes whole) {
+        host_.blobArrived(blob.hash, std::move(whole));
+    });
 }
 
 }  // namespace usdlive::client

@@ -2,12 +2,12 @@
 
 #include <cstdint>
 #include <deque>
-#include <map>
 #include <optional>
 #include <set>
 #include <vector>
 
 #include "Pending.h"
+#include "usdlive/client/session/MessageReader.h"
 #include "usdlive/client/session/Session.h"
 
 namespace usdlive::client {
@@ -54,17 +54,17 @@ public:
     explicit BlobDownloads(SessionHost& host) : host_(host) {}
 
     /// True: it has to be asked for.
-    bool want(const Hash& hash);
-    /// What has to be asked for (again) on a new connection; what had come of it is thrown away.
-    [[nodiscard]] std::vector<Hash> restart();
+    bool want(const Hash& hash) { return wanted_.insert(hash).second; }
+    /// What has to be asked for again on a new connection.
+    [[nodiscard]] const std::set<Hash>& wanted() const { return wanted_; }
     /// A part of one. An error: the bytes are not what was asked for; it is given up.
-    Result<void> received(const BlobFrame& part, std::uint64_t maxBlobBytes);
+    Result<void> received(ReceivedBlob&& blob);
     /// The server does not have it. False: it was not wanted.
     bool failed(const Hash& hash) { return wanted_.erase(hash) > 0; }
 
 private:
     SessionHost& host_;
-    std::map<Hash, Bytes> wanted_;  // with what has come so far
+    std::set<Hash> wanted_;
 };
 
 }  // namespace usdlive::client

@@ -8,7 +8,7 @@ namespace usdlive::client {
 namespace {
 
 // More than any session asks for at once.
-constexpr std::size_t kMaxSnapshots = 10'000;
+constexpr std::size_t kMaxArriving = 10'000;
 constexpr std::size_t kEditBytes = 256;  // beside its texts and values, about
 
 }  // namespace
@@ -71,39 +71,71 @@ Result<Received> MessageReader::readFrame(ByteView encoded, std::size_t& bytes) 
     auto frame = decodeFrame(encoded);
     if (!frame) return tl::unexpected(frame.error());
     return std::visit(
-        Overloaded{
-            [](ControlFrame& control) -> Result<Received> { return decodeControl(control.json); },
-            [&](CommitFrame& commit) -> Result<Received> {
-                bytes += kEditBytes * commit.commit.edits.size();
-                const Hash after = hashAfter(commit, commit.commit.previous, encoded);
-                return ReceivedCommit{std::move(commit.commit), after};
-            },
-            [&](SnapshotFrame& chunk) -> Result<Received> {
-                auto received = readSnapshot(chunk);
-                if (!received) return tl::unexpected(received.error());
-                const SnapshotPart& part = *received->part;
-                bytes += part.names.size() + part.records.size() * sizeof part.records.front();
-                return std::move(*received);
-            },
-            [&](PreviewFrame& preview) -> Result<Received> {
-                bytes += kEditBytes * preview.edits.size();
-                return std::move(preview);
-            },
-            [](SubmitFrame&) -> Result<Received> {
-                return fail(ErrorCode::UnknownFrame, "a server does not submit");
-            },
-            [](auto& other) -> Result<Received> { return std::move(other); }},
+        Overloaded{[&](ControlFrame& control) { return readControl(control); },
+                   [&](CommitFrame& commit) -> Result<Received> {
+                       bytes += kEditBytes * commit.commit.edits.size();
+                       const Hash after = hashAfter(commit, commit.commit.previous, encoded);
+                       return ReceivedCommit{std::move(commit.commit), after};
+                   },
+                   [&](SnapshotFrame& chunk) -> Result<Received> {
+                       auto received = readSnapshot(chunk);
+                       if (!received) return tl::unexpected(received.error());
+                       const SnapshotPart& part = *received->part;
+                       bytes +=
+                           part.names.size() + part.records.size() * sizeof part.records.front();
+                       return std::move(*received);
+                   },
+                   [&](PreviewFrame& preview) -> Result<Received> {
+                       bytes += kEditBytes * preview.edits.size();
+                       return std::move(preview);
+                   },
+                   [&](BlobFrame& part) -> Result<Received> {
+                       return ReceivedBlob{part.hash, readBlob(part)};
+                   },
+                   [](SubmitFrame&) -> Result<Received> {
+                       return fail(ErrorCode::UnknownFrame, "a server does not submit");
+                   },
+                   [](RefusalFrame& refusal) -> Result<Received> { return std::move(refusal); }},
         *frame);
+}
+
+Result<Received> MessageReader::readControl(const ControlFrame& control) {
+    auto message = decodeControl(control.json);
+    if (!message) return tl::unexpected(message.error());
+    if (const auto* welcome = std::get_if<Welcome>(&*message))
+        maxBlobBytes_ = welcome->maxBlobBytes;
+    return std::move(*message);
 }
 
 Result<ReceivedSnapshot> MessageReader::readSnapshot(const SnapshotFrame& chunk) {
     auto& snapshot = snapshots_[chunk.request];
     if (!snapshot) snapshot = std::make_unique<Snapshot>();
-    if (snapshots_.size() > kMaxSnapshots)
+    if (snapshots_.size() > kMaxArriving)
         return fail(ErrorCode::MalformedFrame, "too many snapshots at once");
     auto received = snapshot->add(chunk);
     if (!received || received->whole) snapshots_.erase(chunk.request);
     return received;
+}
+
+Result<SharedBytes> MessageReader::readBlob(const BlobFrame& part) {
+    const auto entry = blobs_.try_emplace(part.hash).first;
+    auto whole = add(part, entry->second);
+    if (!whole || *whole) blobs_.erase(entry);
+    return whole;
+}
+
+Result<SharedBytes> MessageReader::add(const BlobFrame& part, Bytes& bytes) const {
+    if (part.size > maxBlobBytes_ || part.offset != bytes.size() ||
+        part.rawBytes > part.size - part.offset || blobs_.size() > kMaxArriving)
+        return fail(ErrorCode::BlobMismatch, "parts of " + part.hash.hex() + " do not fit");
+    const auto raw = inflate(part.data, part.rawBytes, kChunkBytes);
+    if (!raw) return tl::unexpected(raw.error());
+    bytes.reserve(part.size);
+    bytes.insert(bytes.end(), raw->begin(), raw->end());
+    if (bytes.size() < part.size) return nullptr;
+    if (sha256(bytes) != part.hash)
+        return fail(ErrorCode::BlobMismatch, "the bytes of " + part.hash.hex() + " are others");
+    return std::make_shared<const Bytes>(std::move(bytes));
 }
 
 }  // namespace usdlive::client

@@ -140,10 +140,10 @@ void Session::Impl::handle(RefusalFrame&& frame) {
         lose(std::move(*pending), std::move(frame.error));
 }
 
-void Session::Impl::handle(BlobFrame&& frame) {
-    const auto done = downloads_.received(frame, welcome_ ? welcome_->maxBlobBytes : 0);
-    if (done) return;
-    report(done.error(), about(frame.hash));
+void Session::Impl::handle(ReceivedBlob&& blob) {
+    const Hash hash = blob.hash;
+    const auto done = downloads_.received(std::move(blob));
+    if (!done) report(done.error(), about(hash));
 }
 
 void Session::Impl::handle(ReceivedCommit&& received) {
@@ -184,7 +184,7 @@ void Session::Impl::on(const Welcome& message) {
         if (opened.joining) ask(opened.joining->snapshot, layer, 0);
     for (Peek& peek : peeks_) ask(peek.snapshot, peek.layer, peek.revision);
     for (const Missed& missed : missed_) readMissed(missed);
-    for (const Hash& hash : downloads_.restart()) sendControl(RequestBlob{hash, 0});
+    for (const Hash& hash : downloads_.wanted()) sendControl(RequestBlob{hash, 0});
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
     resealWhenCaughtUp_ = !pending_.empty();
     events_.push_back(event::Connected{message, message.resumed});

@@ -146,7 +146,7 @@ private:
     void handle(PreviewFrame&& frame);
     void handle(ReceivedSnapshot&& received);
     void handle(RefusalFrame&& frame);
-    void handle(BlobFrame&& frame);
+    void handle(ReceivedBlob&& blob);
     template <class Event, class Answer>
     void answer(const Answer& message);
     void on(const Welcome& message);

@@ -497,8 +497,40 @@ bool writeLeaf(const VtValue& value, Bytes& out) {
     return Element<T>::write(out, value.UncheckedGet<T>());
 }
 
+/// The bytes of a big value, which are never changed, as the memory of arrays. Deleted with the
+/// last of them; an array of somebody else's memory is copied before it is changed.
+class SharedItems final : public pxr::Vt_ArrayForeignDataSource {
+public:
+    explicit SharedItems(SharedBytes bytes)
+        : Vt_ArrayForeignDataSource(
+              [](Vt_ArrayForeignDataSource* self) { delete static_cast<SharedItems*>(self); }),
+          bytes_(std::move(bytes)) {}
+
+private:
+    const SharedBytes bytes_;
+};
+
 template <class T>
-std::optional<VtValue> readLeaf(ByteView bytes) {
+concept PlainArray = requires { typename T::ElementType; } && Plain<typename T::ElementType> &&
+                     std::same_as<T, pxr::VtArray<typename T::ElementType>>;
+
+/// Nothing if they do not lie as such items have to.
+template <PlainArray Array>
+std::optional<Array> share(const SharedBytes& bytes) {
+    using Item = typename Array::ElementType;
+    ByteReader in(*bytes);
+    const auto count = std::size_t(in.u64());
+    const std::uint8_t* items = in.take(count * sizeof(Item)).data();
+    if (reinterpret_cast<std::uintptr_t>(items) % alignof(Item) != 0) return std::nullopt;
+    auto* data = const_cast<Item*>(reinterpret_cast<const Item*>(items));
+    return Array(new SharedItems(bytes), data, count);
+}
+
+/// `owner`, if any, holds just the bytes.
+template <class T>
+std::optional<VtValue> readLeaf(ByteView bytes, const SharedBytes& owner) {
+    if constexpr (PlainArray<T>)
+        if (auto array = owner ? share<T>(owner) : std::nullopt) return VtValue::Take(*array);
     ByteReader in(bytes);
     auto value = Element<T>::read(in);
     if (!value) return std::nullopt;
@@ -508,7 +540,7 @@ std::optional<VtValue> readLeaf(ByteView bytes) {
 struct LeafCodec {
     ValueType type = ValueType::None;
     bool (*write)(const VtValue& value, Bytes& out) = nullptr;
-    std::optional<VtValue> (*read)(ByteView bytes) = nullptr;
+    std::optional<VtValue> (*read)(ByteView bytes, const SharedBytes& owner) = nullptr;
 };
 
 struct LeafTable {
@@ -601,7 +633,7 @@ std::optional<VtValue> readEntry(ByteReader& in) {
     const ByteView bytes = in.take(in.u64());
     if (type != ValueType::Dictionary) {
         const LeafCodec* codec = codecFor(type);
-        return codec ? codec->read(bytes) : std::nullopt;
+        return codec ? codec->read(bytes, nullptr) : std::nullopt;
     }
     ByteReader inner(bytes);
     auto dictionary = readDictionary(inner);
@@ -656,10 +688,10 @@ Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
 
 namespace {
 
-Result<VtValue> decodeBytes(ValueType type, ByteView bytes) {
+Result<VtValue> decodeBytes(ValueType type, ByteView bytes, const SharedBytes& owner = nullptr) {
     if (auto valid = validateValue(type, bytes); !valid) return tl::unexpected(valid.error());
     const LeafCodec* codec = codecFor(type);
-    auto value = codec ? codec->read(bytes) : std::nullopt;
+    auto value = codec ? codec->read(bytes, owner) : std::nullopt;
     if (!value)
         return fail(ErrorCode::InvalidValue,
                     "the value (" + typeName(type) + ") is none for this OpenUSD");
@@ -673,7 +705,7 @@ Result<VtValue> decodeLeaf(const Value& value, BlobSource& blobs) {
     const SharedBytes bytes = blobs.blob(value.hash());
     if (!bytes)
         return fail(ErrorCode::BlobNotFound, "the value " + value.hash().hex() + " is not here");
-    return decodeBytes(value.type(), *bytes);
+    return decodeBytes(value.type(), *bytes, bytes);
 }
 
 // ------------------------------------------------------------------ list ops

@@ -150,3 +150,71 @@ TEST(MessageReader, AMessageThatDoesNotSplitIsAnError) {
     ASSERT_FALSE(read.frames[0]);
     EXPECT_EQ(read.frames[0].error().code, ErrorCode::MalformedFrame);
 }
+
+class MessageReaderBlobs : public testing::Test {
+protected:
+    MessageReaderBlobs() {
+        Welcome welcome;
+        welcome.maxBlobBytes = 1'000'000;
+        only<ControlMessage>(reader_.read(encodeFrame(ControlFrame{encodeControl(welcome)})));
+    }
+    Result<SharedBytes> read(std::uint64_t offset, std::uint32_t bytes) {
+        const ByteView part = ByteView(blob_).subspan(offset, bytes);
+        return read(BlobFrame{sha256(blob_), blob_.size(), offset, bytes, deflate(part)});
+    }
+    Result<SharedBytes> read(const BlobFrame& part) {
+        auto received = only<ReceivedBlob>(reader_.read(encodeFrame(part)));
+        EXPECT_EQ(received.hash, part.hash);
+        return std::move(received.whole);
+    }
+    static void expectMismatch(const Result<SharedBytes>& read) {
+        ASSERT_FALSE(read);
+        EXPECT_EQ(read.error().code, ErrorCode::BlobMismatch);
+    }
+
+    const Bytes blob_ = Bytes(600'000, 7);
+    MessageReader reader_;
+};
+
+TEST_F(MessageReaderBlobs, B2TheLastPartBringsTheValue) {
+    EXPECT_EQ(read(0, kChunkBytes), nullptr);
+    EXPECT_EQ(read(kChunkBytes, kChunkBytes), nullptr);
+    const auto whole = read(2 * kChunkBytes, std::uint32_t(blob_.size() - 2 * kChunkBytes));
+    ASSERT_TRUE(whole && *whole);
+    EXPECT_EQ(**whole, blob_);
+}
+
+TEST_F(MessageReaderBlobs, PartsOfTwoComeInTurn) {
+    const Bytes other(300'000, 8);
+    const auto part = [&](std::uint64_t offset, std::uint32_t bytes) {
+        return BlobFrame{sha256(other), other.size(), offset, bytes,
+                         deflate(ByteView(other).subspan(offset, bytes))};
+    };
+    EXPECT_EQ(read(0, kChunkBytes), nullptr);
+    EXPECT_EQ(read(part(0, kChunkBytes)), nullptr);
+    EXPECT_EQ(read(kChunkBytes, kChunkBytes), nullptr);
+    const auto whole = read(part(kChunkBytes, std::uint32_t(other.size() - kChunkBytes)));
+    ASSERT_TRUE(whole && *whole);
+    EXPECT_EQ(**whole, other);
+}
+
+TEST_F(MessageReaderBlobs, WhatDoesNotFitIsGivenUp) {
+    EXPECT_EQ(read(0, kChunkBytes), nullptr);
+    expectMismatch(read(2 * kChunkBytes, 1'000));
+    expectMismatch(read(kChunkBytes, kChunkBytes));  // of what is given up
+    EXPECT_EQ(read(0, kChunkBytes), nullptr);        // and from its start again
+}
+
+TEST_F(MessageReaderBlobs, V9BytesOfAnotherValueAreNotTaken) {
+    expectMismatch(read(BlobFrame{sha256(Bytes{1}), 1, 0, 1, deflate(Bytes{2})}));
+}
+
+TEST_F(MessageReaderBlobs, NoneIsLargerThanTheServerHasSaid) {
+    expectMismatch(read(BlobFrame{sha256(blob_), 1'000'001, 0, 1, deflate(Bytes{7})}));
+}
+
+TEST_F(MessageReaderBlobs, DamagedBytesAreAnError) {
+    const auto damaged = read(BlobFrame{sha256(blob_), blob_.size(), 0, 4, {1, 2, 3}});
+    ASSERT_FALSE(damaged);
+    EXPECT_EQ(damaged.error().code, ErrorCode::MalformedFrame);
+}

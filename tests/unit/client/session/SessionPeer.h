@@ -28,7 +28,7 @@ public:
 
     // ---- the server
 
-    MessageReader reader;
+    std::optional<MessageReader> reader{std::in_place};  // of the present connection
     LayerDocs docs;
     NamespaceLog log;
     std::map<ClientId, OwnCreations> creations;
@@ -65,7 +65,7 @@ public:
         return std::move(frame->transaction);
     }
 
-    void deliver(const Frame& frame) { session.received(reader.read(encodeFrame(frame))); }
+    void deliver(const Frame& frame) { session.received(reader->read(encodeFrame(frame))); }
     void deliver(const ControlMessage& message) { deliver(ControlFrame{encodeControl(message)}); }
 
     /// Executes a transaction; the commit's frame waits in history.
@@ -96,7 +96,7 @@ public:
         tell(made.revision);
         return made;
     }
-    void tell(Revision revision) { session.received(reader.read(history[revision - 1].first)); }
+    void tell(Revision revision) { session.received(reader->read(history[revision - 1].first)); }
     /// Somebody else's transaction, as of now.
     Transaction foreign(std::vector<Edit> edits, std::uint64_t gesture = 0) {
         return {{kOther, ++lastForeign_}, head(), gesture, std::move(edits)};
@@ -123,6 +123,7 @@ public:
     /// Connects, and tells what was committed since the session was here last.
     Hello connect() {
         sent.clear();
+        reader.emplace();
         session.connected();
         const Hello hello = *takeControl<Hello>();
         deliver(welcomeMessage(hello.resume.has_value()));

@@ -507,7 +507,7 @@ TEST_F(SessionTest, WhatCannotBeReadEndsTheConnectionAfterWhatCameBefore) {
     joinShot();
     peer.commit(peer.foreign({edit("/B", createPrim())}));
     peer.tell(peer.head());
-    peer.session.received(peer.reader.read(Bytes(40, 7)));
+    peer.session.received(peer.reader->read(Bytes(40, 7)));
     peer.advance();
     EXPECT_NE(peer.session.view(kShot)->kind("/B"), std::nullopt);
     const auto errors = peer.eventsOf<event::ServerError>();

@@ -317,6 +317,37 @@ TEST(ValueCodec, V9BigLeavesBecomeBlobs) {
     EXPECT_EQ(damaged.error().code, ErrorCode::InvalidValue);
 }
 
+TEST(ValueCodec, V9ArraysShareTheMemoryOfTheirBlob) {
+    MemoryBlobs blobs;
+    const auto field = encoded(VtValue(VtArray<GfVec3f>(100'000, GfVec3f(1, 2, 3))), blobs);
+    SharedBytes& kept = blobs.all.at(field.as<Value>()->hash());
+    auto value = *decodeValue(kNoField, field, blobs);
+    const auto array = value.Remove<VtArray<GfVec3f>>();
+    EXPECT_EQ(static_cast<const void*>(array.cdata()), kept->data() + sizeof(std::uint64_t));
+    // Who writes to an array has one of their own.
+    auto changed = array;
+    changed[7] = GfVec3f(0);
+    EXPECT_EQ(array[7], GfVec3f(1, 2, 3));
+    EXPECT_EQ(*decodeValue(kNoField, field, blobs), VtValue(array));
+    const std::weak_ptr<const Bytes> memory = kept;
+    kept = nullptr;
+    EXPECT_FALSE(memory.expired());
+    EXPECT_EQ(array.back(), GfVec3f(1, 2, 3));
+}
+
+TEST(ValueCodec, V9ArraysLetGoOfTheMemoryOfTheirBlob) {
+    MemoryBlobs blobs;
+    const auto field = encoded(VtValue(VtArray<double>(100'000, 1.5)), blobs);
+    const std::weak_ptr<const Bytes> memory = blobs.all.at(field.as<Value>()->hash());
+    auto value = *decodeValue(kNoField, field, blobs);
+    blobs.all.clear();
+    auto other = value;
+    value = VtValue();
+    EXPECT_FALSE(memory.expired());
+    other = VtValue();
+    EXPECT_TRUE(memory.expired());
+}
+
 TEST(ValueCodec, WhatCannotBeCarriedIsNamed) {
     MemoryBlobs blobs;
     const auto range = encodeValue(VtValue(VtArray<GfRange1d>(1)), blobs);

@@ -45,9 +45,16 @@ struct ReceivedSnapshot {
     std::uint64_t specs = 0;        ///< with those of the parts before
     std::optional<LayerDoc> whole;  ///< with the last part: what all of them say
 };
+/// A part of a big value (B2).
+struct ReceivedBlob {
+    Hash hash;
+    /// With the last part; nullptr before. BlobMismatch: it is not what its name says, and nothing
+    /// is kept of it.
+    Result<SharedBytes> whole;
+};
 /// A frame of the server, read.
 using Received = std::variant<ControlMessage, ReceivedCommit, RefusalFrame, PreviewFrame,
-                              ReceivedSnapshot, BlobFrame>;
+                              ReceivedSnapshot, ReceivedBlob>;
 
 struct ReceivedMessage {
     /// In order. Nothing follows an error: MalformedFrame, InvalidValue, ..., or UnknownFrame for
@@ -68,9 +75,15 @@ private:
     class Snapshot;
 
     Result<Received> readFrame(ByteView frame, std::size_t& bytes);
+    Result<Received> readControl(const ControlFrame& control);
     Result<ReceivedSnapshot> readSnapshot(const SnapshotFrame& chunk);
+    Result<SharedBytes> readBlob(const BlobFrame& part);
+    Result<SharedBytes> add(const BlobFrame& part, Bytes& bytes) const;
 
-    std::map<std::uint64_t, std::unique_ptr<Snapshot>> snapshots_;  // on their way, by request
+    // What is on its way.
+    std::map<std::uint64_t, std::unique_ptr<Snapshot>> snapshots_;  // by request
+    std::map<Hash, Bytes> blobs_;
+    std::uint64_t maxBlobBytes_ = 0;  // as the server has said
 };
 
 }  // namespace usdlive::client
