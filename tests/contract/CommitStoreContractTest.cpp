@@ -247,6 +247,40 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
     }
 }
 
+TYPED_TEST(CommitStoreContract, ALayerIsThereAsItStood) {
+    for (unsigned seed = 0; seed < 8; ++seed) {
+        RandomHistory<TypeParam> history(seed);
+        std::vector<LayerDocs> stood(1);  // by revision
+        std::map<LayerId, Revision> first;
+        for (int step = 0; step < 40; ++step) {
+            SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
+            ASSERT_NO_FATAL_FAILURE(
+                history.appendGroup([&] { stood.push_back(history.commits.layers); }));
+            const Revision newest = stood.size() - 1;
+            const auto layers = *history.store->layers();
+            for (const LayerId& layer : layers) first.try_emplace(layer);
+            for (auto& [layer, revision] : first)
+                while (stood[revision][layer] == LayerDoc()) ++revision;
+            if (history.random.below(4) == 0)
+                for (const LayerId& layer : layers) {
+                    const Revision at = std::max(
+                        first[layer], newest - history.random.below(std::min(newest, 5UL)));
+                    ASSERT_TRUE(history.store->keepSnapshot(layer, stood[at][layer], at,
+                                                            *history.store->hashAt(at)));
+                }
+            const Revision wanted = history.random.below(newest + 1);
+            for (const LayerId& layer : layers) {
+                const auto found = history.store->layerAt(layer, wanted);
+                ASSERT_TRUE(found) << found.error().message;
+                ASSERT_EQ((*found)->dump(), stood[std::max(wanted, first[layer])][layer].dump())
+                    << layer.value << " at " << wanted;
+            }
+            EXPECT_FALSE(*history.store->layerAt({"c.usda"}, wanted));
+            ASSERT_NO_FATAL_FAILURE(history.compare(8));
+        }
+    }
+}
+
 TYPED_TEST(CommitStoreContract, ALayerBeginsWithItsNewestSnapshot) {
     ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})));
     const Hash first = this->commits.head.hash;

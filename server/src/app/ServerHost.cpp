@@ -7,7 +7,6 @@
 
 #include "usdlive/common/protocol/Snapshot.h"
 #include "usdlive/server/app/Faults.h"
-#include "usdlive/server/app/LayerHistory.h"
 
 namespace usdlive::server {
 
@@ -403,8 +402,9 @@ void ServerHost::readHistory(SessionId session, std::uint64_t request, const Lay
 }
 
 Result<LayerDoc> ServerHost::layerInHistory(const LayerId& layer, Revision revision) {
-    auto doc = store_.use([&](CommitStore& store) { return layerAt(store, layer, revision); });
-    if (doc || doc.error().code != ErrorCode::LayerNotFound) return doc;
+    auto stored = store_.use([&](CommitStore& store) { return store.layerAt(layer, revision); });
+    if (!stored) return tl::unexpected(stored.error());
+    if (*stored) return std::move(**stored);
     return files_.layers.import(layer).map(
         [](ImportedLayer&& found) { return std::move(found.doc); });
 }

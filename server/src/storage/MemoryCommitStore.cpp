@@ -16,7 +16,7 @@ struct StoredLayer {
     std::optional<LayerDoc> snapshot;
     Revision snapshotRevision = 0;
     std::size_t snapshotBytes = 0;
-    Revision changed = 0;
+    Revision first = 0, changed = 0;
     SavedState saved;
 };
 
@@ -80,16 +80,22 @@ public:
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end()) return std::optional<LayerDoc>();
         LayerDoc doc = known->second.snapshot.value_or(LayerDoc());
-        std::size_t cost = 0;
-        for (auto at = known->second.snapshotRevision; at < disk_->commits.size(); ++at) {
-            const auto done = decodeCommit(disk_->commits[at]).and_then([&](const Commit& commit) {
-                cost += replayCost(disk_->commits[at].frame->size(), commit.edits.size());
-                return replay(doc, layer, commit);
-            });
-            if (!done) return tl::unexpected(done.error());
-        }
-        if (replayed) *replayed = {known->second.snapshotBytes, cost};
+        const auto cost = follow(doc, layer, known->second.snapshotRevision, disk_->commits.size());
+        if (!cost) return tl::unexpected(cost.error());
+        if (replayed) *replayed = {known->second.snapshotBytes, *cost};
         return std::optional(std::move(doc));
+    }
+    [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer,
+                                                          Revision revision) const override {
+        const std::lock_guard lock(disk_->mutex);
+        const auto known = disk_->layers.find(layer);
+        if (known == disk_->layers.end()) return std::optional<LayerDoc>();
+        revision =
+            std::min<Revision>(std::max(revision, known->second.first), disk_->commits.size());
+        LayerDoc doc;
+        return follow(doc, layer, 0, revision).map([&](std::size_t) {
+            return std::optional(std::move(doc));
+        });
     }
     Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
                                      const Hash& hash) override {
@@ -173,12 +179,30 @@ private:
     }
 
     // The lock is held from here on.
+
+    // The commits behind `from`, up to `to`.
+    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, Revision from,
+                               Revision to) const {
+        std::size_t cost = 0;
+        for (Revision at = from; at < to; ++at) {
+            const auto done = decodeCommit(disk_->commits[at]).and_then([&](const Commit& commit) {
+                cost += replayCost(disk_->commits[at].frame->size(), commit.edits.size());
+                return replay(doc, layer, commit);
+            });
+            if (!done) return tl::unexpected(done.error());
+        }
+        return cost;
+    }
     void add(const CommitRecord& commit) {
         disk_->commits.push_back({commit.revision, commit.frame, commit.hash});
         disk_->head.revision = commit.revision;
         disk_->head.hash = commit.hash;
         std::ranges::copy(commit.namespaceChanges, std::back_inserter(disk_->namespaceChanges));
-        for (const LayerId& layer : commit.layers) disk_->layers[layer].changed = commit.revision;
+        for (const LayerId& name : commit.layers) {
+            StoredLayer& layer = disk_->layers[name];
+            layer.changed = commit.revision;
+            if (layer.first == 0) layer.first = commit.revision;
+        }
         if (commit.saved) {
             SavedState& saved = disk_->layers[commit.saved->layer].saved;
             if (commit.saved->state.revision >= saved.revision) saved = commit.saved->state;

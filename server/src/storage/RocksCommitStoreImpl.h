@@ -43,6 +43,8 @@ public:
     [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
     [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
                                                             Replayed* replayed) const override;
+    [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer,
+                                                          Revision revision) const override;
     Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
                                      const Hash& hash) override;
     [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override;
@@ -133,9 +135,9 @@ private:
         Revision first = 0, last = 0;
     };
     [[nodiscard]] Result<std::vector<Run>> runsAfter(std::uint32_t layer, Revision revision) const;
-    /// Has `doc`, which is the layer at `revision`, follow the commits since. Their replayCost().
-    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, std::uint32_t number,
-                               Revision revision) const;
+    /// Has `doc` follow the commits for the layer in these. Their replayCost().
+    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer,
+                               const std::vector<Run>& runs) const;
     [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
     /// Nothing: none that can be read and goes with the log.
     [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer) const;

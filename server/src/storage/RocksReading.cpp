@@ -103,12 +103,10 @@ Result<std::vector<RocksCommitStore::Run>> RocksCommitStore::runsAfter(std::uint
 }
 
 Result<std::size_t> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer,
-                                             std::uint32_t number, Revision revision) const {
-    const auto runs = runsAfter(number, revision);
-    if (!runs) return tl::unexpected(runs.error());
+                                             const std::vector<Run>& runs) const {
     std::size_t cost = 0;
     Result<void> followed;
-    for (const auto& [first, last] : *runs) {
+    for (const auto& [first, last] : runs) {
         const auto done = read(first, last, [&](const StoredCommit& stored) {
             followed = decodeCommit(stored).and_then([&](const Commit& commit) {
                 cost += replayCost(stored.frame->size(), commit.edits.size());
@@ -137,7 +135,9 @@ Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer
     if (number == 0) return std::optional<LayerDoc>();
     auto kept = readSnapshot(number);
     LayerSnapshot from = kept ? std::move(*kept) : LayerSnapshot();
-    const auto cost = follow(from.doc, layer, number, from.revision);
+    const auto cost = runsAfter(number, from.revision).and_then([&](const auto& runs) {
+        return follow(from.doc, layer, runs);
+    });
     if (!cost) return tl::unexpected(cost.error());
     if (replayed) {
         std::error_code none;
@@ -145,6 +145,23 @@ Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer
         *replayed = {from.revision == 0 || none ? 0 : bytes, *cost};
     }
     return std::optional(std::move(from.doc));
+}
+
+Result<std::optional<LayerDoc>> RocksCommitStore::layerAt(const LayerId& layer,
+                                                          Revision revision) const {
+    const std::uint32_t number = numberOf(layer);
+    if (number == 0) return std::optional<LayerDoc>();
+    auto kept = readSnapshot(number);
+    LayerSnapshot from = kept && kept->revision <= revision ? std::move(*kept) : LayerSnapshot();
+    auto runs = runsAfter(number, from.revision);
+    if (!runs) return tl::unexpected(runs.error());
+    // The first commit of a layer is the one that brought it in.
+    if (from.revision == 0 && !runs->empty()) revision = std::max(revision, runs->front().first);
+    std::erase_if(*runs, [&](const Run& run) { return run.first > revision; });
+    if (!runs->empty()) runs->back().last = std::min(runs->back().last, revision);
+    return follow(from.doc, layer, *runs).map([&](std::size_t) {
+        return std::optional(std::move(from.doc));
+    });
 }
 
 Result<SavedState> RocksCommitStore::saved(const LayerId& layer) const {
