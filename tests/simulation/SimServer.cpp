@@ -205,7 +205,12 @@ void SimServer::readHistory(SessionId session, std::uint64_t request, const Laye
                             Revision revision) {
     later(diskUs(), [this, session, request, layer, revision] {
         if (closed_) return project_->historyRead(session, request, kClosed);
-        project_->historyRead(session, request, replay(layer, revision));
+        auto doc = replay(layer, revision);
+        const auto stored = store().layerAt(layer, revision);
+        require(stored.has_value(), "a layer of the history cannot be read");
+        require(doc == LayerDoc() || (*stored && (*stored)->dump() == doc.dump()),
+                "a layer of the history is not what was committed");
+        project_->historyRead(session, request, std::move(doc));
     });
 }
 
