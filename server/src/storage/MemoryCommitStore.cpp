@@ -74,28 +74,26 @@ public:
         return layersThat(
             [](const StoredLayer& layer) { return layer.changed > layer.saved.revision; });
     }
-    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
-                                                            Replayed* replayed) const override {
+    [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer, Revision revision,
+                                                          Replayed* replayed) const override {
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end()) return std::optional<LayerDoc>();
-        LayerDoc doc = known->second.snapshot.value_or(LayerDoc());
-        const auto cost = follow(doc, layer, known->second.snapshotRevision, disk_->commits.size());
-        if (!cost) return tl::unexpected(cost.error());
-        if (replayed) *replayed = {known->second.snapshotBytes, *cost};
+        const StoredLayer& stored = known->second;
+        const bool begins = stored.snapshot && stored.snapshotRevision <= revision;
+        LayerDoc doc = begins ? *stored.snapshot : LayerDoc();
+        const Revision to =
+            std::min<Revision>(std::max(revision, stored.first), disk_->commits.size());
+        std::size_t cost = 0;
+        for (Revision at = begins ? stored.snapshotRevision : 0; at < to; ++at) {
+            const auto done = decodeCommit(disk_->commits[at]).and_then([&](const Commit& commit) {
+                cost += replayCost(disk_->commits[at].frame->size(), commit.edits.size());
+                return replay(doc, layer, commit);
+            });
+            if (!done) return tl::unexpected(done.error());
+        }
+        if (replayed) *replayed = {stored.snapshotBytes, cost};
         return std::optional(std::move(doc));
-    }
-    [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer,
-                                                          Revision revision) const override {
-        const std::lock_guard lock(disk_->mutex);
-        const auto known = disk_->layers.find(layer);
-        if (known == disk_->layers.end()) return std::optional<LayerDoc>();
-        revision =
-            std::min<Revision>(std::max(revision, known->second.first), disk_->commits.size());
-        LayerDoc doc;
-        return follow(doc, layer, 0, revision).map([&](std::size_t) {
-            return std::optional(std::move(doc));
-        });
     }
     Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
                                      const Hash& hash) override {
@@ -179,20 +177,6 @@ private:
     }
 
     // The lock is held from here on.
-
-    // The commits behind `from`, up to `to`.
-    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, Revision from,
-                               Revision to) const {
-        std::size_t cost = 0;
-        for (Revision at = from; at < to; ++at) {
-            const auto done = decodeCommit(disk_->commits[at]).and_then([&](const Commit& commit) {
-                cost += replayCost(disk_->commits[at].frame->size(), commit.edits.size());
-                return replay(doc, layer, commit);
-            });
-            if (!done) return tl::unexpected(done.error());
-        }
-        return cost;
-    }
     void add(const CommitRecord& commit) {
         disk_->commits.push_back({commit.revision, commit.frame, commit.hash});
         disk_->head.revision = commit.revision;

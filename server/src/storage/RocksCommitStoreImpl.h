@@ -41,10 +41,8 @@ public:
                       const std::function<bool(const StoredCommit&)>& visit) const override;
     [[nodiscard]] Result<Hash> hashAt(Revision revision) const override;
     [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
-    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
-                                                            Replayed* replayed) const override;
-    [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer,
-                                                          Revision revision) const override;
+    [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer, Revision revision,
+                                                          Replayed* replayed) const override;
     Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
                                      const Hash& hash) override;
     [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override;

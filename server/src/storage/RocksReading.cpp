@@ -129,26 +129,8 @@ std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer)
 }
 
 /// A snapshot that is missing costs the time to do the whole log again.
-Result<std::optional<LayerDoc>> RocksCommitStore::loadLayer(const LayerId& layer,
-                                                            Replayed* replayed) const {
-    const std::uint32_t number = numberOf(layer);
-    if (number == 0) return std::optional<LayerDoc>();
-    auto kept = readSnapshot(number);
-    LayerSnapshot from = kept ? std::move(*kept) : LayerSnapshot();
-    const auto cost = runsAfter(number, from.revision).and_then([&](const auto& runs) {
-        return follow(from.doc, layer, runs);
-    });
-    if (!cost) return tl::unexpected(cost.error());
-    if (replayed) {
-        std::error_code none;
-        const auto bytes = std::filesystem::file_size(folder_.snapshot(number), none);
-        *replayed = {from.revision == 0 || none ? 0 : bytes, *cost};
-    }
-    return std::optional(std::move(from.doc));
-}
-
-Result<std::optional<LayerDoc>> RocksCommitStore::layerAt(const LayerId& layer,
-                                                          Revision revision) const {
+Result<std::optional<LayerDoc>> RocksCommitStore::layerAt(const LayerId& layer, Revision revision,
+                                                          Replayed* replayed) const {
     const std::uint32_t number = numberOf(layer);
     if (number == 0) return std::optional<LayerDoc>();
     auto kept = readSnapshot(number);
@@ -159,9 +141,14 @@ Result<std::optional<LayerDoc>> RocksCommitStore::layerAt(const LayerId& layer,
     if (from.revision == 0 && !runs->empty()) revision = std::max(revision, runs->front().first);
     std::erase_if(*runs, [&](const Run& run) { return run.first > revision; });
     if (!runs->empty()) runs->back().last = std::min(runs->back().last, revision);
-    return follow(from.doc, layer, *runs).map([&](std::size_t) {
-        return std::optional(std::move(from.doc));
-    });
+    const auto cost = follow(from.doc, layer, *runs);
+    if (!cost) return tl::unexpected(cost.error());
+    if (replayed) {
+        std::error_code none;
+        const auto bytes = std::filesystem::file_size(folder_.snapshot(number), none);
+        *replayed = {from.revision == 0 || none ? 0 : bytes, *cost};
+    }
+    return std::optional(std::move(from.doc));
 }
 
 Result<SavedState> RocksCommitStore::saved(const LayerId& layer) const {

@@ -132,14 +132,16 @@ public:
 
     /// Layers that commits have edited or brought in.
     [[nodiscard]] virtual Result<std::vector<LayerId>> layers() const = 0;
-    /// As of the newest commit. Nothing: no commit is for it. Errors: StorageCorrupt,
-    /// StorageFailed. `replayed`: what it was made of.
-    [[nodiscard]] virtual Result<std::optional<LayerDoc>> loadLayer(
-        const LayerId& layer, Replayed* replayed = nullptr) const = 0;
     /// As it stood at a revision. What was first brought in later stands as it was then, for its
-    /// file was nobody's work. Nothing and errors as for loadLayer().
-    [[nodiscard]] virtual Result<std::optional<LayerDoc>> layerAt(const LayerId& layer,
-                                                                  Revision revision) const = 0;
+    /// file was nobody's work. Nothing: no commit is for it. Errors: StorageCorrupt, StorageFailed.
+    /// `replayed`: what it was made of.
+    [[nodiscard]] virtual Result<std::optional<LayerDoc>> layerAt(
+        const LayerId& layer, Revision revision, Replayed* replayed = nullptr) const = 0;
+    /// As of the newest commit.
+    [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
+                                                            Replayed* replayed = nullptr) const {
+        return layerAt(layer, ~Revision(0), replayed);
+    }
     /// Keeps what a layer holds at a revision that is durable, so that loading it does not begin at
     /// its first commit. Takes the place of what was kept of an older revision; may be lost, which
     /// costs time and nothing else. Returns its bytes. LayerNotFound: no commit is for it.
