@@ -1,4 +1,4 @@
-"""`usdlive ls|cat|tree|log|watch|save`."""
+"""The command line tool: its verbs, their words, what it prints and its exit codes."""
 
 import json
 import os
@@ -70,7 +70,120 @@ def test_saving_writes_the_files(served, editor):
     assert (served.folder / "root.usda").read_text() == ada.text("root.usda")
 
 
+VERBS = ("serve", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", "checkpoint", "checkpoints", "mute",
+         "unmute", "lock", "unlock", "completion")
+
+
+def ended(*arguments: str, **environment: str) -> tuple[int, str, str]:
+    """Exit code, output and errors."""
+    ran = subprocess.run([os.environ["USDLIVE_BIN"], *arguments], capture_output=True, text=True, timeout=60,
+                         env={**os.environ, **environment})
+    return ran.returncode, ran.stdout, ran.stderr
+
+
 def test_help_names_every_verb():
     text = usdlive("--help")
-    for verb in ("serve", "ls", "cat", "tree", "log", "watch", "save"):
+    for verb in VERBS:
         assert verb in text
+    for verb in VERBS[1:-1]:
+        assert f"Usage: usdlive {verb} " in usdlive("help", verb) == usdlive(verb, "--help")
+    for text in (usdlive("serve", "--help"), usdlive("help", "serve")):
+        assert "Usage: usdlive serve " in text and "usdlive-server" not in text
+    assert usdlive("--version").startswith("usdlive 0.")
+
+
+def test_wrong_words_are_explained_and_end_with_2():
+    assert ended("bogus")[0] == 2
+    code, out, error = ended("lgo")
+    assert (code, out) == (2, "") and "unknown command: lgo. Did you mean `usdlive log`?" in error
+    for words in (("log", "-n", "-3"), ("log", "-n", "0"), ("log", "-n", "many"), ("ls", "--bogus"), (), ("cat",),
+                  ("lock", "http://h"), ("checkpoint",), ("completion", "tcsh"), ("cat", "../up.usda")):
+        code, out, error = ended(*words, USDLIVE_URL="127.0.0.1:1")
+        assert (code, out) == (2, "") and error, words
+    code, _, error = ended("ls", "127.0.0.1:1")
+    assert code == 1 and "Is `usdlive serve` running there?" in error
+
+
+def test_a_server_and_layers_are_named_in_one_way(served):
+    address = served.url.removeprefix("ws://")
+    text = usdlive("cat", f"{served.url}/root.usda")
+    assert usdlive("cat", address, "root.usda") == usdlive("cat", f"{address}/root.usda") == text
+    assert ended("cat", "root.usda", USDLIVE_URL=address)[1] == text
+    assert ended("ls", USDLIVE_URL=served.url)[1].split() == ["root.usda", "sets/hall.usda"]
+
+    assert usdlive("lock", address, "root.usda", "sets/hall.usda", "--user", "ada") == \
+        "root.usda is locked by ada\nsets/hall.usda is locked by ada\n"
+    code, out, error = ended("unlock", address, "root.usda", USDLIVE_USER="bob")
+    assert (code, out) == (1, "") and "locked by ada" in error
+    assert ended("unlock", address, "root.usda", USDLIVE_USER="ada")[1] == "root.usda is unlocked\n"
+
+    assert usdlive("mute", address, "root.usda", "sets/hall.usda") == \
+        usdlive("mute", f"{served.url}/root.usda", "sets/hall.usda").replace("was already", "is")
+    assert usdlive("unmute", address, "--root", "root.usda", "sets/hall.usda").startswith("sets/hall.usda is no longer")
+    code, _, error = ended("unmute", address, "root.usda", "none.usda")
+    assert code == 1 and "no layer none.usda" in error
+
+
+def test_json_of_every_verb_that_prints(served, editor):
+    def read(*words):
+        return json.loads(usdlive(*words, "--json"))
+
+    ada = editor(served, "ada", "root.usda")
+    ada.run("ball = stage.GetPrimAtPath('/World/Ball')\n"
+            "ball.CreateAttribute('points', Sdf.ValueTypeNames.Float3Array).Set([(1, 2, 0.1)] * 30000)\n"
+            "ball.GetAttribute('radius').Set(0.1, 24.0)\n"
+            "ball.CreateAttribute('far', Sdf.ValueTypeNames.Double).Set(float('inf'))\n"
+            "ball.GetPrim().SetCustomDataByKey('studio:id', 7)\n"
+            "ball.GetReferences().AddReference('a.usda', '/A')")
+    ada.flush()
+    assert [state["layer"] for state in read("ls", served.url)] == ["root.usda", "sets/hall.usda"]
+    assert read("ls", served.url)[0]["editors"] == ["ada"]
+    assert [one["user"] for one in read("who", served.url)] == ["ada"]
+
+    layer = read("cat", served.url, "root.usda")
+    specs = {spec["path"]: spec["fields"] for spec in layer["specs"]}
+    assert specs["/World/Ball.points"]["default"] == {"type": "float3[]", "value": [[1, 2, 0.1]] * 30000}
+    assert specs["/World/Ball.radius"]["timeSamples"]["value"] == [[24, 0.1]]
+    assert specs["/World/Ball.far"]["default"]["value"] == "inf"
+    assert specs["/World/Ball"]["customData"]["value"] == {"studio": {"id": 7}}
+    assert specs["/World/Ball"]["references"]["value"]["prepended"] == \
+        [{"asset": "a.usda", "prim": "/A", "offset": 0, "scale": 1}]
+    assert specs["/World"]["specifier"]["value"] == "def"
+
+    (world,) = read("tree", served.url, "root.usda")
+    assert (world["type"], [child["name"] for child in world["children"]]) == ("Xform", ["Ball"])
+
+    edits = [edit for line in usdlive("log", served.url, "--json").splitlines() for edit in json.loads(line)["edits"]]
+    values = {edit["path"]: edit["value"] for edit in edits if edit.get("field") == "default"}
+    assert values["/World/Ball.points"] == [[1, 2, 0.1]] * 30000
+
+    assert read("save", served.url)["saved"] == ["root.usda"]
+    assert read("checkpoint", served.url, "dinner: 1")["name"] == "dinner: 1"
+    assert [one["name"] for one in read("checkpoints", served.url)] == ["dinner: 1"]
+    assert read("lock", served.url, "sets/hall.usda")[0]["changed"] is True
+
+
+def test_completion_knows_the_verbs_and_their_options():
+    for shell in ("bash", "zsh", "fish"):
+        script = usdlive("completion", shell)
+        assert all(verb in script for verb in VERBS) and "checkpoint" in script
+    done = subprocess.run(["bash", "-c", usdlive("completion", "bash") +
+                           "COMP_WORDS=(usdlive log --fr) COMP_CWORD=2; _usdlive; echo ${COMPREPLY[@]}"],
+                          capture_output=True, text=True, check=True)
+    assert done.stdout == "--from\n"
+
+
+def test_a_second_server_of_a_folder_names_the_first(served):
+    code, _, error = ended("serve", str(served.folder), "--port", "0")
+    assert code == 1 and f"already served at {served.url} by process {served.process.pid}" in error
+
+
+def test_an_empty_folder_says_what_to_do(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with subprocess.Popen([os.environ["USDLIVE_BIN"], "serve", str(tmp_path / "empty"), "--port", "0",
+                           "--min-free-mib", "1", "--host", "0.0.0.0"],
+                          stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        first, second = server.stdout.readline(), server.stdout.readline()
+        server.send_signal(signal.SIGTERM)
+    assert "(0 layers) at ws://" in first and "0.0.0.0" not in first
+    assert "Put one there" in second

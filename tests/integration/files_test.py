@@ -40,7 +40,7 @@ def test_a_file_changed_behind_the_server_is_seen_kept_and_taken(project, serve)
         begin = time.monotonic()
         wait(lambda: state(ada).outdated and state(bob).outdated, ada, bob)
         assert time.monotonic() - begin < 2.5
-        assert run("ls", "-l", server.url) == "shot.usda  changed, outdated: its file is another one, open: ada bob\n"
+        assert run("ls", "-l", server.url) == "shot.usda  changed, outdated: its file was changed, open: ada bob\n"
 
         # What somebody has put there is not overwritten.
         saved = Told(ada, events.Saved)
@@ -182,7 +182,8 @@ def test_a_muted_layer_is_muted_on_every_stage(project, serve):
             stages[bob].GetRootLayer()
             bob.open_layer("anim.usda").GetAttributeAtPath("/World.y").default = 6.0
             assert bob.flush()
-            assert run("unmute", f"{server.url}/shot.usda", "anim.usda") == ""
+            assert run("unmute", f"{server.url}/shot.usda", "anim.usda") == \
+                "anim.usda is no longer muted on the stages of shot.usda\n"
             wait(lambda: [shown(stage) for stage in (*stages.values(), attached)] == [6.0] * 3, ada, bob, cy)
         # Somebody who comes later finds it as it is, also after it was saved.
         ada.mute("shot.usda", "anim.usda")

@@ -59,10 +59,12 @@ def test_a_lock_from_the_command_line(project, serve):
     layer = f"{server.url}/shot.usda"
     with connect(server, "ada") as ada:
         ada.open_layer("shot.usda")
-        assert run("lock", layer) == ""
+        assert run("lock", layer) == f"shot.usda is locked by {getpass.getuser()}\n"
+        assert run("lock", layer) == f"shot.usda was already locked by {getpass.getuser()}\n"
         wait(lambda: ada.layer_states()["shot.usda"].locked, ada)
         assert ada.layer_states()["shot.usda"].holder == getpass.getuser()
-        run("unlock", layer)
+        assert run("unlock", server.url, "shot.usda") == "shot.usda is unlocked\n"
+        assert run("unlock", server.url, "shot.usda") == "shot.usda was not locked\n"
         wait(lambda: not ada.layer_states()["shot.usda"].locked, ada)
         ada.lock("shot.usda")
         assert ada.flush()

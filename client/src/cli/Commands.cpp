@@ -9,12 +9,15 @@
 #include <deque>
 #include <filesystem>
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
+#include "Json.h"
 #include "Link.h"
+#include "Terminal.h"
 #include "Text.h"
 #include "usdlive/client/transport/SystemUser.h"
-#include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/usd/LayerFill.h"
@@ -37,43 +40,43 @@ std::int64_t wallClockMs() {
     return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
 }
 
-struct Reached {
-    client::ServerAddress server;
-    std::unique_ptr<Link> link;
-};
-
-Result<Reached> reach(const std::string& url) {
-    auto address = client::parseServerAddress(url);
-    if (!address) return tl::unexpected(address.error());
-    auto link = Link::connect(*address, kTimeoutMs);
-    if (!link) return tl::unexpected(link.error());
-    return Reached{std::move(*address), std::move(*link)};
+UserName userOf(const Common& options) {
+    return options.user.empty() ? client::systemUser() : UserName{options.user};
 }
 
-// `--layer` or the layer in the URL; empty: all.
-Result<LayerId> chosenLayer(const client::ServerAddress& server, const std::string& option) {
-    if (option.empty()) return LayerId{server.layer};
-    return parseLayerId(option);
+Result<std::unique_ptr<Link>> reach(const Common& options) {
+    return Link::connect(options.target.server, userOf(options), kTimeoutMs);
 }
 
-Result<void> knows(const Link& link, const LayerId& layer) {
-    const auto& layers = link.welcome().layers;
-    const auto same = [&](const LayerInfo& info) { return info.layer == layer; };
-    if (layer.empty() || std::any_of(layers.begin(), layers.end(), same)) return {};
-    return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
+bool hasLayer(const Link& link, const LayerId& layer) {
+    return std::ranges::any_of(link.welcome().layers,
+                               [&](const LayerInfo& info) { return info.layer == layer; });
 }
 
-/// Waits for what answers a request, or for what is wrong with it.
+Error noSuchLayer(const LayerId& layer) {
+    return {ErrorCode::LayerNotFound,
+            "the project has no layer " + layer.value + "; `usdlive ls` lists its layers"};
+}
+
+/// The layer that a verb is about; empty: none was named.
+Result<LayerId> chosenLayer(const Link& link, const Common& options) {
+    if (options.target.layers.empty()) return LayerId{};
+    const LayerId& layer = options.target.layers.front();
+    if (!hasLayer(link, layer)) return tl::unexpected(noSuchLayer(layer));
+    return layer;
+}
+
+/// Waits for the answer to a request.
 template <class Answer>
 Result<Answer> answer(Link& link) {
     std::optional<Answer> answer;
     std::optional<Error> error;
     const auto ran = link.run([&](const std::vector<client::Event>& events) {
         for (const auto& one : events) {
-            if (const auto* told = std::get_if<Answer>(&one)) answer = *told;
-            if (const auto* told = std::get_if<event::ServerError>(&one))
-                error = Error{errorFromName(told->message.code).value_or(ErrorCode::Internal),
-                              told->message.message};
+            if (const auto* received = std::get_if<Answer>(&one)) answer = *received;
+            if (const auto* failed = std::get_if<event::ServerError>(&one))
+                error = Error{errorFromName(failed->message.code).value_or(ErrorCode::Internal),
+                              failed->message.message};
         }
         return answer || error;
     });
@@ -94,35 +97,42 @@ Result<Revision> chosenRevision(Link& link, const CatOptions& options) {
     if (!all) return tl::unexpected(all.error());
     const auto found = std::ranges::find(*all, options.checkpoint, &Checkpoint::name);
     if (found == all->end())
-        return fail(ErrorCode::InvalidArgument,
-                    "the project has no checkpoint '" + options.checkpoint + "'");
+        return fail(ErrorCode::InvalidArgument, "the project has no checkpoint '" +
+                                                    options.checkpoint +
+                                                    "'; `usdlive checkpoints` lists them");
     return found->revision;
 }
 
 struct Fetched {
     std::unique_ptr<Link> link;
+    LayerId id;
     Link::Layer layer;
 };
 
 Result<Fetched> fetch(const CatOptions& options) {
-    auto address = client::parseServerAddress(options.url);
-    if (!address) return tl::unexpected(address.error());
-    if (address->layer.empty())
-        return fail(ErrorCode::InvalidArgument, "name a layer after the server: " + options.url +
-                                                    (options.url.ends_with('/') ? "" : "/") +
-                                                    "LAYER");
-    auto link = Link::connect(*address, kTimeoutMs);
+    auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
+    const auto id = chosenLayer(**link, options);
+    if (!id) return tl::unexpected(id.error());
     const auto revision = chosenRevision(**link, options);
     if (!revision) return tl::unexpected(revision.error());
-    auto layer = (*link)->fetch(LayerId{address->layer}, *revision);
+    auto layer = (*link)->fetch(*id, *revision);
     if (!layer) return tl::unexpected(layer.error());
-    return Fetched{std::move(*link), std::move(*layer)};
+    return Fetched{std::move(*link), *id, std::move(*layer)};
 }
 
-void show(const Commit& commit, std::size_t maxEdits, const LayerId& layer, bool json) {
-    std::cout << (json ? asJson(commit, layer) + "\n" : describe(commit, maxEdits, layer));
-}
+/// How log and watch show a commit.
+struct CommitView {
+    LayerId layer;  ///< only its edits; empty: all
+    std::size_t maxEdits = kEditsShown;
+    bool json = false;
+    Palette palette = Palette::of(STDOUT_FILENO);
+
+    [[nodiscard]] std::string text(const Commit& commit, Link& link) const {
+        return json ? line(toJson(commit, layer, link))
+                    : describe(commit, maxEdits, layer, palette);
+    }
+};
 
 Result<std::vector<Commit>> readLog(Link& link, Revision from, Revision to) {
     std::vector<Commit> commits;
@@ -136,68 +146,124 @@ Result<std::vector<Commit>> readLog(Link& link, Revision from, Revision to) {
     return commits;
 }
 
+Result<std::string> shown(const Commit& commit, Link& link, const CommitView& view) {
+    if (view.json)
+        if (auto fetched = link.fetchBlobs(commit); !fetched)
+            return tl::unexpected(fetched.error());
+    return view.text(commit, link);
+}
+
 // The latest `limit` commits of the layer, oldest first: page by page from the end.
-Result<void> showLatest(Link& link, const LogOptions& options, const LayerId& layer,
-                        std::size_t maxEdits) {
+Result<void> showLatest(Link& link, std::size_t limit, const CommitView& view) {
     std::deque<std::string> texts;
-    for (Revision to = link.welcome().revision; to > 0 && texts.size() < options.limit;) {
-        const Revision page =
-            layer.empty() ? std::min<Revision>(kLogPage, options.limit) : kLogPage;
+    for (Revision to = link.welcome().revision; to > 0 && texts.size() < limit;) {
+        const Revision page = view.layer.empty() ? std::min<Revision>(kLogPage, limit) : kLogPage;
         const Revision from = to > page ? to - page + 1 : 1;
         const auto commits = readLog(link, from, to);
         if (!commits) return tl::unexpected(commits.error());
-        for (auto commit = commits->rbegin(); commit != commits->rend(); ++commit)
-            if (concerns(*commit, layer) && texts.size() < options.limit)
-                texts.push_front(options.json ? asJson(*commit, layer) + "\n"
-                                              : describe(*commit, maxEdits, layer));
+        for (auto commit = commits->rbegin(); commit != commits->rend(); ++commit) {
+            if (!concerns(*commit, view.layer) || texts.size() >= limit) continue;
+            auto text = shown(*commit, link, view);
+            if (!text) return tl::unexpected(text.error());
+            texts.push_front(std::move(*text));
+        }
         to = from - 1;
     }
     for (const auto& text : texts) std::cout << text;
     return {};
 }
 
-Result<void> showFrom(Link& link, const LogOptions& options, const LayerId& layer,
-                      std::size_t maxEdits) {
-    std::size_t shown = 0;
+Result<void> showFrom(Link& link, Revision first, std::size_t limit, const CommitView& view) {
+    std::size_t count = 0;
     const Revision newest = link.welcome().revision;
-    if (options.from > newest)
+    if (first > newest)
         return fail(ErrorCode::FutureRevision,
                     "the project is at revision " + std::to_string(newest));
-    for (Revision from = options.from; from <= newest && shown < options.limit; from += kLogPage) {
+    for (Revision from = first; from <= newest && count < limit; from += kLogPage) {
         const auto commits = readLog(link, from, std::min(from + kLogPage - 1, newest));
         if (!commits) return tl::unexpected(commits.error());
-        for (const auto& commit : *commits)
-            if (concerns(commit, layer) && shown++ < options.limit)
-                show(commit, maxEdits, layer, options.json);
+        for (const auto& commit : *commits) {
+            if (!concerns(commit, view.layer) || count++ >= limit) continue;
+            const auto text = shown(commit, link, view);
+            if (!text) return tl::unexpected(text.error());
+            std::cout << *text;
+        }
     }
     return {};
 }
 
-Result<void> listProjects() {
+/// Prints commits in order. With JSON a commit waits for the big values that it names.
+class Watcher {
+public:
+    Watcher(Link& link, CommitView view) : link_(link), view_(std::move(view)) {}
+
+    void add(const Commit& commit) {
+        if (!concerns(commit, view_.layer)) return;
+        waiting_.push_back({commit, {}});
+        if (!view_.json) return;
+        for (const Edit& edit : commit.edits)
+            if (const auto* set = std::get_if<SetField>(&edit.action))
+                forEachBlob(set->value, [&](const Value& blob) { want(blob.hash()); });
+    }
+    /// The server does not have it.
+    void failed(const Hash& hash) {
+        for (Waiting& waiting : waiting_) waiting.blobs.erase(hash);
+    }
+    void print() {
+        for (; !waiting_.empty(); waiting_.pop_front()) {
+            Waiting& first = waiting_.front();
+            std::erase_if(first.blobs,
+                          [&](const Hash& hash) { return link_.blob(hash) != nullptr; });
+            if (!first.blobs.empty()) break;
+            std::cout << view_.text(first.commit, link_);
+        }
+        std::cout.flush();
+    }
+
+private:
+    struct Waiting {
+        Commit commit;
+        std::set<Hash> blobs;
+    };
+
+    void want(const Hash& hash) {
+        if (link_.blob(hash)) return;
+        waiting_.back().blobs.insert(hash);
+        link_.session().requestBlob(hash);
+    }
+
+    Link& link_;
+    CommitView view_;
+    std::deque<Waiting> waiting_;
+};
+
+Result<void> listProjects(bool json) {
     const auto settings = client::ddsSettings();
     if (!settings) return tl::unexpected(settings.error());
     const auto projects = client::listDdsProjects(*settings, kLookAround);
     if (!projects) return tl::unexpected(projects.error());
+    Json all = Json::array();
     for (const auto& project : *projects) {
         client::ServerAddress address;
         address.dds = true;
         address.project = project.name;
-        std::cout << address.url() << "\t" << project.url << "\trevision " << project.revision
-                  << "\n";
+        if (json)
+            all.push_back({{"project", project.name},
+                           {"url", address.url()},
+                           {"webSocket", project.url},
+                           {"revision", project.revision}});
+        else
+            std::cout << address.url() << "\t" << project.url << "\trevision " << project.revision
+                      << "\n";
     }
+    if (json) std::cout << line(all);
     return {};
 }
 
-/// Opens the layer that the URL names and commits edits of its pseudo-root.
-Result<void> editRoot(
-    const std::string& url,
-    const std::function<std::vector<EditAction>(const LayerId&, const LayerDoc&)>& makeEdits) {
-    const auto reached = reach(url);
-    if (!reached) return tl::unexpected(reached.error());
-    const LayerId layer{reached->server.layer};
-    if (layer.empty())
-        return fail(ErrorCode::InvalidArgument, "name a layer after the server: " + url);
-    Link& link = *reached->link;
+using MakeEdits = std::function<std::vector<EditAction>(const LayerDoc&)>;
+
+/// Opens a layer and commits edits of its pseudo-root. False: there was nothing to commit.
+Result<bool> editRoot(Link& link, const LayerId& layer, const MakeEdits& makeEdits) {
     std::optional<Error> failed;
     const auto ran = [&](const auto& done) {
         return link.run([&](const std::vector<client::Event>& events) {
@@ -209,79 +275,119 @@ Result<void> editRoot(
         });
     };
     link.session().openLayer(layer);
-    if (auto joined = ran([&] { return link.session().isJoined(layer); }); !joined) return joined;
+    const auto joined = ran([&] { return link.session().isJoined(layer); });
+    if (!joined) return tl::unexpected(joined.error());
     if (failed) return tl::unexpected(*failed);
     std::vector<client::AuthoredEdit> edits;
-    for (EditAction& action : makeEdits(layer, *link.session().view(layer)))
+    for (EditAction& action : makeEdits(*link.session().view(layer)))
         edits.push_back({layer, "/", std::move(action)});
-    if (edits.empty()) return {};
+    if (edits.empty()) return false;
     link.session().author(std::move(edits));
-    auto sent = ran([&] { return link.session().pendingTransactions() == 0; });
-    if (sent && failed) return tl::unexpected(*failed);
-    return sent;
+    const auto sent = ran([&] { return link.session().pendingTransactions() == 0; });
+    if (!sent) return tl::unexpected(sent.error());
+    if (failed) return tl::unexpected(*failed);
+    return true;
 }
 
-/// Has the server do something with the files of layers.
-template <class Answer, class Ask>
-auto askForFiles(const std::string& url, const std::vector<std::string>& layers, Ask ask)
-    -> Result<decltype(Answer::outcome)> {
-    std::vector<LayerId> ids;
-    for (const auto& name : layers) {
-        auto id = parseLayerId(name);
-        if (!id) return tl::unexpected(id.error());
-        ids.push_back(std::move(*id));
+/// What a verb did to each layer: a sentence a line, or one JSON array of {layer, changed, ...}.
+class Report {
+public:
+    explicit Report(bool json) : json_(json) {}
+
+    void add(const LayerId& layer, bool changed, const std::string& sentence) {
+        if (json_)
+            all_.push_back({{"layer", layer.value}, {"changed", changed}, {"message", sentence}});
+        else
+            std::cout << sentence << "\n";
     }
-    const auto reached = reach(url);
-    if (!reached) return tl::unexpected(reached.error());
-    if (!reached->server.layer.empty()) ids.push_back({reached->server.layer});
-    ask(reached->link->session(), std::move(ids));
-    return answer<Answer>(*reached->link).map([](Answer&& told) {
-        return std::move(told.outcome);
-    });
+    ~Report() {
+        if (json_) std::cout << line(all_);
+    }
+    Report(const Report&) = delete;
+    Report& operator=(const Report&) = delete;
+
+private:
+    bool json_;
+    Json all_ = Json::array();
+};
+
+/// Asks the server to do something with the files of layers.
+template <class Answer, class Ask>
+auto askForFiles(const Common& options, Ask ask) -> Result<decltype(Answer::outcome)> {
+    auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    ask((*link)->session(), options.target.layers);
+    return answer<Answer>(**link).map(
+        [](Answer&& received) { return std::move(received.outcome); });
 }
 
-Result<void> tellFiles(const std::string& verb, const std::vector<LayerId>& done,
-                       const std::vector<LayersSaved::Failure>& failed) {
-    for (const auto& layer : done) std::cout << verb << " " << layer.value << "\n";
+Result<void> reportFiles(const std::string& verb, Revision revision,
+                         const std::vector<LayerId>& done,
+                         const std::vector<LayersSaved::Failure>& failed, bool json) {
+    if (json) {
+        Json report{{"revision", revision}, {verb, Json::array()}, {"failed", Json::array()}};
+        for (const auto& layer : done) report[verb].push_back(layer.value);
+        for (const auto& failure : failed)
+            report["failed"].push_back({{"layer", failure.layer.value},
+                                        {"code", failure.code},
+                                        {"message", failure.message}});
+        std::cout << line(report);
+    } else {
+        for (const auto& layer : done) std::cout << verb << " " << layer.value << "\n";
+        if (done.empty() && failed.empty()) std::cout << "nothing to be " << verb << "\n";
+    }
     for (const auto& failure : failed)
         std::cerr << "usdlive: " << failure.layer.value << ": " << failure.message << "\n";
-    if (done.empty() && failed.empty()) std::cout << "nothing to be " << verb << "\n";
     if (failed.empty()) return {};
     return fail(ErrorCode::SaveFailed, std::to_string(failed.size()) + " of " +
                                            std::to_string(failed.size() + done.size()) +
                                            " layers were not " + verb);
 }
 
+// The server sends layer states and presences before the answer to whatever is asked.
+Result<void> waitForStates(Link& link) {
+    return readLog(link, link.welcome().revision, link.welcome().revision).map([](const auto&) {});
+}
+
 }  // namespace
 
-Result<void> list(const std::string& url, bool states) {
-    const auto address = client::parseServerAddress(url);
-    if (!address) return tl::unexpected(address.error());
-    if (address->dds && address->project.empty()) return listProjects();
-    const auto reached = reach(url);
-    if (!reached) return tl::unexpected(reached.error());
+Result<void> list(const ListOptions& options) {
+    const client::ServerAddress& server = options.target.server;
+    if (server.dds && server.project.empty()) return listProjects(options.json);
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
     std::vector<LayerId> layers;
-    for (const auto& info : reached->link->welcome().layers) layers.push_back(info.layer);
+    for (const auto& info : (*link)->welcome().layers) layers.push_back(info.layer);
     std::sort(layers.begin(), layers.end());
-    (void)readLog(*reached->link, reached->link->welcome().revision,
-                  reached->link->welcome().revision);
-    const auto& known = reached->link->session().layerStates();
+    (void)waitForStates(**link);  // without history there are no states: names are enough
+    const auto& known = (*link)->session().layerStates();
+    const Palette palette = Palette::of(STDOUT_FILENO);
+    Json all = Json::array();
     for (const LayerId& layer : layers) {
-        const auto state = known.find(layer);
-        const bool told = states && state != known.end();
-        std::cout << layer.value << (told ? describe(state->second) : "") << "\n";
+        const auto found = known.find(layer);
+        LayerState state;
+        state.layer = layer;
+        if (found != known.end()) state = found->second;
+        if (options.json)
+            all.push_back(toJson(state));
+        else
+            std::cout << layer.value << (options.states ? describe(state, palette) : "") << "\n";
     }
+    if (options.json) std::cout << line(all);
     return {};
 }
 
-Result<void> who(const std::string& url) {
-    const auto reached = reach(url);
-    if (!reached) return tl::unexpected(reached.error());
-    // They are told before the answer to whatever is asked.
-    (void)readLog(*reached->link, reached->link->welcome().revision,
-                  reached->link->welcome().revision);
-    for (const auto& [client, presence] : reached->link->session().presences())
-        std::cout << describe(presence) << "\n";
+Result<void> who(const Common& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    (void)waitForStates(**link);
+    Json all = Json::array();
+    for (const auto& [client, presence] : (*link)->session().presences())
+        if (options.json)
+            all.push_back(toJson(presence));
+        else
+            std::cout << describe(presence, Palette::of(STDOUT_FILENO)) << "\n";
+    if (options.json) std::cout << line(all);
     return {};
 }
 
@@ -289,6 +395,12 @@ Result<void> cat(const CatOptions& options) {
     const auto fetched = fetch(options);
     if (!fetched) return tl::unexpected(fetched.error());
     if (auto here = fetched->link->fetchBlobs(fetched->layer.doc); !here) return here;
+    if (options.json) {
+        Json json{{"layer", fetched->id.value}, {"revision", fetched->layer.revision}};
+        json.update(toJson(fetched->layer.doc, *fetched->link));
+        std::cout << line(json);
+        return {};
+    }
     const auto text = usd::exportText(fetched->layer.doc, *fetched->link);
     if (!text) return tl::unexpected(text.error());
     std::cout << *text;
@@ -298,32 +410,34 @@ Result<void> cat(const CatOptions& options) {
 Result<void> tree(const CatOptions& options) {
     const auto fetched = fetch(options);
     if (!fetched) return tl::unexpected(fetched.error());
-    std::cout << describeTree(fetched->layer.doc);
+    if (options.json)
+        std::cout << line(treeToJson(fetched->layer.doc));
+    else
+        std::cout << describeTree(fetched->layer.doc, Palette::of(STDOUT_FILENO));
     return {};
 }
 
 Result<void> log(const LogOptions& options) {
-    const auto reached = reach(options.url);
-    if (!reached) return tl::unexpected(reached.error());
-    const auto layer = chosenLayer(reached->server, options.layer);
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    const auto layer = chosenLayer(**link, options);
     if (!layer) return tl::unexpected(layer.error());
-    if (auto known = knows(*reached->link, *layer); !known) return known;
-    const std::size_t maxEdits = options.all ? std::size_t(-1) : kEditsShown;
-    return options.from == 0 ? showLatest(*reached->link, options, *layer, maxEdits)
-                             : showFrom(*reached->link, options, *layer, maxEdits);
+    const CommitView view{*layer, options.all ? std::size_t(-1) : kEditsShown, options.json};
+    return options.from == 0 ? showLatest(**link, options.limit, view)
+                             : showFrom(**link, options.from, options.limit, view);
 }
 
-Result<void> watch(const WatchOptions& options) {
-    const auto reached = reach(options.url);
-    if (!reached) return tl::unexpected(reached.error());
-    const auto layer = chosenLayer(reached->server, options.layer);
+Result<void> watch(const Common& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    const auto layer = chosenLayer(**link, options);
     if (!layer) return tl::unexpected(layer.error());
-    if (auto known = knows(*reached->link, *layer); !known) return known;
     for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { interrupted = 1; });
 
+    Watcher watcher(**link, CommitView{*layer, kEditsShown, options.json});
     bool lost = false;
     while (!interrupted) {
-        const auto events = reached->link->step();
+        const auto events = (*link)->step();
         if (!events) {
             if (!std::exchange(lost, true))
                 std::cerr << "usdlive: " << events.error().message << "\n";
@@ -332,68 +446,113 @@ Result<void> watch(const WatchOptions& options) {
         for (const auto& one : *events) {
             if (std::holds_alternative<event::Connected>(one) && std::exchange(lost, false))
                 std::cerr << "usdlive: connected again\n";
-            if (const auto* committed = std::get_if<event::Committed>(&one);
-                committed && concerns(committed->commit, *layer))
-                show(committed->commit, kEditsShown, *layer, options.json);
+            if (const auto* committed = std::get_if<event::Committed>(&one))
+                watcher.add(committed->commit);
+            if (const auto* error = std::get_if<event::ServerError>(&one);
+                error && error->message.blob)
+                watcher.failed(*error->message.blob);
         }
-        std::cout.flush();
+        watcher.print();
     }
     return {};
 }
 
-Result<void> setLocked(const std::string& url, bool locked) {
-    LayerLock lock;
-    if (locked) lock = {true, client::systemUser(), wallClockMs()};
-    return editRoot(url, [&](const LayerId&, const LayerDoc&) { return lockEdits(lock); });
+Result<void> setLocked(const Common& options, bool locked) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    const UserName user = userOf(options);
+    Report report(options.json);
+    for (const LayerId& layer : options.target.layers) {
+        const auto changed = editRoot(**link, layer, [&](const LayerDoc& doc) {
+            const LayerLock present = lockOf(doc);
+            const bool mine = present.locked && present.holder == user;
+            if (locked ? mine : !present.locked) return std::vector<EditAction>();
+            return lockEdits(locked ? LayerLock{true, user, wallClockMs()} : LayerLock{});
+        });
+        if (!changed) return tl::unexpected(changed.error());
+        if (locked)
+            report.add(
+                layer, *changed,
+                layer.value + (*changed ? " is" : " was already") + " locked by " + user.value);
+        else
+            report.add(layer, *changed,
+                       layer.value + (*changed ? " is unlocked" : " was not locked"));
+    }
+    return {};
 }
 
-Result<void> setMuted(const std::string& url, const std::string& layer, bool muted) {
-    const auto id = parseLayerId(layer);
-    if (!id) return tl::unexpected(id.error());
-    return editRoot(url, [&](const LayerId& root, const LayerDoc& doc) {
-        return globalMuteEdits(root, doc, *id, muted);
-    });
+Result<void> setMuted(const MuteOptions& options, bool muted) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    const LayerId& root = options.root;
+    const std::string where = " on the stages of " + root.value;
+    Report report(options.json);
+    for (const LayerId& layer : options.target.layers) {
+        bool unknown = false;
+        const auto changed = editRoot(**link, root, [&](const LayerDoc& doc) {
+            const bool already = globallyMuted(root, doc).contains(layer);
+            unknown = !already && !hasLayer(**link, layer);
+            if (unknown || already == muted) return std::vector<EditAction>();
+            return globalMuteEdits(root, doc, layer, muted);
+        });
+        if (!changed) return tl::unexpected(changed.error());
+        if (unknown) return tl::unexpected(noSuchLayer(layer));
+        const std::string done = muted ? (*changed ? " is muted" : " was already muted")
+                                       : (*changed ? " is no longer muted" : " was not muted");
+        report.add(layer, *changed, layer.value + done + where);
+    }
+    return {};
 }
 
-Result<void> save(const std::string& url, const std::vector<std::string>& layers, bool force) {
+Result<void> save(const SaveOptions& options) {
     const auto outcome = askForFiles<event::Saved>(
-        url, layers, [&](client::Session& session, std::vector<LayerId> ids) {
-            session.save(std::move(ids), force);
+        options, [&](client::Session& session, std::vector<LayerId> layers) {
+            session.save(std::move(layers), options.force);
         });
     if (!outcome) return tl::unexpected(outcome.error());
-    return tellFiles("saved", outcome->saved, outcome->failed);
+    return reportFiles("saved", outcome->revision, outcome->saved, outcome->failed, options.json);
 }
 
-Result<void> reload(const std::string& url, const std::vector<std::string>& layers) {
+Result<void> reload(const Common& options) {
     const auto outcome = askForFiles<event::Reloaded>(
-        url, layers,
-        [](client::Session& session, std::vector<LayerId> ids) { session.reload(std::move(ids)); });
+        options, [](client::Session& session, std::vector<LayerId> layers) {
+            session.reload(std::move(layers));
+        });
     if (!outcome) return tl::unexpected(outcome.error());
-    return tellFiles("reloaded", outcome->reloaded, outcome->failed);
+    return reportFiles("reloaded", outcome->revision, outcome->reloaded, outcome->failed,
+                       options.json);
 }
 
-Result<void> createCheckpoint(const std::string& url, const std::string& name) {
-    const auto reached = reach(url);
-    if (!reached) return tl::unexpected(reached.error());
-    reached->link->session().createCheckpoint(name);
-    return answer<event::CheckpointMade>(*reached->link).map([](const auto& made) {
-        std::cout << describe(made.answer.checkpoint);
+Result<void> createCheckpoint(const CheckpointOptions& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    (*link)->session().createCheckpoint(options.name);
+    return answer<event::CheckpointMade>(**link).map([&](const auto& made) {
+        std::cout << (options.json ? line(toJson(made.answer.checkpoint))
+                                   : describe(made.answer.checkpoint, Palette::of(STDOUT_FILENO)));
     });
 }
 
-Result<void> listCheckpoints(const std::string& url) {
-    const auto reached = reach(url);
-    if (!reached) return tl::unexpected(reached.error());
-    return checkpoints(*reached->link).map([](const std::vector<Checkpoint>& all) {
-        for (const Checkpoint& checkpoint : all) std::cout << describe(checkpoint);
+Result<void> listCheckpoints(const Common& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    return checkpoints(**link).map([&](const std::vector<Checkpoint>& all) {
+        Json list = Json::array();
+        for (const Checkpoint& checkpoint : all)
+            if (options.json)
+                list.push_back(toJson(checkpoint));
+            else
+                std::cout << describe(checkpoint, Palette::of(STDOUT_FILENO));
+        if (options.json) std::cout << line(list);
     });
 }
 
 Error serve(char** arguments) {
     std::error_code ignored;
     const auto self = std::filesystem::read_symlink("/proc/self/exe", ignored);
-    std::string server = (self.parent_path() / "usdlive-server").string();
-    arguments[0] = server.data();
+    const std::string server = (self.parent_path() / "usdlive-server").string();
+    std::string name = "usdlive serve";  // in its help and errors
+    arguments[0] = name.data();
     execv(server.c_str(), arguments);
     return {ErrorCode::Internal, "cannot start " + server + ": " + std::strerror(errno)};
 }

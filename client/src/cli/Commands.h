@@ -1,52 +1,59 @@
+// What each verb of `usdlive` does. The verbs print to standard output; the caller shows errors.
 #pragma once
 
 #include <cstddef>
 #include <string>
-#include <vector>
 
+#include "Target.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
 
-// What each command of `usdlive` does. They print to standard output; an error is for the caller to
-// show.
 namespace usdlive::cli {
 
-struct CatOptions {
-    std::string url;  ///< with the layer
+/// What every verb has.
+struct Common {
+    Target target;
+    std::string user;  ///< in whose name; empty: the user of the system
+    bool json = false;
+};
+struct ListOptions : Common {
+    bool states = false;  ///< beside each layer what is known of it
+};
+struct CatOptions : Common {
     Revision revision = 0;
     std::string checkpoint;  ///< instead of a revision
 };
-struct LogOptions {
-    std::string url;
-    std::string layer;
+struct LogOptions : Common {
     Revision from = 0;  ///< 0: the latest
     std::size_t limit = 20;
     bool all = false;  ///< every edit of a commit
-    bool json = false;
 };
-struct WatchOptions {
-    std::string url;
-    std::string layer;
-    bool json = false;
+struct SaveOptions : Common {
+    bool force = false;
+};
+struct MuteOptions : Common {
+    LayerId root;  ///< of the stages; the target's layers are muted there
+};
+struct CheckpointOptions : Common {
+    std::string name;
 };
 
-/// `states`: beside each layer what is known of it.
-Result<void> list(const std::string& url, bool states);
-/// Who is there, and where.
-Result<void> who(const std::string& url);
+Result<void> list(const ListOptions& options);
+/// Who is connected, with selection, edit target and time.
+Result<void> who(const Common& options);
 Result<void> cat(const CatOptions& options);
 Result<void> tree(const CatOptions& options);
 Result<void> log(const LogOptions& options);
-/// Until SIGINT or SIGTERM.
-Result<void> watch(const WatchOptions& options);
-/// In the name of the system's user; an error says who holds it.
-Result<void> setLocked(const std::string& url, bool locked);
-Result<void> save(const std::string& url, const std::vector<std::string>& layers, bool force);
-Result<void> reload(const std::string& url, const std::vector<std::string>& layers);
-/// Names what the project is now.
-Result<void> createCheckpoint(const std::string& url, const std::string& name);
-Result<void> listCheckpoints(const std::string& url);
-Result<void> setMuted(const std::string& url, const std::string& layer, bool muted);
+/// Prints commits as they come, until SIGINT or SIGTERM.
+Result<void> watch(const Common& options);
+/// Locks or unlocks each layer. An error says who holds the lock.
+Result<void> setLocked(const Common& options, bool locked);
+Result<void> save(const SaveOptions& options);
+Result<void> reload(const Common& options);
+/// Names the present revision of the project.
+Result<void> createCheckpoint(const CheckpointOptions& options);
+Result<void> listCheckpoints(const Common& options);
+Result<void> setMuted(const MuteOptions& options, bool muted);
 /// Becomes `usdlive-server`; returns only when that fails.
 Error serve(char** arguments);
 

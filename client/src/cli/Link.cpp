@@ -3,9 +3,6 @@
 #include <chrono>
 #include <optional>
 #include <set>
-
-#include "usdlive/client/transport/SystemUser.h"
-
 namespace usdlive::cli {
 
 namespace {
@@ -16,10 +13,10 @@ using std::chrono::milliseconds;
 constexpr std::size_t kMessagesPerStep = 4096;
 constexpr double kBudgetMs = 1000;
 
-client::Session::Options sessionOptions() {
+client::Session::Options sessionOptions(UserName user) {
     client::Session::Options options;
     options.client = client::newClientId();
-    options.user = client::systemUser();
+    options.user = std::move(user);
     options.application = "usdlive command line";
     std::erase(options.features, "conflation");  // every commit is shown
     return options;
@@ -43,14 +40,15 @@ Error toError(const ErrorMessage& message) {
 
 }  // namespace
 
-Link::Link(std::unique_ptr<client::Connection> connection)
+Link::Link(std::unique_ptr<client::Connection> connection, UserName user)
     : connection_(std::move(connection)),
-      session_(std::make_unique<client::Session>(sessionOptions(), *this, *this)) {}
+      session_(std::make_unique<client::Session>(sessionOptions(std::move(user)), *this, *this)) {}
 
-Result<std::unique_ptr<Link>> Link::connect(const client::ServerAddress& server, double timeoutMs) {
+Result<std::unique_ptr<Link>> Link::connect(const client::ServerAddress& server, UserName user,
+                                            double timeoutMs) {
     auto connection = client::createConnection(server);
     if (!connection) return tl::unexpected(connection.error());
-    std::unique_ptr<Link> link(new Link(std::move(*connection)));
+    std::unique_ptr<Link> link(new Link(std::move(*connection), std::move(user)));
     const auto end = Clock::now() + std::chrono::duration<double, std::milli>(timeoutMs);
     while (!link->session().isConnected()) {
         const auto events = link->step();
@@ -110,20 +108,35 @@ Result<Link::Layer> Link::fetch(const LayerId& layer, Revision revision) {
 }
 
 Result<void> Link::fetchBlobs(const LayerDoc& doc) {
-    std::set<Hash> missing;
+    std::set<Hash> named;
     doc.visit([&](const LayerDoc::SpecView& spec) {
         for (const auto& [name, value] : *spec.fields)
-            forEachBlob(value, [&](const Value& blob) {
-                if (!blobs_.contains(blob.hash())) missing.insert(blob.hash());
-            });
+            forEachBlob(value, [&](const Value& blob) { named.insert(blob.hash()); });
     });
+    return fetchBlobs(std::move(named), true);
+}
+
+Result<void> Link::fetchBlobs(const Commit& commit) {
+    std::set<Hash> named;
+    for (const Edit& edit : commit.edits)
+        if (const auto* set = std::get_if<SetField>(&edit.action))
+            forEachBlob(set->value, [&](const Value& blob) { named.insert(blob.hash()); });
+    return fetchBlobs(std::move(named), false);
+}
+
+// `all`: one that the server does not have is an error.
+Result<void> Link::fetchBlobs(std::set<Hash> missing, bool all) {
+    std::erase_if(missing, [this](const Hash& hash) { return blobs_.contains(hash); });
+    if (missing.empty()) return {};
     for (const auto& hash : missing) session_->requestBlob(hash);
     std::optional<Error> error;
     const auto ran = run([&](const std::vector<client::Event>& events) {
-        for (const auto& event : events)
-            if (const auto* told = std::get_if<client::event::ServerError>(&event);
-                told && told->message.blob)
-                error = toError(told->message);
+        for (const auto& event : events) {
+            const auto* failed = std::get_if<client::event::ServerError>(&event);
+            if (!failed || !failed->message.blob) continue;
+            missing.erase(*failed->message.blob);
+            if (all) error = toError(failed->message);
+        }
         std::erase_if(missing, [this](const Hash& hash) { return blobs_.contains(hash); });
         return missing.empty() || error;
     });

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <set>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -15,8 +16,8 @@ namespace usdlive::cli {
 /// A session without an editor, for commands that ask a server something. One thread.
 class Link final : public client::SessionHost, public client::LayerView, public usd::BlobSource {
 public:
-    /// Connects and greets. Fails at the first attempt: there is a person waiting.
-    static Result<std::unique_ptr<Link>> connect(const client::ServerAddress& server,
+    /// Connects and greets in the name of `user`. Fails at the first attempt: a person is waiting.
+    static Result<std::unique_ptr<Link>> connect(const client::ServerAddress& server, UserName user,
                                                  double timeoutMs);
 
     [[nodiscard]] client::Session& session() { return *session_; }
@@ -34,13 +35,15 @@ public:
         Revision revision = 0;
     };
     Result<Layer> fetch(const LayerId& layer, Revision revision);
-    /// Brings here the big values that the layer names.
+    /// Fetches the big values that the layer names.
     Result<void> fetchBlobs(const LayerDoc& doc);
+    /// Fetches the big values that the commit names, as far as the server still has them.
+    Result<void> fetchBlobs(const Commit& commit);
 
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
 
 private:
-    explicit Link(std::unique_ptr<client::Connection> connection);
+    Link(std::unique_ptr<client::Connection> connection, UserName user);
 
     void send(SharedBytes frames) override;
     [[nodiscard]] SharedBytes localBlob(const Hash& hash) override { return blob(hash); }
@@ -48,6 +51,8 @@ private:
     // It opens no layers.
     void reset(const LayerId&, const LayerDoc&) override {}
     void apply(const LayerId&, const std::string&, const EditAction&) override {}
+
+    Result<void> fetchBlobs(std::set<Hash> missing, bool all);
 
     std::unique_ptr<client::Connection> connection_;
     std::unique_ptr<client::Session> session_;

@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <ctime>
-#include <nlohmann/json.hpp>
 #include <string_view>
 
-#include "usdlive/common/core/ByteStream.h"
+#include "ValueShape.h"
 
 namespace usdlive::cli {
 
@@ -36,150 +34,12 @@ std::string printable(std::string_view text) {
 
 std::string inQuotes(std::string_view text, char quote) { return quote + printable(text) + quote; }
 
-template <class T>
-std::string number(T value) {
-    char digits[32];
-    const auto end = std::to_chars(std::begin(digits), std::end(digits), value).ptr;
-    return {digits, end};
-}
-
-float halfToFloat(std::uint16_t half) {
-    const std::uint32_t sign = std::uint32_t(half & 0x8000) << 16;
-    const int exponent = (half >> 10) & 31;
-    const std::uint32_t mantissa = half & 0x3ff;
-    if (exponent == 0) return (sign ? -1.f : 1.f) * float(mantissa) * 0x1p-24f;
-    const std::uint32_t biased = exponent == 31 ? 255u : std::uint32_t(exponent + 112);
-    return std::bit_cast<float>(sign | (biased << 23) | (mantissa << 13));
-}
-
-enum class Element { None, Int, Half, Float, Double };
-struct Shape {
-    std::string_view name;
-    Element element = Element::None;
-    int count = 0;
-};
-
-Shape shapeOf(ValueType scalar) {
-    switch (scalar) {
-        case ValueType::None:
-            return {"none"};
-        case ValueType::Bool:
-            return {"bool"};
-        case ValueType::UChar:
-            return {"uchar"};
-        case ValueType::Int:
-            return {"int", Element::Int, 1};
-        case ValueType::UInt:
-            return {"uint"};
-        case ValueType::Int64:
-            return {"int64"};
-        case ValueType::UInt64:
-            return {"uint64"};
-        case ValueType::Half:
-            return {"half", Element::Half, 1};
-        case ValueType::Float:
-            return {"float", Element::Float, 1};
-        case ValueType::Double:
-            return {"double", Element::Double, 1};
-        case ValueType::TimeCode:
-            return {"timecode", Element::Double, 1};
-        case ValueType::String:
-            return {"string"};
-        case ValueType::Token:
-            return {"token"};
-        case ValueType::Asset:
-            return {"asset"};
-        case ValueType::PathExpression:
-            return {"pathExpression"};
-        case ValueType::Path:
-            return {"path"};
-        case ValueType::Opaque:
-            return {"opaque"};
-        case ValueType::Matrix2d:
-            return {"matrix2d", Element::Double, 4};
-        case ValueType::Matrix3d:
-            return {"matrix3d", Element::Double, 9};
-        case ValueType::Matrix4d:
-            return {"matrix4d", Element::Double, 16};
-        case ValueType::Quath:
-            return {"quath", Element::Half, 4};
-        case ValueType::Quatf:
-            return {"quatf", Element::Float, 4};
-        case ValueType::Quatd:
-            return {"quatd", Element::Double, 4};
-        case ValueType::Int2:
-            return {"int2", Element::Int, 2};
-        case ValueType::Half2:
-            return {"half2", Element::Half, 2};
-        case ValueType::Float2:
-            return {"float2", Element::Float, 2};
-        case ValueType::Double2:
-            return {"double2", Element::Double, 2};
-        case ValueType::Int3:
-            return {"int3", Element::Int, 3};
-        case ValueType::Half3:
-            return {"half3", Element::Half, 3};
-        case ValueType::Float3:
-            return {"float3", Element::Float, 3};
-        case ValueType::Double3:
-            return {"double3", Element::Double, 3};
-        case ValueType::Int4:
-            return {"int4", Element::Int, 4};
-        case ValueType::Half4:
-            return {"half4", Element::Half, 4};
-        case ValueType::Float4:
-            return {"float4", Element::Float, 4};
-        case ValueType::Double4:
-            return {"double4", Element::Double, 4};
-        case ValueType::Block:
-            return {"None"};
-        case ValueType::AnimationBlock:
-            return {"AnimationBlock"};
-        case ValueType::Spline:
-            return {"spline"};
-        case ValueType::Specifier:
-            return {"specifier"};
-        case ValueType::Variability:
-            return {"variability"};
-        case ValueType::Permission:
-            return {"permission"};
-        case ValueType::TokenVector:
-            return {"tokens"};
-        case ValueType::StringVector:
-            return {"strings"};
-        case ValueType::Reference:
-            return {"reference"};
-        case ValueType::Payload:
-            return {"payload"};
-        case ValueType::SubLayer:
-            return {"sublayer"};
-        case ValueType::Unregistered:
-            return {"unregistered"};
-        case ValueType::LayerOffset:
-            return {"offset"};
-        default:
-            return {"value"};
-    }
-}
-
-std::string elementText(ByteReader& bytes, Element element) {
-    switch (element) {
-        case Element::Int:
-            return number(bytes.number<std::int32_t>());
-        case Element::Half:
-            return number(halfToFloat(bytes.u16()));
-        case Element::Float:
-            return number(bytes.number<float>());
-        default:
-            return number(bytes.f64());
-    }
-}
-
 std::string tupleText(const Value& value, const Shape& shape) {
     ByteReader bytes(value.bytes());
     std::string text;
     for (int i = 0; i < shape.count; ++i)
-        text += (i ? ", " : "") + elementText(bytes, shape.element);
+        text += (i ? ", " : "") +
+                readElement(bytes, shape.element, [](auto element) { return number(element); });
     return shape.count == 1 ? text : "(" + text + ")";
 }
 
@@ -200,32 +60,19 @@ std::string arcText(const Value& value) {
 }
 
 std::string arrayText(const Value& value) {
-    const auto flags = std::uint16_t(value.type());
-    const bool edit = flags & std::uint16_t(ValueType::ArrayEditFlag);
-    const auto name = std::string(shapeOf(ValueType(flags & 0xff)).name);
-    if (edit) return name + "[] edit";
+    const auto name = std::string(shapeOf(scalarOf(value.type())).name);
+    if (isArrayEdit(value.type())) return name + "[] edit";
     if (value.isBlob()) return name + "[] of " + number(value.size() / 1024) + " KiB";
     return name + "[" + number(ByteReader(value.bytes()).u64()) + "]";
 }
 
 std::string valueText(const Value& value) {
-    if (std::uint16_t(value.type()) > 0xff) return arrayText(value);
+    if (value.type() != scalarOf(value.type())) return arrayText(value);
     const Shape shape = shapeOf(value.type());
     if (value.isBlob())
         return std::string(shape.name) + " of " + number(value.size() / 1024) + " KiB";
     if (shape.element != Element::None) return tupleText(value, shape);
-    ByteReader bytes(value.bytes());
     switch (value.type()) {
-        case ValueType::Bool:
-            return bytes.u8() ? "true" : "false";
-        case ValueType::UChar:
-            return number(unsigned(bytes.u8()));
-        case ValueType::UInt:
-            return number(bytes.u32());
-        case ValueType::Int64:
-            return number(bytes.i64());
-        case ValueType::UInt64:
-            return number(bytes.u64());
         case ValueType::Specifier:
             return oneOf(value, {"def", "over", "class"});
         case ValueType::Variability:
@@ -340,9 +187,11 @@ std::string padded(std::string_view text, std::size_t width) {
 }
 
 /// How a line about a revision begins.
-std::string whoAndWhen(Revision revision, std::uint64_t timeMs, const std::string& user) {
-    return "#" + padded(number(revision), 7) + timeText(timeMs) + "  " +
-           padded(user.empty() ? "-" : user, 10);
+std::string whoAndWhen(Revision revision, std::uint64_t timeMs, const std::string& user,
+                       const Palette& palette) {
+    return palette.paint("#" + padded(number(revision), 7), Colour::Yellow) +
+           palette.paint(timeText(std::int64_t(timeMs)), Colour::Dim) + "  " +
+           palette.paint(padded(user.empty() ? "-" : user, 10), Colour::Cyan);
 }
 
 std::string counted(std::size_t count, const std::string& what) {
@@ -364,8 +213,10 @@ bool concerns(const Commit& commit, const LayerId& layer) {
                        [&](const Edit& edit) { return edit.layer == layer; });
 }
 
-std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& layer) {
-    std::string text = whoAndWhen(commit.revision, commit.timeMs, commit.user.value);
+std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& layer,
+                     const Palette& palette) {
+    std::string text =
+        whoAndWhen(commit.revision, commit.timeMs, printable(commit.user.value), palette);
     if (commit.imported) return text + "  imported " + commit.imported->value + " from its file\n";
     text += "  " + counted(commit.edits.size(), "edit");
     if (!commit.dropped.empty()) text += ", " + number(commit.dropped.size()) + " dropped";
@@ -379,53 +230,17 @@ std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& 
     return text;
 }
 
-std::string describe(const Checkpoint& checkpoint) {
-    return whoAndWhen(checkpoint.revision, checkpoint.timeMs, printable(checkpoint.user.value)) +
+std::string describe(const Checkpoint& checkpoint, const Palette& palette) {
+    return whoAndWhen(checkpoint.revision, checkpoint.timeMs, printable(checkpoint.user.value),
+                      palette) +
            "  " + printable(checkpoint.name) + "\n";
-}
-
-std::string asJson(const Commit& commit, const LayerId& layer) {
-    nlohmann::ordered_json json{{"revision", commit.revision},
-                                {"timeMs", commit.timeMs},
-                                {"user", commit.user.value},
-                                {"client", commit.id.client.value},
-                                {"sequence", commit.id.sequence}};
-    if (commit.imported) json["imported"] = commit.imported->value;
-    json["dropped"] = commit.dropped.size();
-    auto& edits = json["edits"] = nlohmann::ordered_json::array();
-    for (const Edit& edit : commit.edits) {
-        if (!layer.empty() && edit.layer != layer) continue;
-        nlohmann::ordered_json one{{"layer", edit.layer.value},
-                                   {"action", kVerbs[edit.action.index()]},
-                                   {"path", edit.address.path}};
-        if (const auto* set = std::get_if<SetField>(&edit.action)) {
-            one["field"] = set->field;
-            if (!std::holds_alternative<std::monostate>(set->part))
-                one["part"] = std::visit(Parts{}, set->part);
-            if (!std::holds_alternative<ListItem>(set->part)) one["value"] = describe(set->value);
-        } else if (const auto* erase = std::get_if<EraseField>(&edit.action)) {
-            one["field"] = erase->field;
-            if (!std::holds_alternative<std::monostate>(erase->part))
-                one["part"] = std::visit(Parts{}, erase->part);
-        } else if (const auto* create = std::get_if<CreateSpec>(&edit.action)) {
-            one["kind"] = specKindName(create->kind);
-        } else if (const auto* move = std::get_if<MoveSpec>(&edit.action)) {
-            one["parent"] = move->parent.path;
-            one["name"] = move->name;
-        } else if (const auto* place = std::get_if<PlaceSpec>(&edit.action)) {
-            one["before"] = place->before;
-        }
-        edits.push_back(std::move(one));
-    }
-    // Text of users may be anything: what is no UTF-8 is replaced, never thrown at.
-    return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
 namespace {
 
 class Tree {
 public:
-    explicit Tree(const LayerDoc& doc) : doc_(doc) {}
+    Tree(const LayerDoc& doc, const Palette& palette) : doc_(doc), palette_(palette) {}
 
     std::string text() {
         below("/", "");
@@ -446,7 +261,8 @@ private:
 
     [[nodiscard]] std::string primLabel(const std::string& path, const std::string& name) const {
         std::string label = name;
-        if (const auto type = fieldText(path, "typeName"); !type.empty()) label += "  " + type;
+        if (const auto type = fieldText(path, "typeName"); !type.empty())
+            label += "  " + palette_.paint(type, Colour::Dim);
         const FieldValue* specifier = doc_.field(path, "specifier");
         const std::string how = specifier ? describe(*specifier) : "over";
         return how == "def" ? label : label + "  (" + how + ")";
@@ -477,15 +293,16 @@ private:
     }
 
     const LayerDoc& doc_;
+    const Palette& palette_;
     std::string text_;
 };
 
 }  // namespace
 
-std::string describe(const LayerState& state) {
+std::string describe(const LayerState& state, const Palette& palette) {
     std::vector<std::string> parts;
     if (state.dirty) parts.emplace_back("changed");
-    if (state.outdated) parts.emplace_back("outdated: its file is another one");
+    if (state.outdated) parts.emplace_back("outdated: its file was changed");
     if (!state.writable) parts.emplace_back("read-only");
     if (state.globallyMuted) parts.emplace_back("muted");
     if (state.locked)
@@ -498,11 +315,11 @@ std::string describe(const LayerState& state) {
     }
     std::string text;
     for (const std::string& part : parts) text += (text.empty() ? "  " : ", ") + part;
-    return text;
+    return palette.paint(text, Colour::Dim);
 }
 
-std::string describe(const Presence& presence) {
-    std::string text = printable(presence.user.value);
+std::string describe(const Presence& presence, const Palette& palette) {
+    std::string text = palette.paint(printable(presence.user.value), Colour::Cyan);
     if (!presence.application.empty()) text += "  " + printable(presence.application);
     if (!presence.selection.empty()) text += "  " + printable(presence.selection.front());
     if (presence.selection.size() > 1)
@@ -512,6 +329,8 @@ std::string describe(const Presence& presence) {
     return text;
 }
 
-std::string describeTree(const LayerDoc& doc) { return Tree(doc).text(); }
+std::string describeTree(const LayerDoc& doc, const Palette& palette) {
+    return Tree(doc, palette).text();
+}
 
 }  // namespace usdlive::cli

@@ -1,8 +1,10 @@
+// What the commands print for people.
 #pragma once
 
 #include <cstddef>
 #include <string>
 
+#include "Terminal.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
@@ -18,21 +20,19 @@ namespace usdlive::cli {
 
 /// A commit: a line that says who and when, then one for each edit, at most `maxEdits` of them.
 /// With `layer`, only edits of that one.
-[[nodiscard]] std::string describe(const Commit& commit, std::size_t maxEdits,
-                                   const LayerId& layer);
-/// The same as one line of JSON.
-[[nodiscard]] std::string asJson(const Commit& commit, const LayerId& layer);
+[[nodiscard]] std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& layer,
+                                   const Palette& palette);
 
 /// Beside a layer's name: `  changed, locked by ada, open: ada bob`; empty when there is nothing.
-[[nodiscard]] std::string describe(const LayerState& state);
+[[nodiscard]] std::string describe(const LayerState& state, const Palette& palette);
 /// A line: `ada  usdview  /World/Ball  in shot.usda  at 24`.
-[[nodiscard]] std::string describe(const Presence& presence);
+[[nodiscard]] std::string describe(const Presence& presence, const Palette& palette);
 
 /// A line: `#42  2026-01-02 03:04:05  ada  before lunch`.
-[[nodiscard]] std::string describe(const Checkpoint& checkpoint);
+[[nodiscard]] std::string describe(const Checkpoint& checkpoint, const Palette& palette);
 
 /// The prims of a layer as a tree with their types.
-[[nodiscard]] std::string describeTree(const LayerDoc& doc);
+[[nodiscard]] std::string describeTree(const LayerDoc& doc, const Palette& palette);
 
 /// Does the commit change this layer (empty: any)?
 [[nodiscard]] bool concerns(const Commit& commit, const LayerId& layer);

@@ -11,7 +11,8 @@ namespace {
 
 constexpr std::array<std::string_view, 2> kSchemes{"ws://", "usdlive://"};
 constexpr std::string_view kDds = "dds://";
-constexpr std::string_view kHint = "expected ws://HOST:PORT, dds://PROJECT, or one with /LAYER";
+constexpr std::string_view kHint =
+    "expected ws://HOST:PORT, HOST:PORT, dds://PROJECT, or one with /LAYER";
 
 tl::unexpected<Error> badAddress(const std::string& text, const std::string& what) {
     return fail(ErrorCode::InvalidArgument, "'" + text + "' is not the address of a server: " +
@@ -140,7 +141,8 @@ std::string ServerAddress::url() const {
 
 Result<ServerAddress> parseServerAddress(const std::string& text) {
     if (text.starts_with(kDds)) return parseDds(text);
-    const auto rest = withoutScheme(text);
+    auto rest = withoutScheme(text);
+    if (!rest && text.find("://") == std::string::npos) rest = text;  // HOST:PORT
     if (!rest) return badAddress(text, "it has to begin with ws://, usdlive:// or dds://");
 
     const auto slash = rest->find('/');

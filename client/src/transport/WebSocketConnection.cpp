@@ -98,7 +98,10 @@ private:
     }
 
     [[nodiscard]] Error describe(const std::string& what, const error_code& error) const {
-        return {ErrorCode::NotConnected, what + " " + where() + ": " + error.message()};
+        const bool refused = error == asio::error::connection_refused;
+        return {ErrorCode::NotConnected,
+                what + " " + where() + ": " + error.message() +
+                    (refused ? ". Is `usdlive serve` running there?" : "")};
     }
 
     asio::awaitable<void> run() {

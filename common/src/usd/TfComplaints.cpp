@@ -1,9 +1,20 @@
 #include "usdlive/common/usd/TfComplaints.h"
 
 #include <algorithm>
+#include <regex>
 #include <vector>
 
 namespace usdlive::usd {
+
+namespace {
+
+// `pxrInternal_v0_26_8__pxrReserved__::SdfLayer` is `SdfLayer` to everybody else.
+std::string withoutInternalNamespace(const std::string& text) {
+    static const std::regex internal("pxrInternal_\\w+__pxrReserved__::");
+    return std::regex_replace(text, internal, "");
+}
+
+}  // namespace
 
 TfComplaints::~TfComplaints() {
     mark_.Clear();
@@ -13,7 +24,8 @@ TfComplaints::~TfComplaints() {
 std::string TfComplaints::text(const std::string& otherwise) const {
     constexpr std::size_t kMost = 3;  // a full disk is complained of for every block
     std::vector<std::string> told;
-    const auto add = [&](const std::string& complaint) {
+    const auto add = [&](const std::string& commentary) {
+        const std::string complaint = withoutInternalNamespace(commentary);
         if (told.size() < kMost && std::ranges::find(told, complaint) == told.end())
             told.push_back(complaint);
     };

@@ -17,9 +17,9 @@ using Json = nlohmann::json;
 constexpr int kUsageError = 2;
 constexpr const char* kFooter = R"(
 Examples:
-  usdlive-server shots/s010                    serve a folder on this machine
-  usdlive-server shots/s010 --port 0           on any free port, which it prints
-  usdlive-server shots/s010 --config live.json {"port": 8000, "log-format": "json"}
+  usdlive serve shots/s010                    serve a folder on this machine
+  usdlive serve shots/s010 --port 0           on any free port, which it prints
+  usdlive serve shots/s010 --config live.json {"port": 8000, "log-format": "json"}
 
 Editors connect to the URL it prints. GET /healthz and /metrics on the same port answer over HTTP.
 History and state are kept in DIR/.usdlive. SIGTERM stops it; SIGKILL loses nothing acknowledged.)";
@@ -211,13 +211,16 @@ void readConfig(CLI::App& app, const std::string& path) {
 std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv) {
     ServerOptions options;
     std::string config;
-    CLI::App app("Serves a folder of OpenUSD layers, which many editors then edit at once.",
-                 "usdlive-server");
+    // `usdlive serve` starts this program under its own name.
+    const std::string name = argc > 0 && std::string_view(argv[0]) == "usdlive serve"
+                                 ? "usdlive serve"
+                                 : "usdlive-server";
+    CLI::App app("Serves a folder of OpenUSD layers, which many editors then edit at once.", name);
     app.get_formatter()->column_width(44);
     app.footer(kFooter);
     addOptions(app, options, config);
-    const auto wrong = [](const std::string& what) {
-        std::cerr << "usdlive-server: " << what << '\n';
+    const auto wrong = [&name](const std::string& what) {
+        std::cerr << name << ": " << what << '\n';
         return kUsageError;
     };
     try {

@@ -14,6 +14,7 @@
 
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
+#include "usdlive/server/app/RunningServer.h"
 #include "usdlive/server/app/ServerHost.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/SpdLog.h"
@@ -110,12 +111,7 @@ DdsServerOptions ddsOptions(const ServerOptions& options, std::string url, Revis
     return transport;
 }
 
-std::string url(const ServerOptions& options, std::uint16_t port) {
-    const bool isV6 = options.host.find(':') != std::string::npos;
-    return "ws://" + (isV6 ? "[" + options.host + "]" : options.host) + ":" + std::to_string(port);
-}
-
-/// Whole or not at all, for who waits for it to appear.
+/// Writes the file whole or not at all, since others wait for it to appear.
 Result<void> writePortFile(const std::filesystem::path& path, std::uint16_t port) {
     const std::filesystem::path draft = path.string() + ".new";
     std::ofstream file(draft);
@@ -133,6 +129,31 @@ int failed(const Error& error) {
     return kStartError;
 }
 
+/// Names the server that has the folder's store open, if that is what is wrong.
+Error explained(const Error& error, const std::filesystem::path& folder) {
+    if (error.code != ErrorCode::StorageLocked) return error;
+    const auto running = RunningServer::find(folder);
+    if (!running) return error;
+    return {error.code, folder.string() + " is already served at " + running->url + " by process " +
+                            std::to_string(running->process) +
+                            ". Connect there, or stop that process first"};
+}
+
+/// What people read when the server is ready.
+void announce(const ServerOptions& options, std::uint16_t port, std::size_t layers) {
+    std::cout << "serving " << options.folder.string() << " (" << layers
+              << (layers == 1 ? " layer)" : " layers)");
+    const char* before = " at ";
+    for (const std::string& url : reachableUrls(options.host, port))
+        std::cout << std::exchange(before, ", ") << url;
+    std::cout << std::endl;
+    if (layers == 0)
+        std::cout
+            << "It holds no .usd, .usda or .usdc file yet. Put one there: it is served within "
+               "a second."
+            << std::endl;
+}
+
 int serve(const ServerOptions& options) {
     if (!std::filesystem::is_directory(options.folder))
         return failed(
@@ -148,7 +169,8 @@ int serve(const ServerOptions& options) {
         storeOptions.minFreeBytes = blobOptions.minFreeBytes = *options.minFreeMib * kMib;
     blobOptions.maxBytes = options.maxBlobMib * kMib;
     SharedStore store([&] { return createRocksCommitStore(storeFolder / "store", storeOptions); });
-    if (const auto opened = store.open(); !opened) return failed(opened.error());
+    if (const auto opened = store.open(); !opened)
+        return failed(explained(opened.error(), options.folder));
     auto blobs = createFileBlobStore(storeFolder / "blobs", blobOptions);
     if (!blobs) return failed(blobs.error());
     auto files = createLayerFiles(options.folder, **blobs);
@@ -184,9 +206,10 @@ int serve(const ServerOptions& options) {
         dds::setDomainLog([&](bool isError, std::string_view message) {
             log->write(isError ? LogLevel::Error : LogLevel::Warning, "DDS", {{"says", message}});
         });
-        auto made = createDdsServer(network,
-                                    ddsOptions(options, url(options, port), host.durableRevision()),
-                                    host, background, *log);
+        auto made = createDdsServer(
+            network,
+            ddsOptions(options, reachableUrls(options.host, port).front(), host.durableRevision()),
+            host, background, *log);
         if (!made) return failed(made.error());
         ddsTransport = std::move(*made);
     }
@@ -211,9 +234,9 @@ int serve(const ServerOptions& options) {
     if (!options.portFile.empty())
         if (const auto written = writePortFile(options.portFile, port); !written)
             return failed(written.error());
+    const RunningServer running(options.folder, reachableUrls(options.host, port).front());
     const auto layers = servedLayers(**files, store);
-    std::cout << "serving " << options.folder.string() << " (" << (layers ? layers->size() : 0)
-              << " layers) at " << url(options, port) << std::endl;
+    announce(options, port, layers ? layers->size() : 0);
 
     network.run();
     ddsTransport.reset();

@@ -16,7 +16,7 @@ TEST(ServerAddress, ReadsHostPortAndLayer) {
 
 TEST(ServerAddress, HasADefaultPortAndNoLayer) {
     for (const std::string text :
-         {"ws://127.0.0.1", "usdlive://127.0.0.1/", "ws://127.0.0.1:7447/"}) {
+         {"ws://127.0.0.1", "usdlive://127.0.0.1/", "ws://127.0.0.1:7447/", "127.0.0.1:7447"}) {
         const auto address = parseServerAddress(text);
         ASSERT_TRUE(address) << text;
         EXPECT_EQ(address->port, 7447);
@@ -54,7 +54,6 @@ TEST(ServerAddress, ReadsProjectsOverDds) {
 
 TEST(ServerAddress, SaysWhatIsWrong) {
     for (const std::string text : {"",
-                                   "127.0.0.1:7447",
                                    "http://h",
                                    "ws://",
                                    "ws://:7447",

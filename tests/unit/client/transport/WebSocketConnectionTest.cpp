@@ -275,8 +275,8 @@ TEST(WebSocketConnection, TellsThatNobodyIsThereAndKeepsTrying) {
     ASSERT_TRUE(happening && std::holds_alternative<Connection::Lost>(*happening));
     const Error& reason = std::get<Connection::Lost>(*happening).reason;
     EXPECT_EQ(reason.code, ErrorCode::NotConnected);
-    EXPECT_EQ(reason.message,
-              "cannot reach ws://127.0.0.1:" + std::to_string(port) + ": Connection refused");
+    EXPECT_EQ(reason.message, "cannot reach ws://127.0.0.1:" + std::to_string(port) +
+                                  ": Connection refused. Is `usdlive serve` running there?");
     SmallServer server(port);
     auto socket = server.accept();
     for (auto happened = next(*connection); happened; happened = next(*connection))

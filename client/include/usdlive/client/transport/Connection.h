@@ -14,8 +14,8 @@
 
 namespace usdlive::client {
 
-/// Where a project is: `ws://host:port`, `usdlive://host:port` (the same), or `dds://project`. A
-/// path after it names a layer: `ws://127.0.0.1:7447/shot.usda`.
+/// Where a project is: `ws://host:port`, `usdlive://host:port` or `host:port` (all the same), or
+/// `dds://project`. A path after it names a layer: `ws://127.0.0.1:7447/shot.usda`.
 struct ServerAddress {
     std::string host;
     std::uint16_t port = 7447;

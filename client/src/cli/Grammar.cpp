@@ -1,0 +1,339 @@
+#include "Grammar.h"
+
+#include <algorithm>
+
+#include "Commands.h"
+#include "Target.h"
+#include "usdlive/common/core/LayerPath.h"
+
+namespace usdlive::cli {
+
+namespace {
+
+constexpr auto kUrl =
+    "URL is ws://HOST:PORT, HOST:PORT or dds://PROJECT; without it USDLIVE_URL, else\n"
+    "ws://127.0.0.1:7447. A layer may stand in the URL: ws://HOST:PORT/LAYER.";
+
+/// Says in the help which words follow a verb.
+class VerbFormatter final : public CLI::Formatter {
+public:
+    explicit VerbFormatter(std::string words) : words_(std::move(words)) {}
+
+    std::string make_usage(const CLI::App* app, std::string) const override {
+        return "Usage: usdlive " + app->get_name() + " [OPTIONS] " + words_ + "\n";
+    }
+    std::string make_positionals(const CLI::App*) const override { return {}; }
+
+private:
+    std::string words_;
+};
+
+[[noreturn]] void wrongWords(const std::string& message) {
+    throw CLI::Error("WrongWords", message, 2);
+}
+
+template <class T>
+T orWrongWords(Result<T> result) {
+    if (!result) wrongWords(result.error().message);
+    return std::move(*result);
+}
+
+/// How many layers a verb takes.
+struct Layers {
+    std::size_t least = 0;
+    std::size_t most = std::size_t(-1);
+};
+constexpr Layers kNone{0, 0}, kOptional{0, 1}, kOne{1, 1}, kAny{}, kSome{1};
+
+class Grammar {
+public:
+    Grammar(CLI::App& app, Command& chosen) : app_(app), chosen_(chosen) {}
+
+    void addVerbs() {
+        app_.add_subcommand("serve", "Serve the USD files of a folder; see usdlive serve --help");
+        addList();
+        addPlain("who", "Who is connected, with selection, edit target and time", "[URL]", kNone,
+                 who);
+        addCat("cat", "A layer as text", cat);
+        addCat("tree", "The prims of a layer with their types", tree);
+        addLog();
+        addPlain("watch", "Commits as they come, until interrupted", "[URL] [LAYER]", kOptional,
+                 watch);
+        addSave();
+        addPlain("reload", "Take what is in the files, on the server, instead of what layers hold",
+                 "[URL] [LAYER...]", kAny, reload);
+        addCheckpoint();
+        addPlain("checkpoints", "The named revisions of the project", "[URL]", kNone,
+                 listCheckpoints);
+        addMute("mute", "Mute layers for everybody on the stages of a root layer", true);
+        addMute("unmute", "End the muting of layers", false);
+        addLock("lock", "Lock layers: nobody else may edit them", true);
+        addLock("unlock", "End the lock of layers", false);
+        app_.add_subcommand("completion", "A script that completes these words: bash, zsh or fish");
+        app_.add_subcommand("help", "Help for a verb: usdlive help VERB");
+    }
+
+private:
+    using Words = std::vector<std::string>;
+
+    /// A verb with what all have. When it is chosen, `read` takes the words into the options, and
+    /// throws wrongWords(); then `run` gets the options.
+    template <class Options, class Read, class Run>
+    CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
+                  std::shared_ptr<Options> options, Read read, Run run) {
+        CLI::App* verb = app_.add_subcommand(name, help);
+        verb->formatter(std::make_shared<VerbFormatter>(usage));
+        verb->footer(std::string("\n") + kUrl);
+        auto words = std::make_shared<Words>();
+        verb->add_option("WORDS", *words)->type_name("");
+        verb->add_option("-u,--user", options->user, "In whose name; else the user of the system")
+            ->type_name("NAME")
+            ->envname("USDLIVE_USER");
+        verb->add_flag("--json", options->json, "Print JSON");
+        verb->callback([&chosen = chosen_, options, words, read, run] {
+            read(*words, *options);
+            chosen = [options, run] { return run(*options); };
+        });
+        return verb;
+    }
+
+    /// A verb that takes [URL] and layers.
+    template <class Options, class Run>
+    CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
+                  Layers layers, std::shared_ptr<Options> options, Run run) {
+        const auto read = [layers, name, usage](const Words& words, Options& into) {
+            into.target = orWrongWords(parseTarget(words));
+            const std::size_t count = into.target.layers.size();
+            if (count < layers.least)
+                wrongWords("name a layer: usdlive " + name + " " + usage +
+                           "; `usdlive ls` lists the layers");
+            if (count > layers.most) wrongWords("too many layers: usdlive " + name + " " + usage);
+        };
+        return add(name, help, usage, std::move(options), read, run);
+    }
+
+    void addPlain(const std::string& name, const std::string& help, const std::string& usage,
+                  Layers layers, Result<void> (*run)(const Common&)) {
+        add(name, help, usage, layers, std::make_shared<Common>(), run);
+    }
+
+    void addList() {
+        auto options = std::make_shared<ListOptions>();
+        auto* ls = add("ls", "The layers of the project; of dds://, the projects", "[URL]", kNone,
+                       options, list);
+        ls->add_flag("-l,--long", options->states,
+                     "Beside each its state: changed, locked, who has it open");
+    }
+
+    void addCat(const std::string& name, const std::string& help,
+                Result<void> (*run)(const CatOptions&)) {
+        auto options = std::make_shared<CatOptions>();
+        auto* cat = add(name, help, "[URL] LAYER", kOne, options, run);
+        auto* revision =
+            cat->add_option("-r,--revision", options->revision, "As it was then; 0 is now")
+                ->capture_default_str();
+        cat->add_option("-c,--checkpoint", options->checkpoint, "As it was at this checkpoint")
+            ->excludes(revision);
+    }
+
+    void addLog() {
+        auto options = std::make_shared<LogOptions>();
+        auto* verb = add("log", "Who changed what when, the latest at the end", "[URL] [LAYER]",
+                         kOptional, options, log);
+        verb->add_option("--from", options->from, "From this revision on, instead of the latest")
+            ->check(CLI::Range(std::uint64_t(1), std::uint64_t(1) << 62).description(""));
+        verb->add_option("-n,--limit", options->limit, "At most so many commits")
+            ->check(CLI::Range(std::uint64_t(1), std::uint64_t(1'000'000'000)).description(""))
+            ->capture_default_str();
+        verb->add_flag("-a,--all", options->all, "Every edit of a commit");
+    }
+
+    void addLock(const std::string& name, const std::string& help, bool locked) {
+        add(name, help, "[URL] LAYER...", kSome, std::make_shared<Common>(),
+            [locked](const Common& options) { return setLocked(options, locked); });
+    }
+
+    void addSave() {
+        auto options = std::make_shared<SaveOptions>();
+        auto* verb = add("save", "Write layers back to their files, on the server",
+                         "[URL] [LAYER...]", kAny, options, save);
+        verb->add_flag("-f,--force", options->force,
+                       "Also over what somebody else has put into the files");
+    }
+
+    void addCheckpoint() {
+        // The last word is the name, which may have a colon as a URL has.
+        const auto read = [](Words words, CheckpointOptions& into) {
+            if (words.empty()) wrongWords("name the checkpoint: usdlive checkpoint [URL] NAME");
+            into.name = words.back();
+            words.pop_back();
+            into.target = orWrongWords(parseTarget(words));
+        };
+        add("checkpoint", "Name the present revision, to find it again: cat --checkpoint",
+            "[URL] NAME", std::make_shared<CheckpointOptions>(), read, createCheckpoint);
+    }
+
+    void addMute(const std::string& name, const std::string& help, bool muted) {
+        auto root = std::make_shared<std::string>();
+        const auto read = [root, name](const Words& words, MuteOptions& into) {
+            into.target = orWrongWords(parseTarget(words));
+            auto& layers = into.target.layers;
+            if (!root->empty()) {
+                into.root = orWrongWords(parseLayerId(*root));
+            } else if (!layers.empty()) {
+                into.root = layers.front();
+                layers.erase(layers.begin());
+            }
+            if (layers.empty())
+                wrongWords("name the root layer of the stages, and then layers: usdlive " + name +
+                           " [URL] ROOT LAYER...");
+        };
+        auto* mute = add(name, help, "[URL] ROOT LAYER...", std::make_shared<MuteOptions>(), read,
+                         [muted](const MuteOptions& chosen) { return setMuted(chosen, muted); });
+        mute->add_option("--root", *root,
+                         "The root layer of the stages, instead of the first layer named")
+            ->type_name("LAYER");
+    }
+
+    CLI::App& app_;
+    Command& chosen_;
+};
+
+// How many letters have to be inserted, removed, replaced or swapped with the next one.
+std::size_t distance(std::string_view left, std::string_view right) {
+    std::vector<std::vector<std::size_t>> cost(left.size() + 1,
+                                               std::vector<std::size_t>(right.size() + 1));
+    for (std::size_t i = 0; i <= left.size(); ++i)
+        for (std::size_t j = 0; j <= right.size(); ++j) {
+            if (i == 0 || j == 0) {
+                cost[i][j] = i + j;
+                continue;
+            }
+            cost[i][j] = std::min({cost[i - 1][j] + 1, cost[i][j - 1] + 1,
+                                   cost[i - 1][j - 1] + (left[i - 1] != right[j - 1])});
+            if (i > 1 && j > 1 && left[i - 1] == right[j - 2] && left[i - 2] == right[j - 1])
+                cost[i][j] = std::min(cost[i][j], cost[i - 2][j - 2] + 1);
+        }
+    return cost[left.size()][right.size()];
+}
+
+std::string flagsOf(const CLI::App& verb) {
+    std::string flags;
+    for (const CLI::Option* option : verb.get_options())
+        for (const std::string& name : option->get_lnames())
+            flags += (flags.empty() ? "--" : " --") + name;
+    return flags;
+}
+
+std::string joined(const std::vector<std::string>& words) {
+    std::string text;
+    for (const std::string& word : words) text += (text.empty() ? "" : " ") + word;
+    return text;
+}
+
+std::string bashScript(const CLI::App& app) {
+    std::string flags;
+    for (const std::string& verb : verbs(app))
+        flags += "        " + verb + ") flags='" + flagsOf(*app.get_subcommand(verb)) + "' ;;\n";
+    // A URL has colons, at which bash splits words: it is not completed.
+    return "# usdlive completion bash >/etc/bash_completion.d/usdlive\n"
+           "_usdlive() {\n"
+           "    local word=${COMP_WORDS[COMP_CWORD]} flags=\n"
+           "    if ((COMP_CWORD == 1)); then\n"
+           "        COMPREPLY=($(compgen -W '" +
+           joined(verbs(app)) +
+           "' -- \"$word\"))\n"
+           "        return\n"
+           "    fi\n"
+           "    case ${COMP_WORDS[1]} in\n" +
+           flags +
+           "    esac\n"
+           "    if [[ $word == -* ]]; then\n"
+           "        COMPREPLY=($(compgen -W \"$flags\" -- \"$word\"))\n"
+           "    elif [[ ${COMP_WORDS[1]} == serve ]]; then\n"
+           "        COMPREPLY=($(compgen -d -- \"$word\"))\n"
+           "    elif [[ ${COMP_WORDS[1]} == help ]]; then\n"
+           "        COMPREPLY=($(compgen -W '" +
+           joined(verbs(app)) +
+           "' -- \"$word\"))\n"
+           "    else\n"
+           "        local IFS=$'\\n'\n"
+           "        COMPREPLY=($(compgen -W \"$(timeout 1 usdlive ls 2>/dev/null)\" -- "
+           "\"$word\"))\n"
+           "    fi\n"
+           "}\n"
+           "complete -F _usdlive usdlive\n";
+}
+
+std::string fishScript(const CLI::App& app) {
+    std::string script =
+        "# usdlive completion fish >~/.config/fish/completions/usdlive.fish\n"
+        "complete -c usdlive -f\n";
+    for (const std::string& name : verbs(app)) {
+        const CLI::App& verb = *app.get_subcommand(name);
+        script += "complete -c usdlive -n __fish_use_subcommand -a " + name + " -d '" +
+                  verb.get_description() + "'\n";
+        for (const CLI::Option* option : verb.get_options())
+            for (const std::string& flag : option->get_lnames())
+                script += "complete -c usdlive -n '__fish_seen_subcommand_from " + name + "' -l " +
+                          flag + "\n";
+    }
+    return script +
+           "complete -c usdlive -n 'not __fish_use_subcommand' -a "
+           "'(timeout 1 usdlive ls 2>/dev/null)'\n";
+}
+
+}  // namespace
+
+std::unique_ptr<CLI::App> createGrammar(Command& chosen) {
+    auto app = std::make_unique<CLI::App>(
+        "Edits OpenUSD stages together with others.\n\n"
+        "  usdlive serve DIR            serve the USD files of a folder\n"
+        "  usdlive ls                   the layers of the server on this machine\n"
+        "  usdlive cat shot.usda        a layer as text, as it is now\n"
+        "  usdlive lock HOST:7447 shot.usda\n"
+        "  usdlive ls dds://            the projects that are served over DDS\n",
+        "usdlive");
+    app->require_subcommand(1);
+    app->set_version_flag("--version", "usdlive " USDLIVE_VERSION);
+    app->footer(
+        "\nThe words after a verb are [URL] [LAYER...]; what has a colon is the URL. Without one:\n"
+        "USDLIVE_URL, else ws://127.0.0.1:7447. USDLIVE_USER is the default of --user.\n"
+        "usdlive help VERB says more.\n\n"
+        "Exit codes: 0 done; 1 it failed, wholly or in part; 2 the words are wrong.\n");
+    Grammar(*app, chosen).addVerbs();
+    return app;
+}
+
+std::vector<std::string> verbs(const CLI::App& app) {
+    std::vector<std::string> names;
+    for (const CLI::App* verb : app.get_subcommands([](const CLI::App*) { return true; }))
+        names.push_back(verb->get_name());
+    return names;
+}
+
+const CLI::App* findVerb(const CLI::App& app, const std::string& name) {
+    const auto found =
+        app.get_subcommands([&](const CLI::App* verb) { return verb->check_name(name); });
+    return found.empty() ? nullptr : found.front();
+}
+
+std::string similarVerb(const CLI::App& app, std::string_view word) {
+    const auto names = verbs(app);
+    const auto nearest = std::ranges::min_element(
+        names, {}, [&](const std::string& name) { return distance(name, word); });
+    const std::size_t most = std::max<std::size_t>(2, word.size() / 3);
+    return distance(*nearest, word) <= most ? *nearest : std::string();
+}
+
+std::string completionScript(const CLI::App& app, std::string_view shell) {
+    if (shell == "bash") return bashScript(app);
+    if (shell == "zsh")
+        return "# source <(usdlive completion zsh)\n"
+               "autoload -Uz bashcompinit && bashcompinit\n" +
+               bashScript(app);
+    if (shell == "fish") return fishScript(app);
+    return {};
+}
+
+}  // namespace usdlive::cli

@@ -1,0 +1,39 @@
+// What the commands print with --json.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+
+#include "usdlive/common/layer/Edit.h"
+#include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/protocol/Control.h"
+#include "usdlive/common/usd/ValueCodec.h"
+
+namespace usdlive::cli {
+
+using Json = nlohmann::ordered_json;
+
+/// The content of a field: numbers as numbers, vectors and arrays as arrays, matrices as arrays of
+/// rows, quaternions as [i, j, k, real], a block as null, time samples as [[time, value], ...].
+/// Numbers that JSON does not have are the texts "nan", "inf" and "-inf". A big value is taken from
+/// `blobs`; one that is not there is {"blob": hash, "bytes": size}.
+[[nodiscard]] Json toJson(const FieldValue& value, usd::BlobSource& blobs);
+
+/// The type of a field's content as .usda writes it: `double`, `float3[]`, `dictionary`.
+[[nodiscard]] std::string typeText(const FieldValue& value);
+
+/// A commit with the edits of `layer` (all, if it is empty).
+[[nodiscard]] Json toJson(const Commit& commit, const LayerId& layer, usd::BlobSource& blobs);
+/// {"specs": [{"path", "kind", "fields": {name: {"type", "value"}}}]}, each spec before those below
+/// it.
+[[nodiscard]] Json toJson(const LayerDoc& doc, usd::BlobSource& blobs);
+/// The prims and variants as a tree: {"name", "path", "type", "specifier", "children": [...]}.
+[[nodiscard]] Json treeToJson(const LayerDoc& doc);
+[[nodiscard]] Json toJson(const LayerState& state);
+[[nodiscard]] Json toJson(const Presence& presence);
+[[nodiscard]] Json toJson(const Checkpoint& checkpoint);
+
+/// One line. Bytes that are not UTF-8 are replaced.
+[[nodiscard]] std::string line(const Json& json);
+
+}  // namespace usdlive::cli

@@ -1,0 +1,28 @@
+#include "Target.h"
+
+#include <cstdlib>
+
+#include "usdlive/common/core/LayerPath.h"
+
+namespace usdlive::cli {
+
+std::string defaultServer() {
+    const char* url = std::getenv("USDLIVE_URL");
+    return url && *url ? url : "ws://127.0.0.1:7447";
+}
+
+Result<Target> parseTarget(const std::vector<std::string>& words) {
+    const bool named = !words.empty() && words.front().find(':') != std::string::npos;
+    auto server = client::parseServerAddress(named ? words.front() : defaultServer());
+    if (!server) return tl::unexpected(server.error());
+    Target target{std::move(*server), {}};
+    if (!target.server.layer.empty()) target.layers.push_back({target.server.layer});
+    for (std::size_t i = named ? 1 : 0; i < words.size(); ++i) {
+        auto layer = parseLayerId(words[i]);
+        if (!layer) return tl::unexpected(layer.error());
+        target.layers.push_back(std::move(*layer));
+    }
+    return target;
+}
+
+}  // namespace usdlive::cli

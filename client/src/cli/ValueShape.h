@@ -1,0 +1,78 @@
+// The numbers inside the bytes of a value: how many, of which type (V2).
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/layer/Value.h"
+
+namespace usdlive::cli {
+
+/// The type of one number inside a value.
+enum class Element { None, Bool, UChar, Int, UInt, Int64, UInt64, Half, Float, Double };
+
+/// A type as .usda writes it, and the numbers that one value of it holds.
+struct Shape {
+    std::string_view name;
+    Element element = Element::None;  ///< None: it holds no numbers
+    int count = 0;                    ///< of numbers
+    int row = 0;                      ///< of a matrix: numbers in a row; else 0
+};
+
+/// Of a leaf's type without the flags for arrays and array edits.
+[[nodiscard]] Shape shapeOf(ValueType scalar);
+
+[[nodiscard]] constexpr ValueType scalarOf(ValueType type) {
+    return ValueType(std::uint16_t(type) & 0xff);
+}
+[[nodiscard]] constexpr bool isArrayEdit(ValueType type) {
+    return (std::uint16_t(type) & std::uint16_t(ValueType::ArrayEditFlag)) != 0;
+}
+[[nodiscard]] constexpr bool isArray(ValueType type) {
+    return (std::uint16_t(type) & std::uint16_t(ValueType::ArrayFlag)) != 0;
+}
+
+/// Reads the next number and calls `use` with it as bool, an integer, float or double.
+template <class Use>
+auto readElement(ByteReader& bytes, Element element, Use&& use);
+
+[[nodiscard]] float halfToFloat(std::uint16_t half);
+
+/// The shortest text that is this number again.
+[[nodiscard]] std::string number(float value);
+[[nodiscard]] std::string number(double value);
+[[nodiscard]] std::string number(std::uint64_t value);
+[[nodiscard]] std::string number(std::int64_t value);
+[[nodiscard]] inline std::string number(std::int32_t value) { return number(std::int64_t(value)); }
+[[nodiscard]] inline std::string number(std::uint32_t value) {
+    return number(std::uint64_t(value));
+}
+[[nodiscard]] inline std::string number(bool value) { return value ? "true" : "false"; }
+
+template <class Use>
+auto readElement(ByteReader& bytes, Element element, Use&& use) {
+    switch (element) {
+        case Element::Bool:
+            return use(bytes.u8() != 0);
+        case Element::UChar:
+            return use(std::uint32_t(bytes.u8()));
+        case Element::Int:
+            return use(bytes.number<std::int32_t>());
+        case Element::UInt:
+            return use(bytes.u32());
+        case Element::Int64:
+            return use(bytes.i64());
+        case Element::UInt64:
+            return use(bytes.u64());
+        case Element::Half:
+            return use(halfToFloat(bytes.u16()));
+        case Element::Float:
+            return use(bytes.number<float>());
+        default:
+            return use(bytes.f64());
+    }
+}
+
+}  // namespace usdlive::cli
