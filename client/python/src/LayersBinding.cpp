@@ -3,10 +3,13 @@
 #include <nanobind/stl/map.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 #include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/notice.h>
 
 #include <memory>
+#include <tuple>
 #include <utility>
 
 #include "usdlive/client/usd/layers/LayerUtils.h"
@@ -120,6 +123,10 @@ public:
         auto* client = get();
         return client && ClientLayers(*client).setLocked(layer, locked);
     }
+    [[nodiscard]] bool isApplying() const override {
+        auto* client = get();
+        return client && client->isApplying();
+    }
     void reload(const pxr::SdfLayerHandle& layer) override {
         if (auto* client = get()) ClientLayers(*client).reload(layer);
     }
@@ -170,6 +177,15 @@ public:
     nb::tuple lastError() {
         const auto& error = layers_.lastError();
         return nb::make_tuple(int(error.type), error.text);
+    }
+
+    using Refused = std::tuple<std::string, std::string, std::string>;  // path, field, layer
+    void refuse(int type, const std::string& reason, const std::vector<Refused>& edits) {
+        std::vector<RefusedEdit> refused;
+        for (const auto& [path, field, layer] : edits)
+            if (pxr::SdfPath::IsValidPathString(path))
+                refused.push_back({pxr::SdfPath(path), field, layer, LayerErrorType(type), reason});
+        layers_.refuse(std::move(refused));
     }
 
     nb::list refusedEdits() {
@@ -247,6 +263,21 @@ void bindUtils(nb::module_& module) {
         return failed;
     });
     module.def("normalize_url", &utils::normalizeUrl);
+    module.def("without_file_scheme", &utils::withoutFileScheme);
+    module.def("reanchor_states",
+               [](const std::string& content, const std::string& from, const std::string& to) {
+                   utils::reanchorStates(find(content), from, to);
+               });
+    module.def("stored_layer", [](const std::string& root, const std::string& path) {
+        return storedLayer(find(root), path);
+    });
+    // Whoever watches saves hears of a file that was written by other means than Sdf's.
+    module.def(
+        "file_was_written",
+        [](const std::string& id) {
+            if (const auto layer = find(id)) pxr::SdfNotice::LayerDidSaveLayerToFile().Send(layer);
+        },
+        nb::call_guard<nb::gil_scoped_release>());
     module.def("layer_flags", [](const std::string& root, const std::string& name) {
         return layerFlags(find(root), name);
     });
@@ -356,6 +387,7 @@ void bindAuthoring(Class& type) {
              })
         .def("suspend", [](P& self) { self.authoring().suspend(); })
         .def("resume", [](P& self) { self.authoring().resume(); })
+        .def("refuse", &P::refuse)
         .def("refused_edits", &P::refusedEdits);
 }
 
@@ -423,6 +455,8 @@ void bindLayers(nb::module_& module) {
         .def("set_client", &P::setClient, nb::arg("client").none())
         .def(
             "update", [](P& self, double nowMs) { self.layers().update(nowMs); }, released)
+        .def(
+            "distribute", [](P& self) { self.layers().distribute(); }, released)
         .def("take_events", &P::takeEvents)
         .def("last_error", &P::lastError)
         .def("edit_mode", [](P& self) { return int(self.layers().editMode()); })

@@ -107,6 +107,9 @@ public:
         live_.clear();
     }
 
+    // What the callbacks do is the editor's own.
+    [[nodiscard]] bool isApplying() const { return ticking_ && !dispatching_; }
+
     Result<void> greet() {
         const auto start = Clock::now();
         while (!session_.isConnected()) {
@@ -704,6 +707,7 @@ const std::vector<LostWork>& Client::lostWork() const { return impl_->lostWork()
 Result<pxr::SdfLayerRefPtr> Client::lostWorkAsLayer(std::size_t index, const LayerId& layer) const {
     return impl_->lostWorkAsLayer(index, layer);
 }
+bool Client::isApplying() const { return impl_->isApplying(); }
 bool Client::isConnected() const { return impl_->session().isConnected(); }
 Revision Client::revision() const { return impl_->session().revision(); }
 std::size_t Client::pendingTransactions() const { return impl_->session().pendingTransactions(); }

@@ -19,11 +19,22 @@ bool isReadOnly(const std::string& path, const struct stat& status) {
     return (status.st_mode & 0222) == 0 || access(path.c_str(), W_OK) != 0;
 }
 
-std::string userName(uid_t user) {
+// Kept for each user: the system reads a file for each answer.
+const std::string& userName(uid_t user) {
+    thread_local std::map<uid_t, std::string> names;
+    const auto [entry, isNew] = names.try_emplace(user);
+    if (!isNew) return entry->second;
     std::array<char, 4096> buffer{};
-    passwd entry{}, *found = nullptr;
-    if (getpwuid_r(user, &entry, buffer.data(), buffer.size(), &found) != 0 || !found) return {};
-    return found->pw_name;
+    passwd account{}, *found = nullptr;
+    if (getpwuid_r(user, &account, buffer.data(), buffer.size(), &found) == 0 && found)
+        entry->second = found->pw_name;
+    return entry->second;
+}
+
+void describe(const std::string& path, const struct stat& status, FileWatch::Seen& seen) {
+    seen.exists = true;
+    seen.readOnly = isReadOnly(path, status);
+    seen.owner = userName(status.st_uid);
 }
 
 }  // namespace
@@ -39,13 +50,18 @@ std::optional<std::uint64_t> FileWatch::hashOf(const std::string& path, std::int
     return hash;
 }
 
+FileWatch::Seen FileWatch::glance(const std::string& path) {
+    Seen seen;
+    if (struct stat status{}; !path.empty() && stat(path.c_str(), &status) == 0)
+        describe(path, status, seen);
+    return seen;
+}
+
 FileWatch::Seen FileWatch::look(const std::string& path) {
     Seen seen;
     struct stat status{};
     if (path.empty() || stat(path.c_str(), &status) != 0) return seen;
-    seen.exists = true;
-    seen.readOnly = isReadOnly(path, status);
-    seen.owner = userName(status.st_uid);
+    describe(path, status, seen);
     const Stamp now{status.st_mtim.tv_sec * 1'000'000'000 + status.st_mtim.tv_nsec, status.st_size};
     const auto [entry, isNew] = files_.try_emplace(path);
     auto& known = entry->second;
@@ -65,6 +81,10 @@ FileWatch::Seen FileWatch::look(const std::string& path) {
     return seen;
 }
 
-void FileWatch::accept(const std::string& path) { files_.erase(path); }
+// Looked at anew at once: what another process writes from now on is a change.
+void FileWatch::accept(const std::string& path) {
+    files_.erase(path);
+    (void)look(path);
+}
 
 }  // namespace usdlive::layers

@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <set>
+#include <string_view>
 #include <utility>
 
 #include "SpecEdits.h"
@@ -50,6 +51,47 @@ SdfLayerRefPtr open(const std::string& identifier) {
 // How the parent is to name it.
 std::string nameIn(const SdfLayerHandle& parent, const SdfLayerHandle& layer) {
     return relativeTo(parent, layer->GetIdentifier());
+}
+
+std::string fileOf(const std::string& path) {
+    const auto file = path.substr(0, path.find(":SDF_FORMAT_ARGS:"));
+    return file.substr(0, file.find('['));  // of a package
+}
+
+bool hasDots(const std::string& path) { return path.starts_with("./") || path.starts_with("../"); }
+
+// Neither absolute, an address, in memory nor an expression.
+bool isRelative(const std::string& path) {
+    if (hasDots(path)) return true;
+    return !path.empty() && !path.starts_with('/') && !path.starts_with('`') &&
+           fileOf(path).find(':') == std::string::npos;
+}
+
+std::string folderOf(const SdfLayerHandle& layer) {
+    return std::filesystem::path(layer->GetRealPath()).parent_path().generic_string();
+}
+
+std::string dotted(const std::string& relative) {
+    return relative.starts_with("../") ? relative : "./" + relative;
+}
+
+// Without `./` the resolver first looks beside the layer, and then in its search paths.
+bool isBeside(const SdfLayerHandle& layer, const std::string& path) {
+    namespace fs = std::filesystem;
+    const auto folder = fs::path(layer->GetRealPath()).parent_path();
+    const auto file = fileOf(path);
+    if (const auto udim = file.find("<UDIM>"); udim != std::string::npos) {
+        // The tiles are numbered from 1001 on; the first one that exists is enough.
+        for (int tile = 1001; tile < 1101; ++tile) {
+            std::error_code ignored;
+            auto one = file;
+            if (fs::exists(folder / one.replace(udim, 6, std::to_string(tile)), ignored))
+                return true;
+        }
+        return false;
+    }
+    std::error_code ignored;
+    return fs::exists(folder / file, ignored);
 }
 
 using Rename = std::function<std::string(const std::string&)>;
@@ -305,6 +347,8 @@ bool transferContent(const SdfLayerHandle& from, const SdfLayerHandle& to, bool 
             to->SetCustomLayerData(data);
     }
     resolvePaths(from, to);
+    if (copyCustomData)
+        reanchorStates(to, folderOf(from), to->IsAnonymous() ? std::string() : folderOf(to));
     return true;
 }
 
@@ -313,10 +357,10 @@ void resolvePaths(const SdfLayerHandle& base, const SdfLayerHandle& target, bool
     if (!base || !target || !target->PermissionToEdit()) return;
     const auto& anchor = relativeToBaseLayer ? base : target;
     const Rename rename = [&](const std::string& path) {
-        // Search paths ("X.mdl") and absolute ones mean the same everywhere.
-        const bool relative = path.starts_with("./") || path.starts_with("../");
-        if (!relative || base->IsAnonymous()) return path;
-        const auto absolute = absoluteFrom(base, path);
+        if (base->IsAnonymous() || !isRelative(path)) return path;
+        // Search paths ("X.mdl") mean the same everywhere.
+        if (!hasDots(path) && !isBeside(base, path)) return path;
+        const auto absolute = absoluteFrom(base, hasDots(path) ? path : "./" + path);
         return storeRelativePath ? relativeTo(anchor, absolute) : absolute;
     };
     const pxr::SdfChangeBlock block;
@@ -374,9 +418,27 @@ bool saveLayers(const std::vector<std::string>& identifiers, std::vector<std::st
     return all;
 }
 
+std::string withoutFileScheme(const std::string& url) {
+    constexpr std::string_view scheme = "file://";
+    if (!url.starts_with(scheme)) return url;
+    const auto path = url.find('/', scheme.size());  // a host may stand before it
+    return path == std::string::npos ? url : unquoted(url.substr(path));
+}
+
+void reanchorStates(const SdfLayerHandle& content, const std::string& fromFolder,
+                    const std::string& toFolder) {
+    namespace fs = std::filesystem;
+    renameStoredLayers(content, [&](const std::string& path) {
+        if (!isRelative(path) || fromFolder.empty()) return path;
+        const auto absolute = (fs::path(fromFolder) / path).lexically_normal();
+        if (toFolder.empty()) return absolute.generic_string();
+        return dotted(absolute.lexically_relative(toFolder).generic_string());
+    });
+}
+
 std::string normalizeUrl(const std::string& url) {
     if (pxr::SdfLayer::IsAnonymousLayerIdentifier(url)) return url;
-    std::string text = url;
+    std::string text = withoutFileScheme(url);
     std::ranges::replace(text, '\\', '/');
     const auto scheme = text.find("://");
     if (scheme == std::string::npos)

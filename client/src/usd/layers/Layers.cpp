@@ -47,6 +47,23 @@ std::vector<std::string> offsetTokens(const pxr::SdfChangeList::Entry::InfoChang
     return tokens;
 }
 
+// May the stage use other layers than before?
+bool changesComposition(const pxr::SdfChangeList& changes) {
+    const auto& keys = pxr::SdfFieldKeys;
+    for (const auto& [path, entry] : changes.GetEntryList()) {
+        const auto& flags = entry.flags;
+        if (flags.didReplaceContent || flags.didAddNonInertPrim || flags.didRemoveNonInertPrim ||
+            flags.didChangePrimVariantSets || flags.didChangePrimReferences || flags.didRename)
+            return true;
+        for (const auto& [field, change] : entry.infoChanged)
+            if (field == keys->References || field == keys->Payload || field == keys->Active ||
+                field == keys->VariantSelection || field == keys->InheritPaths ||
+                field == keys->Specializes || field == keys->LayerRelocates)
+                return true;
+    }
+    return false;
+}
+
 }  // namespace
 
 class Layers::Impl final : public pxr::TfWeakBase, public DistributionRules {
@@ -66,6 +83,7 @@ public:
         keys_ = {pxr::TfNotice::Register(self, &Impl::onChanged),
                  pxr::TfNotice::Register(self, &Impl::onDirtiness, SdfLayerHandle()),
                  pxr::TfNotice::Register(self, &Impl::onSaved, SdfLayerHandle()),
+                 pxr::TfNotice::Register(self, &Impl::onReloaded, SdfLayerHandle()),
                  pxr::TfNotice::Register(self, &Impl::onMuteness)};
     }
 
@@ -112,6 +130,17 @@ public:
         authoring.keepInPlace();
         followEditTarget();
         distribute();
+    }
+
+    void refuse(std::vector<RefusedEdit> edits) {
+        if (!edits.empty()) tell(std::move(edits));
+    }
+
+    void distributeAll() {
+        const bool suspended = authoring.isSuspended();
+        authoring.resume();
+        distribute();
+        if (suspended) authoring.suspend();
     }
 
     std::vector<LayerEvent> takeEvents() { return context_.events.take(); }
@@ -172,7 +201,8 @@ private:
             const bool isDelegate = layer == authoring.delegate();
             const bool local = !isDelegate && state.hasLocalLayer(layer->GetIdentifier());
             if ((isDelegate || local) && !distributing_) authoring.layerChanged(layer, changes);
-            if (!local && (isDelegate || !state.hasUsedLayer(layer->GetIdentifier()))) continue;
+            if (!local && (isDelegate || !state.knows(layer->GetIdentifier()))) continue;
+            if (changesComposition(changes)) state.compositionChanged();
             locking.layerChanged(layer, changes);
             tell(layer, changes);
         }
@@ -251,7 +281,10 @@ private:
         if (!isElsewhere()) state.dirtinessChanged(layer);
     }
     void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&, const SdfLayerHandle& layer) {
-        if (!isElsewhere()) state.layerSaved(layer);
+        if (!isElsewhere()) state.fileAgrees(layer);
+    }
+    void onReloaded(const pxr::SdfNotice::LayerDidReloadContent&, const SdfLayerHandle& layer) {
+        if (!isElsewhere()) state.fileAgrees(layer);
     }
     // Of SdfLayer itself, whose content is gone while it is muted.
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged&) {
@@ -295,6 +328,8 @@ const LastError& Layers::lastError() const { return impl_->context().error; }
 LayerEditMode Layers::editMode() const { return impl_->mode(); }
 bool Layers::setEditMode(LayerEditMode mode) { return impl_->setEditMode(mode); }
 void Layers::update(double nowMs) { impl_->update(nowMs); }
+void Layers::refuse(std::vector<RefusedEdit> edits) { impl_->refuse(std::move(edits)); }
+void Layers::distribute() { impl_->distributeAll(); }
 std::vector<LayerEvent> Layers::takeEvents() { return impl_->takeEvents(); }
 const std::deque<RefusedEdit>& Layers::refusedEdits() const { return impl_->refused; }
 void Layers::setLive(LiveLayers* live) { impl_->setLive(live); }

@@ -18,23 +18,6 @@ constexpr double kLookEveryMs = 500;
 
 const std::string kMuteness = "muteness", kLocked = "locked";
 
-// %20 as in URLs.
-std::string unquoted(const std::string& text) {
-    std::string result;
-    for (std::size_t i = 0; i < text.size(); ++i) {
-        const bool escape = text[i] == '%' && i + 2 < text.size() &&
-                            std::isxdigit(static_cast<unsigned char>(text[i + 1])) &&
-                            std::isxdigit(static_cast<unsigned char>(text[i + 2]));
-        if (escape) {
-            result += char(std::stoi(text.substr(i + 1, 2), nullptr, 16));
-            i += 2;
-        } else {
-            result += text[i];
-        }
-    }
-    return result;
-}
-
 bool ownLockOf(const pxr::SdfLayerHandle& layer) {
     return omniValue(layer, kLocked).GetWithDefault<bool>(false);
 }
@@ -98,7 +81,7 @@ void LayersState::learnSublayers(const pxr::SdfLayerHandle& layer, bool session,
 }
 
 void LayersState::learnStructure() {
-    structureKnown_ = true;
+    structureKnown_ = usedKnown_ = true;
     auto before = std::exchange(known_, {});
     order_.clear();
     invalid_.clear();
@@ -127,12 +110,39 @@ void LayersState::learnStructure() {
         known.ownLock = ownLockOf(known.layer);
         known.locked = known.local && isLocked(id, known);
         const auto old = before.find(id);
-        if (old == before.end()) continue;
+        if (old == before.end()) {
+            readFileState(known);
+            continue;
+        }
         known.outdated = old->second.outdated;
         known.readOnly = old->second.readOnly;
+        known.dirty = old->second.dirty;
         known.owner = std::move(old->second.owner);
     }
     nextLookMs_ = 0;
+}
+
+void LayersState::learnUsed() {
+    usedKnown_ = true;
+    std::set<std::string> now;
+    for (const auto& layer : context_.host.usedLayers())
+        if (layer && layer->GetIdentifier() != hidden_) now.insert(layer->GetIdentifier());
+    if (now == used_) return;
+    context_.events.push(LayerEventType::UsedLayersChanged);
+    learnStructure();
+}
+
+// What queries answer before watch() has looked.
+void LayersState::readFileState(Known& known) {
+    if (!known.layer || known.layer->IsAnonymous()) return;
+    if (const auto live = context_.live ? context_.live->state(known.layer) : std::nullopt) {
+        known.readOnly = !live->writable;
+        known.dirty = live->dirty;
+        return;
+    }
+    const auto seen = FileWatch::glance(known.layer->GetRealPath());
+    known.readOnly = seen.readOnly;
+    known.owner = seen.owner;
 }
 
 void LayersState::hide(const std::string& identifier) {
@@ -176,8 +186,15 @@ void LayersState::setMutenessScope(bool global) {
 void LayersState::followMuteness() {
     if (std::exchange(scopeDue_, false) && globalScope_) applyScope(globalMuted_);
     mutenessChanged();
-    if (!unwrittenFlags_.empty())
-        setLayerFlags(context_.host.rootLayer(), kMuteness, std::exchange(unwrittenFlags_, {}));
+    if (unwrittenFlags_.empty()) return;
+    const auto root = context_.host.rootLayer();
+    auto flags = std::exchange(unwrittenFlags_, {});
+    const auto written = layerFlags(root, kMuteness);
+    // A layer that was taken out of the stack is unmuted with its flag already removed.
+    std::erase_if(flags, [&](const auto& flag) {
+        return !flag.second && !written.contains(flag.first) && !hasLocalLayer(flag.first);
+    });
+    setLayerFlags(root, kMuteness, flags);
 }
 
 // May come from within the stage, which is muting: nothing is written here.
@@ -367,7 +384,9 @@ std::vector<std::string> LayersState::dirtyLayerIdentifiers() {
 }
 
 void LayersState::dirtinessChanged(const pxr::SdfLayerHandle& layer) {
-    if (layer && !layer->IsAnonymous() && find(layer->GetIdentifier()))
+    if (!layer || layer->IsAnonymous() || !find(layer->GetIdentifier())) return;
+    // The server tells of a live layer; its file here is a placeholder.
+    if (!context_.live || !context_.live->state(layer))
         context_.events.push(LayerEventType::DirtyStateChanged, {layer->GetIdentifier()});
 }
 
@@ -422,6 +441,7 @@ bool LayersState::hasLocalLayer(const std::string& id) {
 }
 
 bool LayersState::hasUsedLayer(const std::string& id) {
+    if (!usedKnown_) learnUsed();
     const auto* known = find(id);
     return known && known->used;
 }
@@ -470,14 +490,20 @@ bool LayersState::reload(const std::vector<std::string>& ids) {
     for (const auto& id : files) {
         auto* known = find(id);
         if (!known) continue;
+        if (!known->layer) continue;
         watch_.accept(known->layer->GetRealPath());
         known->outdated = false;
     }
     return true;
 }
 
-void LayersState::layerSaved(const pxr::SdfLayerHandle& layer) {
-    if (layer) watch_.accept(layer->GetRealPath());
+void LayersState::fileAgrees(const pxr::SdfLayerHandle& layer) {
+    if (!layer || layer->IsAnonymous()) return;
+    const auto found = known_.find(layer->GetIdentifier());
+    if (found == known_.end()) return;
+    watch_.accept(layer->GetRealPath());
+    if (std::exchange(found->second.outdated, false))
+        context_.events.push(LayerEventType::OutdateStateChanged, {layer->GetIdentifier()});
 }
 
 void LayersState::watch(double nowMs) {
@@ -492,13 +518,14 @@ void LayersState::watch(double nowMs) {
 }
 
 void LayersState::look(double) {
-    std::vector<std::string> outdated, permission, reload;
+    std::vector<std::string> outdated, permission, reload, dirty;
     for (auto& [id, known] : known_) {
         if (!known.layer || known.layer->IsAnonymous()) continue;
         if (const auto live = context_.live ? context_.live->state(known.layer) : std::nullopt) {
             // Its file here is a placeholder.
             if (std::exchange(known.readOnly, !live->writable) == live->writable)
                 permission.push_back(id);
+            if (std::exchange(known.dirty, live->dirty) != live->dirty) dirty.push_back(id);
             if (std::exchange(known.outdated, live->outdated) != live->outdated) {
                 outdated.push_back(id);
                 if (live->outdated && reloadsItself(id, known)) reload.push_back(id);
@@ -511,6 +538,7 @@ void LayersState::look(double) {
         if (std::exchange(known.outdated, seen.changed) != seen.changed) outdated.push_back(id);
         if (seen.changed && reloadsItself(id, known)) reload.push_back(id);
     }
+    if (!dirty.empty()) context_.events.push(LayerEventType::DirtyStateChanged, std::move(dirty));
     if (!outdated.empty())
         context_.events.push(LayerEventType::OutdateStateChanged, std::move(outdated));
     if (!permission.empty())
@@ -526,6 +554,7 @@ bool LayersState::reloadsItself(const std::string& id, const Known& known) const
 }
 
 bool LayersState::isAutoReloadLayer(const std::string& id) {
+    if (!usedKnown_) learnUsed();
     const auto* known = find(id);
     return known && known->used && reloadsItself(id, *known);
 }
@@ -536,6 +565,7 @@ void LayersState::setAutoReload(AutoReload kinds) {
 }
 
 bool LayersState::addAutoReloadLayer(const std::string& id) {
+    if (!usedKnown_) learnUsed();
     const auto* known = require(id);
     if (!known || !known->used) return false;
     if (!autoReload_.insert(id).second) return false;

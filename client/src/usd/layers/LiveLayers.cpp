@@ -7,7 +7,7 @@ namespace usdlive::layers {
 std::string ClientLayers::user() const { return client_.user(); }
 
 std::optional<LiveState> ClientLayers::state(const pxr::SdfLayerHandle& layer) const {
-    const auto id = client_.layerId(layer);
+    const auto id = layer ? client_.layerId(layer) : std::nullopt;
     if (!id) return std::nullopt;
     LiveState live;
     const auto& states = client_.layerStates();
@@ -25,6 +25,8 @@ bool ClientLayers::setLocked(const pxr::SdfLayerHandle& layer, bool locked) {
     const auto id = client_.layerId(layer);
     return id && client_.setLocked(*id, locked).has_value();
 }
+
+bool ClientLayers::isApplying() const { return client_.isApplying(); }
 
 void ClientLayers::reload(const pxr::SdfLayerHandle& layer) {
     if (const auto id = client_.layerId(layer)) client_.reload({*id});

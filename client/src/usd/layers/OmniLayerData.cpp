@@ -1,8 +1,10 @@
 #include "usdlive/client/usd/layers/OmniLayerData.h"
 
+#include <pxr/base/vt/types.h>
 #include <pxr/usd/sdf/layerUtils.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <cctype>
 #include <filesystem>
 
 #include "usdlive/client/usd/layers/LayerUtils.h"
@@ -22,6 +24,11 @@ VtDictionary groupOf(const pxr::SdfLayerHandle& layer) {
     const auto found = data.find(kGroup);
     if (found == data.end() || !found->second.IsHolding<VtDictionary>()) return {};
     return found->second.UncheckedGet<VtDictionary>();
+}
+
+bool isThere(const std::string& identifier) {
+    std::error_code ignored;
+    return pxr::SdfLayer::Find(identifier) || std::filesystem::exists(identifier, ignored);
 }
 
 }  // namespace
@@ -62,24 +69,49 @@ bool setOmniDictionary(const pxr::SdfLayerHandle& layer, const std::string& name
     return setOmniValue(layer, name, value.empty() ? VtValue() : VtValue::Take(value));
 }
 
+std::string unquoted(const std::string& text) {
+    std::string result;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        const bool escape = text[i] == '%' && i + 2 < text.size() &&
+                            std::isxdigit(static_cast<unsigned char>(text[i + 1])) &&
+                            std::isxdigit(static_cast<unsigned char>(text[i + 2]));
+        if (escape) {
+            result += char(std::stoi(text.substr(i + 1, 2), nullptr, 16));
+            i += 2;
+        } else {
+            result += text[i];
+        }
+    }
+    return result;
+}
+
 std::string absoluteFrom(const pxr::SdfLayerHandle& root, const std::string& path) {
-    if (path.empty() || pxr::SdfLayer::IsAnonymousLayerIdentifier(path)) return path;
-    return LayerUtils::normalizeUrl(pxr::SdfComputeAssetPathRelativeToLayer(root, path));
+    if (!root || path.empty() || pxr::SdfLayer::IsAnonymousLayerIdentifier(path)) return path;
+    const std::string plain = LayerUtils::withoutFileScheme(path);
+    return LayerUtils::normalizeUrl(pxr::SdfComputeAssetPathRelativeToLayer(root, plain));
 }
 
 std::string relativeTo(const pxr::SdfLayerHandle& root, const std::string& identifier) {
     namespace fs = std::filesystem;
+    if (!root || root->IsAnonymous()) return identifier;
     const fs::path from(root->GetRealPath()), to(identifier);
-    if (root->IsAnonymous() || from.empty() || !to.is_absolute()) return identifier;
+    if (from.empty() || !to.is_absolute()) return identifier;
     const auto relative = to.lexically_relative(from.parent_path()).generic_string();
     if (relative.empty()) return identifier;
     return relative.starts_with("..") ? relative : "./" + relative;
 }
 
+std::string storedLayer(const pxr::SdfLayerHandle& root, const std::string& path) {
+    auto plain = absoluteFrom(root, path);
+    if (path.find('%') == std::string::npos || isThere(plain)) return plain;
+    auto decoded = absoluteFrom(root, unquoted(path));
+    return isThere(decoded) ? decoded : plain;
+}
+
 std::map<std::string, bool> layerFlags(const pxr::SdfLayerHandle& root, const std::string& name) {
     std::map<std::string, bool> flags;
     for (const auto& [path, flag] : omniDictionary(root, name))
-        flags[absoluteFrom(root, path)] = flag.GetWithDefault<bool>(false);
+        flags[storedLayer(root, path)] = flag.GetWithDefault<bool>(false);
     return flags;
 }
 
@@ -87,8 +119,9 @@ bool setLayerFlags(const pxr::SdfLayerHandle& root, const std::string& name,
                    const std::map<std::string, bool>& flags) {
     VtDictionary stored = omniDictionary(root, name);
     std::map<std::string, std::string> keys;
-    for (const auto& [path, flag] : stored) keys.emplace(absoluteFrom(root, path), path);
+    for (const auto& [path, flag] : stored) keys.emplace(storedLayer(root, path), path);
     for (const auto& [identifier, flag] : flags) {
+        if (identifier.empty()) return false;
         const auto known = keys.find(absoluteFrom(root, identifier));
         stored[known == keys.end() ? relativeTo(root, identifier) : known->second] = VtValue(flag);
     }
@@ -99,8 +132,28 @@ bool removeLayerFlag(const pxr::SdfLayerHandle& root, const std::string& name,
                      const std::string& identifier) {
     VtDictionary stored = omniDictionary(root, name), left;
     for (const auto& [path, flag] : stored)
-        if (absoluteFrom(root, path) != absoluteFrom(root, identifier)) left[path] = flag;
+        if (storedLayer(root, path) != absoluteFrom(root, identifier)) left[path] = flag;
     return left.size() != stored.size() && setOmniDictionary(root, name, std::move(left));
+}
+
+void renameStoredLayers(const pxr::SdfLayerHandle& layer,
+                        const std::function<std::string(const std::string&)>& rename) {
+    for (const char* name : {"muteness", "locked"}) {
+        VtDictionary renamed;
+        for (const auto& [path, flag] : omniDictionary(layer, name)) renamed[rename(path)] = flag;
+        if (!renamed.empty()) setOmniDictionary(layer, name, std::move(renamed));
+    }
+    VtDictionary links = omniDictionary(layer, "specs_linking");
+    for (auto& [spec, value] : links) {
+        if (!value.IsHolding<pxr::VtStringArray>()) continue;
+        auto layers = value.UncheckedGet<pxr::VtStringArray>();
+        for (auto& one : layers) one = rename(one);
+        value = VtValue::Take(layers);
+    }
+    if (!links.empty()) setOmniDictionary(layer, "specs_linking", std::move(links));
+    const VtValue authoring = omniValue(layer, "authoring_layer");
+    if (authoring.IsHolding<std::string>())
+        setOmniValue(layer, "authoring_layer", VtValue(rename(authoring.Get<std::string>())));
 }
 
 }  // namespace usdlive::layers

@@ -179,7 +179,7 @@ void SpecsLinking::dataChanged() {
     for (const auto& [spec, value] : omniDictionary(root, kLinks)) {
         if (!SdfPath::IsValidPathString(spec) || !value.IsHolding<Names>()) continue;
         for (const auto& name : value.UncheckedGet<Names>())
-            stored[SdfPath(spec)].insert(absoluteFrom(root, name));
+            stored[SdfPath(spec)].insert(storedLayer(root, name));
     }
     if (stored == links_) return;
     const Table before = std::exchange(links_, std::move(stored));

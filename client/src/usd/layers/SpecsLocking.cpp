@@ -1,6 +1,7 @@
 #include "usdlive/client/usd/layers/SpecsLocking.h"
 
 #include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/copyUtils.h>
 #include <pxr/usd/sdf/primSpec.h>
@@ -45,6 +46,24 @@ bool copyFields(const SdfLayerHandle& from, const SdfLayerHandle& to, const SdfP
     return changed;
 }
 
+// Have the two specs, with all below them, the same content?
+bool isLike(const SdfLayerHandle& one, const SdfPath& there, const SdfLayerHandle& other,
+            const SdfPath& path) {
+    std::vector<SdfPath> specs;
+    other->Traverse(path, [&](const SdfPath& spec) { specs.push_back(spec); });
+    std::size_t count = 0;
+    one->Traverse(there, [&](const SdfPath&) { ++count; });
+    return count == specs.size() && std::ranges::all_of(specs, [&](const SdfPath& spec) {
+               const SdfPath mine = spec.ReplacePrefix(path, there);
+               if (!one->HasSpec(mine)) return false;
+               const auto fields = other->ListFields(spec);
+               return fields.size() == one->ListFields(mine).size() &&
+                      std::ranges::all_of(fields, [&](const auto& field) {
+                          return other->GetField(spec, field) == one->GetField(mine, field);
+                      });
+           });
+}
+
 bool copySpec(const SdfLayerHandle& from, const SdfLayerHandle& to, const SdfPath& path) {
     const SdfPath parent = path.GetParentPath();
     if (parent.IsPrimPath() && !to->HasSpec(parent) && !pxr::SdfJustCreatePrimInLayer(to, parent))
@@ -84,13 +103,37 @@ SpecsLocking::Paths SpecsLocking::unlockSpec(const std::string& path, bool hiera
         return {};
     }
     const SdfPath spec(path);
-    Table changed = all();
-    std::erase_if(changed, [&](const auto& lock) {
-        if (lock.first == spec) return true;
-        if (hierarchy) return lock.first.HasPrefix(spec);
-        return lock.first.IsPropertyPath() && lock.first.GetPrimPath() == spec;
+    return unlock([&](const SdfPath& lock) {
+        if (lock == spec) return true;
+        if (hierarchy) return lock.HasPrefix(spec);
+        return lock.IsPropertyPath() && lock.GetPrimPath() == spec;
     });
-    return change(std::move(changed));
+}
+
+// One lock of somebody else would make the server refuse all of it.
+template <class Chosen>
+SpecsLocking::Paths SpecsLocking::unlock(Chosen chosen) {
+    Table changed = all();
+    std::optional<std::pair<SdfPath, std::string>> held;
+    std::erase_if(changed, [&](const auto& lock) {
+        if (!chosen(lock.first)) return false;
+        if (isForeign(lock.second)) {
+            held = lock;
+            return false;
+        }
+        return true;
+    });
+    Paths paths = change(std::move(changed));
+    if (held)
+        context_.fail(LayerErrorType::ReadOnly,
+                      held->first.GetString() + " is locked by " + held->second +
+                          ". Only they or an administrator of the server can unlock it");
+    return paths;
+}
+
+bool SpecsLocking::isForeign(const std::string& owner) const {
+    return !owner.empty() && context_.live && owner != context_.live->user() &&
+           context_.live->state(context_.host.rootLayer());
 }
 
 SpecsLocking::Table SpecsLocking::all() const {
@@ -99,7 +142,9 @@ SpecsLocking::Table SpecsLocking::all() const {
     return locks;
 }
 
-void SpecsLocking::unlockAllSpecs() { change({}); }
+void SpecsLocking::unlockAllSpecs() {
+    unlock([](const SdfPath&) { return true; });
+}
 
 SpecsLocking::Paths SpecsLocking::allLockedSpecs() const {
     Paths paths;
@@ -116,10 +161,49 @@ bool SpecsLocking::isSpecLocked(const std::string& path) const {
 std::optional<LastError> SpecsLocking::whyLocked(const SdfPath& spec) const {
     if (locks_.empty()) return std::nullopt;
     const SdfPath path = spec.StripAllVariantSelections();
-    const auto found = locks_.find(path);
+    auto found = locks_.find(path);
+    if (found == locks_.end())
+        if (const auto addition = additionAt(path)) found = locks_.find(addition->GetParentPath());
     if (found == locks_.end()) return std::nullopt;
     const auto by = found->second.empty() ? std::string() : " by " + found->second;
-    return LastError{LayerErrorType::ReadOnly, spec.GetString() + " is locked" + by};
+    return LastError{LayerErrorType::ReadOnly, found->first.GetString() + " is locked" + by};
+}
+
+std::optional<SdfPath> SpecsLocking::additionAt(const SdfPath& path) const {
+    for (const SdfPath& one : path.GetPrefixes()) {
+        const bool property = one.IsPrimPropertyPath();
+        if ((!property && !one.IsPrimPath()) || locks_.contains(one) || released_.contains(one))
+            continue;
+        const SdfPath parent = one.GetParentPath();
+        if (!locks_.contains(parent) || hadSpec(one)) continue;
+        if (property || !takesChildren(parent)) return one;
+    }
+    return std::nullopt;
+}
+
+// Of our own layers the shadows say what they had; what comes by arcs has not been edited here.
+bool SpecsLocking::hadSpec(const SdfPath& path) const {
+    const SdfPath prim = path.GetPrimPath();
+    for (const auto& [site, foreign] : context_.stack.sites(prim)) {
+        const SdfPath there = path.ReplacePrefix(prim, site, false);
+        if (foreign) {
+            for (const auto& layer : foreign->GetLayers())
+                if (layer->HasSpec(there)) return true;
+            continue;
+        }
+        for (const auto& [id, shadow] : shadows_)
+            if (shadow.content->HasSpec(there)) return true;
+    }
+    return std::ranges::any_of(
+        shadows_, [&](const auto& entry) { return entry.second.content->HasSpec(path); });
+}
+
+// A lock with all below it is not stored as such: it shows in the children that are there.
+bool SpecsLocking::takesChildren(const SdfPath& prim) const {
+    return std::ranges::any_of(context_.host.childNames(prim), [&](const auto& name) {
+        const SdfPath child = prim.AppendChild(name);
+        return !locks_.contains(child) && hadSpec(child);
+    });
 }
 
 SpecsLocking::Paths SpecsLocking::change(Table changed) {
@@ -131,6 +215,14 @@ SpecsLocking::Paths SpecsLocking::change(Table changed) {
     for (const auto& [path, owner] : before)
         if (!changed.contains(path)) paths.push_back(path);
     if (paths.empty()) return {};
+    const auto root =
+        context_.live ? context_.live->state(context_.host.rootLayer()) : std::nullopt;
+    if (root && isForeign(root->lockHolder)) {
+        context_.fail(
+            LayerErrorType::ReadOnly,
+            "the root layer, in which locks of specs are kept, is locked by " + root->lockHolder);
+        return {};
+    }
     pxr::VtDictionary stored;
     for (const auto& [path, owner] : changed) stored[path.GetString()] = pxr::VtValue(owner);
     const pxr::SdfChangeBlock block;
@@ -168,6 +260,10 @@ void SpecsLocking::follow(Table locks) {
     for (const auto& [path, owner] : now)
         if (!locks.contains(path)) event.paths.push_back(path);
     if (!event.paths.empty()) context_.events.push(std::move(event));
+    for (const auto& [path, owner] : locks) released_.erase(path);
+    for (const auto& [path, owner] : now)
+        if (path.IsPropertyPath() && !locks.contains(path) && locks.contains(path.GetPrimPath()))
+            released_.insert(path);
     // Whoever unlocks and edits at once means the edit; whoever locks means what stands there then.
     std::erase_if(locks_, [&](const auto& lock) { return !locks.contains(lock.first); });
     incoming_ = std::move(locks);
@@ -214,8 +310,8 @@ void SpecsLocking::takeShadows() {
 }
 
 void SpecsLocking::takeShadow(const SdfLayerHandle& layer, Shadow& shadow) {
+    shadow = {};
     shadow.content = pxr::SdfLayer::CreateAnonymous(".usda");
-    shadow.changed.clear();
     SdfPath top;
     for (const auto& [path, owner] : locks_) {
         // Sorted: what stands below a locked prim comes with it.
@@ -229,17 +325,25 @@ void SpecsLocking::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChang
     if (locks_.empty()) return;
     const auto found = shadows_.find(layer->GetIdentifier());
     if (found == shadows_.end()) return;
+    auto& shadow = found->second;
+    const bool applied =
+        context_.live && context_.live->isApplying() && context_.live->state(layer);
     for (const auto& [path, entry] : changes.GetEntryList()) {
         if (entry.flags.didReplaceContent) {
-            takeShadow(layer, found->second);
+            takeShadow(layer, shadow);
             return;
         }
         const SdfPath spec =
             path.ContainsTargetPath() ? path.GetPrimOrPrimVariantSelectionPath() : path;
         if (spec == SdfPath::AbsoluteRootPath()) continue;
         const SdfPath composed = spec.StripAllVariantSelections();
-        if (covers(composed) || hasLockBelow(composed)) found->second.changed.insert(spec);
-        if (entry.flags.didRename) found->second.changed.insert(entry.oldPath);
+        auto& noted = applied ? shadow.applied : shadow.changed;
+        if (covers(composed) || hasLockBelow(composed)) noted.insert(spec);
+        if (entry.flags.didRename) noted.insert(entry.oldPath);
+        if (applied) continue;
+        if (entry.flags.didRename) shadow.renamed[entry.oldPath] = path;
+        if (entry.flags.didAddInertPrim || entry.flags.didAddNonInertPrim)
+            shadow.added.insert(path);
     }
 }
 
@@ -257,25 +361,87 @@ void SpecsLocking::settleAll() {
     if (locks_.empty() || shadows_.empty()) return;
     for (const auto& one : context_.stack.layers()) {
         const auto found = shadows_.find(one.layer->GetIdentifier());
-        if (found == shadows_.end() || !one.layer->PermissionToEdit()) continue;
-        // What is gone comes back from above; what is too much goes from below.
-        const auto changed = std::exchange(found->second.changed, {});
-        for (const auto& path : changed)
-            if (!one.layer->HasSpec(path)) settleMissing(one.layer, found->second, path);
-        for (auto path = changed.rbegin(); path != changed.rend(); ++path)
-            if (one.layer->HasSpec(*path)) settle(one.layer, found->second, *path);
+        if (found != shadows_.end() && one.layer->PermissionToEdit())
+            settleLayer(one.layer, found->second);
+    }
+}
+
+void SpecsLocking::settleLayer(const SdfLayerHandle& layer, Shadow& shadow) {
+    const auto applied = std::exchange(shadow.applied, {});
+    for (const auto& path : applied) adopt(layer, shadow, path);
+    auto changed = std::exchange(shadow.changed, {});
+    for (const auto& path : applied) changed.erase(path);
+    // What is gone comes back from above; what is too much goes from below.
+    for (const auto& path : changed)
+        if (!layer->HasSpec(path)) settleMissing(layer, shadow, path);
+    removeAdditions(layer, changed);
+    for (auto path = changed.rbegin(); path != changed.rend(); ++path)
+        if (layer->HasSpec(*path)) settle(layer, shadow, *path);
+    shadow.renamed.clear();
+    shadow.added.clear();
+}
+
+void SpecsLocking::adopt(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
+    if (layer->HasSpec(path) && shadow.content->HasSpec(path))
+        copyFields(layer, shadow.content, path);
+    else if (layer->HasSpec(path))
+        copySpec(layer, shadow.content, path);
+    else if (shadow.content->HasSpec(path))
+        removeSpec(shadow.content, path);
+}
+
+void SpecsLocking::removeAdditions(const SdfLayerHandle& layer, const std::set<SdfPath>& changed) {
+    for (const auto& path : changed) {
+        if (!layer->HasSpec(path)) continue;
+        const SdfPath composed = path.StripAllVariantSelections();
+        const auto addition = additionAt(composed);
+        if (!addition) continue;
+        // In a variant it stands at another depth, but as many names from the end.
+        SdfPath there = path;
+        for (SdfPath at = composed; at != *addition; at = at.GetParentPath())
+            there = there.GetParentPath();
+        while (there.IsPrimVariantSelectionPath()) there = there.GetParentPath();
+        refuse(layer, there);
+        removeSpec(layer, there);
     }
 }
 
 void SpecsLocking::refuse(const SdfLayerHandle& layer, const SdfPath& path) {
     auto why = whyLocked(path);
-    if (!why) why = LastError{LayerErrorType::ReadOnly, "something below it is locked"};
+    if (!why)
+        why = LastError{LayerErrorType::ReadOnly,
+                        "something below " + path.GetString() + " is locked"};
     refused_.push_back({path, "", layer->GetIdentifier(), why->type, why->text});
 }
 
 void SpecsLocking::settleMissing(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
-    if (hasLockBelow(path.StripAllVariantSelections())) return restoreBelow(layer, shadow, path);
+    if (hasLockBelow(path.StripAllVariantSelections())) {
+        if (!moveBack(layer, shadow, path)) restoreBelow(layer, shadow, path);
+        return;
+    }
     if (shadow.content->HasSpec(path)) removeSpec(shadow.content, path);
+}
+
+// Sdf tells of a rename as such; what was moved to another parent is found by its content.
+bool SpecsLocking::moveBack(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
+    SdfPath now;
+    if (const auto renamed = shadow.renamed.find(path); renamed != shadow.renamed.end()) {
+        now = renamed->second;
+    } else if (shadow.content->HasSpec(path)) {
+        const auto moved = std::ranges::find_if(shadow.added, [&](const SdfPath& added) {
+            return isLike(layer, added, shadow.content, path);
+        });
+        if (moved != shadow.added.end()) now = *moved;
+    }
+    if (now.IsEmpty() || !layer->HasSpec(now) || !layer->HasSpec(path.GetParentPath()))
+        return false;
+    moveSpec(layer, now, path);
+    if (!layer->HasSpec(path)) return false;
+    refuse(layer, path);
+    for (auto lock = locks_.lower_bound(path); lock != locks_.end() && lock->first.HasPrefix(path);
+         ++lock)
+        if (layer->HasSpec(lock->first)) settle(layer, shadow, lock->first);
+    return true;
 }
 
 void SpecsLocking::settle(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {

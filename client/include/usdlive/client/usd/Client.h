@@ -126,6 +126,8 @@ public:
                                                               const LayerId& layer) const;
 
     [[nodiscard]] bool isConnected() const;
+    /// True while tick() writes into layers what others did, or takes back what was refused.
+    [[nodiscard]] bool isApplying() const;
     [[nodiscard]] Revision revision() const;
     [[nodiscard]] std::size_t pendingTransactions() const;
     [[nodiscard]] ClientId id() const;

@@ -18,9 +18,11 @@ public:
         bool readOnly = false;
         std::string owner;
     };
-    /// One look at the file.
+    /// Looks at the file.
     Seen look(const std::string& path);
-    /// The file is what is in memory: it was saved, or read again.
+    /// The same without reading the file: `changed` stays false.
+    [[nodiscard]] static Seen glance(const std::string& path);
+    /// The file, as it is now, is what is in memory: it was saved, or read again.
     void accept(const std::string& path);
 
 private:

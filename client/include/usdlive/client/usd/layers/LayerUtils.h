@@ -71,8 +71,14 @@ bool reloadLayers(const std::vector<std::string>& identifiers);
 bool saveLayers(const std::vector<std::string>& identifiers,
                 std::vector<std::string>* failed = nullptr);
 
-/// A path or URL without `.` and `..`, and with `/` for `\`.
+/// A path or URL without `.` and `..`, and with `/` for `\`. `file:///path` becomes the path.
 [[nodiscard]] std::string normalizeUrl(const std::string& url);
+/// The decoded path of a `file://` URL; anything else is returned as it is.
+[[nodiscard]] std::string withoutFileScheme(const std::string& url);
+/// Changes the layers that are named in a layer's customLayerData (flags, links, authoring layer)
+/// for content that moves from one folder to another.
+void reanchorStates(const pxr::SdfLayerHandle& content, const std::string& fromFolder,
+                    const std::string& toFolder);
 
 }  // namespace LayerUtils
 

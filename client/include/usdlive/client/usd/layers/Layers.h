@@ -41,8 +41,13 @@ public:
 
     /// `nowMs`: of any steady clock.
     void update(double nowMs);
+    /// Brings edits of the delegate to their layers and takes back edits of locked specs now, also
+    /// while auto authoring is suspended: before something is saved, sent or left.
+    void distribute();
     /// What happened since the last call, in order.
     [[nodiscard]] std::vector<LayerEvent> takeEvents();
+    /// Tells of edits that somebody else did not take, a server, with those that went back here.
+    void refuse(std::vector<RefusedEdit> edits);
     /// The latest edits that went back, oldest first; at most 10,000 are kept.
     [[nodiscard]] const std::deque<RefusedEdit>& refusedEdits() const;
 

@@ -57,6 +57,8 @@ public:
 
     [[nodiscard]] bool hasLocalLayer(const std::string& id);
     [[nodiscard]] bool hasUsedLayer(const std::string& id);
+    /// A layer that the stage used when it was last asked. Asks nobody: safe within a notice.
+    [[nodiscard]] bool knows(const std::string& id) const { return known_.contains(id); }
 
     /// Beside single layers: what is reloaded by itself when it is outdated.
     struct AutoReload {
@@ -83,10 +85,14 @@ public:
     void mutenessChanged();
     /// Sublayers or used layers may have changed.
     void structureChanged() { structureKnown_ = false; }
+    /// Something was authored that other layers may be used for: they are looked up when asked for,
+    /// and with the next look.
+    void compositionChanged() { usedKnown_ = false; }
     /// The root layer's or a layer's own customLayerData has changed.
     void dataChanged(const pxr::SdfLayerHandle& layer);
     void dirtinessChanged(const pxr::SdfLayerHandle& layer);
-    void layerSaved(const pxr::SdfLayerHandle& layer);
+    /// The layer's file was written or read by this process: it is no news to watch().
+    void fileAgrees(const pxr::SdfLayerHandle& layer);
     /// Looks at the files of used layers, and at used layers themselves.
     void watch(double nowMs);
     /// The delegate is not one of the stage's layers as people see them.
@@ -100,6 +106,7 @@ private:
         bool locked = false;  // as last told
         bool outdated = false;
         bool readOnly = false;
+        bool dirty = false;  // of a live layer, as last told
         std::string owner;
     };
 
@@ -108,6 +115,8 @@ private:
     void learnStructure();
     void learnSublayers(const pxr::SdfLayerHandle& layer, bool session,
                         std::set<std::string>& visited);
+    void learnUsed();
+    void readFileState(Known& known);
     void learnFlags();
     void applyScope(const std::set<std::string>& wanted);
     [[nodiscard]] const std::set<std::string>& flagsOfScope() const;
@@ -131,7 +140,7 @@ private:
     std::set<std::string> autoReload_;
     AutoReload autoReloadKinds_;
     std::string hidden_;
-    bool structureKnown_ = false;
+    bool structureKnown_ = false, usedKnown_ = false;
     std::map<std::string, bool> unwrittenFlags_;  // of muteness, for the next frame
     bool applying_ = false;                       // the stage is changed by us
     bool scopeDue_ = false;                       // the stage has to follow the global flags

@@ -31,6 +31,8 @@ public:
         const pxr::SdfLayerHandle& layer) const = 0;
     /// False: the layer holds something else where its lock would stand, or is not open.
     virtual bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) = 0;
+    /// Is the connection writing into layers what others did, or what the server did not take?
+    [[nodiscard]] virtual bool isApplying() const { return false; }
     /// Asks the server to take the layer's file; what is in it comes with later frames.
     virtual void reload(const pxr::SdfLayerHandle& layer) = 0;
 };
@@ -42,6 +44,7 @@ public:
     [[nodiscard]] std::string user() const override;
     [[nodiscard]] std::optional<LiveState> state(const pxr::SdfLayerHandle& layer) const override;
     bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) override;
+    [[nodiscard]] bool isApplying() const override;
     void reload(const pxr::SdfLayerHandle& layer) override;
 
 private:

@@ -3,6 +3,7 @@
 #include <pxr/base/vt/dictionary.h>
 #include <pxr/usd/sdf/layer.h>
 
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
@@ -29,9 +30,19 @@ bool setLayerFlags(const pxr::SdfLayerHandle& root, const std::string& name,
 bool removeLayerFlag(const pxr::SdfLayerHandle& root, const std::string& name,
                      const std::string& identifier);
 
-/// `path` as the root layer would name it, and back.
+/// `path` as the root layer would name it, and back. Without a root layer the path stays as it is.
 [[nodiscard]] std::string relativeTo(const pxr::SdfLayerHandle& root,
                                      const std::string& identifier);
 [[nodiscard]] std::string absoluteFrom(const pxr::SdfLayerHandle& root, const std::string& path);
+/// The same for a path that was read from customLayerData. Kit writes such paths percent-encoded: a
+/// path that names no file as it stands and one when decoded means the decoded file.
+[[nodiscard]] std::string storedLayer(const pxr::SdfLayerHandle& root, const std::string& path);
+
+/// Renames the layers that the dictionaries of this file name: flags, links of specs, and the
+/// authoring layer. Called for content that moves to another folder.
+void renameStoredLayers(const pxr::SdfLayerHandle& layer,
+                        const std::function<std::string(const std::string&)>& rename);
+/// Decodes percent-encoded characters.
+[[nodiscard]] std::string unquoted(const std::string& text);
 
 }  // namespace usdlive::layers

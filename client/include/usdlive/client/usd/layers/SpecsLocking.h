@@ -18,7 +18,9 @@ namespace usdlive::layers {
 /// paths.
 ///
 /// An edit of a locked spec in any layer of the stack goes back with update(), to what the layer
-/// said when the lock came.
+/// said when the lock came. A locked prim takes no new properties, and no new children where all
+/// children that it has are locked. What a live connection brings is what the project has, and
+/// stays.
 class SpecsLocking {
 public:
     using Paths = std::vector<pxr::SdfPath>;
@@ -27,7 +29,7 @@ public:
     ~SpecsLocking();
 
     /// The specs that were locked (unlocked) by this; none and an error for a path that is not
-    /// there.
+    /// there. In a live project a lock of somebody else stays, and the error names its holder.
     Paths lockSpec(const std::string& path, bool hierarchy);
     Paths unlockSpec(const std::string& path, bool hierarchy);
     void unlockAllSpecs();
@@ -51,9 +53,19 @@ private:
     struct Shadow {
         pxr::SdfLayerRefPtr content;  // what locked specs, and all below locked prims, should be
         std::set<pxr::SdfPath> changed;
+        std::set<pxr::SdfPath> applied;                // by the live connection
+        std::map<pxr::SdfPath, pxr::SdfPath> renamed;  // from, to
+        std::set<pxr::SdfPath> added;                  // prims, wherever they stand
     };
 
     [[nodiscard]] Table all() const;
+    [[nodiscard]] bool isForeign(const std::string& owner) const;
+    template <class Chosen>
+    Paths unlock(Chosen chosen);
+    /// The prim or property at or above `path` that a locked prim did not have when it was locked.
+    [[nodiscard]] std::optional<pxr::SdfPath> additionAt(const pxr::SdfPath& path) const;
+    [[nodiscard]] bool hadSpec(const pxr::SdfPath& path) const;
+    [[nodiscard]] bool takesChildren(const pxr::SdfPath& prim) const;
     Paths change(Table changed);
     void follow(Table locks);
     void admit();
@@ -63,6 +75,10 @@ private:
     [[nodiscard]] bool hasLockBelow(const pxr::SdfPath& path) const;
     void takeShadow(const pxr::SdfLayerHandle& layer, Shadow& shadow);
     void refuse(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
+    void settleLayer(const pxr::SdfLayerHandle& layer, Shadow& shadow);
+    void removeAdditions(const pxr::SdfLayerHandle& layer, const std::set<pxr::SdfPath>& changed);
+    bool moveBack(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
+    static void adopt(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
     void settleMissing(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
     void settle(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
     void restore(const pxr::SdfLayerHandle& layer, const Shadow& shadow, const pxr::SdfPath& path);
@@ -75,6 +91,7 @@ private:
     Table locks_;
     Table incoming_;  // in force when what was written before them is settled
     std::map<std::string, Shadow> shadows_;  // by the layer's identifier
+    std::set<pxr::SdfPath> released_;  // properties that were unlocked under a prim that is locked
     bool structureKnown_ = false;
     bool changing_ = false;
     pxr::SdfLayerHandle delegate_;
