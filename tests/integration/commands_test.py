@@ -14,6 +14,7 @@ from pxr import Sdf, Usd, UsdGeom
 from usdlive.omni import usd as omni_usd
 from usdlive.omni._registers import Recorder, make_like
 from usdlive.omni.kit import commands, undo
+from usdlive.omni.kit.usd.layers import LayerUtils
 
 ROOT = """#usda 1.0
 (
@@ -631,6 +632,30 @@ def test_flattened_layers_compose_the_same(ctx, stage, layer):
         assert "77" not in root.ExportToString() and "@./deep/x.png@" in root.ExportToString()
 
 
+@pytest.mark.parametrize("command", ["merge", "flatten"])
+def test_prims_keep_their_order(command, ctx, stage, layer):
+    strong, weak = layer("strong"), layer("weak")
+    for name in ("Z", "M", "A"):
+        Sdf.CreatePrimInLayer(strong, f"/{name}").specifier = Sdf.SpecifierDef
+    for name in ("Q", "M", "B", "World"):
+        for child in ("y", "x"):
+            Sdf.CreatePrimInLayer(weak, f"/{name}/{child}{name}").specifier = Sdf.SpecifierDef
+
+    def order():
+        return [str(prim.GetPath()) for prim in Usd.PrimRange.Stage(stage, Usd.PrimAllPrimsPredicate)]
+
+    before = order()
+    with Undone(stage):
+        if command == "flatten":
+            run("FlattenLayers")
+        else:
+            run("MergeLayers", dst_parent_layer_identifier=layer("root").identifier,
+                dst_layer_identifier=strong.identifier, src_parent_layer_identifier=layer("root").identifier,
+                src_layer_identifier=weak.identifier, dst_stronger_than_src=True)
+        assert order() == before
+    assert order() == before
+
+
 @pytest.mark.parametrize("seed", range(15))
 def test_random_layers_compose_the_same_when_they_are_merged(seed, ctx, capfd):
     stages = [scattered(seed * 10 + index)[0] for index in range(4)]
@@ -926,6 +951,19 @@ def test_lock_a_layer(ctx, stage, layer, layers, caplog):
     refused(caplog, "LockLayer", "cannot be locked", layer_identifier=layer("root").identifier, locked=True)
     refused(caplog, "LockLayer", "no layer of this stage", layer_identifier=layer("props/prop").identifier,
             locked=True)
+
+
+def test_a_muted_layer_is_locked_and_a_locked_one_is_no_edit_target(ctx, stage, layer, layers, caplog):
+    strong = layer("strong")
+    stage.MuteLayer(strong.identifier)
+    run("LockLayer", layer_identifier=strong.identifier, locked=True)
+    assert strong.identifier in layers.locked
+    stage.UnmuteLayer(strong.identifier)
+    strong.customLayerData = {"omni_layer": {"locked": True}}
+    before = stage.GetEditTarget().GetLayer()
+    assert not commands.execute("SetEditTarget", layer_identifier=strong.identifier, usd_context="test")[0]
+    assert "is locked" in caplog.text and stage.GetEditTarget().GetLayer() == before
+    assert not LayerUtils.set_edit_target(stage, strong.identifier)
 
 
 def test_link_and_unlink_specs(ctx, layer, layers):

@@ -510,6 +510,155 @@ def test_locking(scene):
     locking.unlock_all_specs()
 
 
+def test_a_locked_prim_takes_nothing_new(scene):
+    locking, stage = scene.layers.get_specs_locking(), scene.stage
+    locking.lock_spec("/A")
+    with Usd.EditContext(stage, scene.strong):
+        stage.GetPrimAtPath("/A").CreateAttribute("new", Sdf.ValueTypeNames.Double).Set(1.0)
+        stage.DefinePrim("/A/C")
+        stage.GetAttributeAtPath("/A/B.y").Set(5.0)
+    scene.frame()
+    assert not stage.GetAttributeAtPath("/A.new"), "a property is part of its prim"
+    assert stage.GetPrimAtPath("/A/C") and stage.GetAttributeAtPath("/A/B.y").Get() == 5, "B is not locked"
+    assert locking.unlock_spec("/A.x") == ["/A.x"]
+    stage.GetAttributeAtPath("/A.x").Set(3.0)
+    scene.frame()
+    assert stage.GetAttributeAtPath("/A.x").Get() == 3, "a property that was unlocked by itself"
+
+    locking.unlock_all_specs()
+    locking.lock_spec("/A", True)
+    for layer in (scene.root, scene.weak):
+        with Usd.EditContext(stage, layer):
+            stage.DefinePrim("/A/D/E").CreateAttribute("deep", Sdf.ValueTypeNames.Double).Set(1.0)
+    scene.frame()
+    assert not stage.GetPrimAtPath("/A/D") and not scene.root.GetPrimAtPath("/A/D")
+    reasons = [edit.reason for edit in scene.layers.get_auto_authoring().refused_edits]
+    assert any("/A is locked" in reason for reason in reasons)
+    stage.DefinePrim("/R/New")
+    scene.frame()
+    assert stage.GetPrimAtPath("/R/New"), "elsewhere everything goes on"
+    locking.unlock_all_specs()
+    stage.DefinePrim("/A/D")
+    scene.frame()
+    assert stage.GetPrimAtPath("/A/D")
+
+
+def test_a_locked_prim_takes_nothing_new_from_the_delegate(scene):
+    scene.layers.get_specs_locking().lock_spec("/A", True)
+    scene.edit()
+    scene.stage.GetPrimAtPath("/A").CreateAttribute("new", Sdf.ValueTypeNames.Double).Set(1.0)
+    scene.stage.DefinePrim("/A/C/D")
+    scene.frame(), scene.frame()
+    assert not scene.stage.GetAttributeAtPath("/A.new") and not scene.stage.GetPrimAtPath("/A/C")
+    assert all(not layer.GetPrimAtPath("/A/C") for layer in (scene.root, scene.strong, scene.weak))
+
+
+@pytest.mark.parametrize("target", ["/Renamed", "/R/A"])
+def test_a_locked_prim_that_was_moved_goes_back(target, scene):
+    scene.layers.get_specs_locking().lock_spec("/A", True)
+    before = scene.weak.ExportToString()
+    editor = Usd.NamespaceEditor(scene.stage)
+    editor.MovePrimAtPath("/A", target)
+    assert editor.ApplyEdits() and not scene.weak.GetPrimAtPath("/A")
+    scene.frame()
+    assert not scene.weak.GetPrimAtPath(target) and scene.stage.GetAttributeAtPath("/A/B.y").Get() == 2
+    if target == "/Renamed":
+        assert scene.weak.ExportToString() == before
+
+
+def test_states_are_true_before_the_first_frame(scene, tmp_path):
+    weak = scene.weak.identifier
+    os.chmod(weak, stat.S_IRUSR)
+    other = Context(Usd.Stage.Open(scene.root), "early states")
+    state = layers.get_layers_state(other)
+    assert state.is_layer_readonly_on_disk(weak) and not state.is_layer_writable(weak)
+    assert not state.is_layer_savable(weak) and state.get_layer_owner(weak) != ""
+    extra = tmp_path / "extra.usda"
+    extra.write_text('#usda 1.0\ndef "E"\n{\n}\n')
+    assert not state.has_used_layer(str(extra))
+    scene.stage.DefinePrim("/New").GetReferences().AddReference(str(extra), "/E")
+    assert state.has_used_layer(str(extra)) and state.is_layer_writable(str(extra))
+    scene.stage.RemovePrim("/New")
+    assert not state.has_used_layer(str(extra))
+
+
+def test_a_muted_layer_that_is_removed_leaves_no_flag(scene):
+    state, weak = scene.layers.get_layers_state(), scene.weak.identifier
+    state.set_muteness_scope(True)
+    assert state.set_layer_global_muteness(weak, True)
+    scene.frame()
+    del scene.root.subLayerPaths[1]
+    LayerUtils.remove_layer_global_muteness(scene.root, weak)
+    scene.stage.UnmuteLayer(weak)
+    scene.frame()
+    assert "muteness" not in scene.root.customLayerData.get("omni_layer", {})
+
+
+def test_what_kit_and_others_wrote_is_read(tmp_path):
+    (tmp_path / "my layer.usda").write_text("#usda 1.0\n")
+    (tmp_path / "100%25.usda").write_text("#usda 1.0\n")
+    root = Sdf.Layer.CreateNew(str(tmp_path / "root.usda"))
+    root.subLayerPaths = ["./my layer.usda", "./100%25.usda"]
+    root.customLayerData = {"omni_layer": {"locked": {"./my%20layer.usda": True, "./100%25.usda": True},
+                                           "muteness": {"./my%20layer.usda": True},
+                                           "authoring_layer": "./my%20layer.usda"}}
+    stage = Usd.Stage.Open(root)
+    context = Context(stage, "percent")
+    state, spaced = layers.get_layers_state(context), str(tmp_path / "my layer.usda")
+    assert state.is_layer_locked(spaced) and state.is_layer_locked(str(tmp_path / "100%25.usda"))
+    assert state.is_layer_globally_muted(spaced) and LayerUtils.get_layer_lock_status(root, spaced)
+    assert not LayerUtils.restore_authoring_layer_from_custom_data(stage), "it is locked"
+    state.set_layer_lock_state(spaced, False)
+    assert list(root.customLayerData["omni_layer"]["locked"]) == ["./100%25.usda", "./my%20layer.usda"]
+    assert LayerUtils.restore_authoring_layer_from_custom_data(stage)
+    for strange in (5, "", ["a"], {"authoring_layer": 5}, {"authoring_layer": ["x"], "locked": 7, "muteness": "m"}):
+        root.customLayerData = {"omni_layer": strange}
+        assert not LayerUtils.restore_authoring_layer_from_custom_data(stage)
+        assert not state.is_layer_locked(spaced) and not LayerUtils.get_layer_lock_status(root, spaced)
+        LayerUtils.set_layer_global_muteness(root, spaced, True)
+        LayerUtils.save_authoring_layer_to_custom_data(stage)
+
+
+def test_file_urls_name_layers(scene):
+    state = scene.layers.get_layers_state()
+    assert state.is_layer_writable("file://" + scene.weak.identifier)
+    assert state.has_local_layer("file://localhost" + scene.weak.identifier)
+
+
+def test_content_that_moves_leads_to_where_it_led(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    for name in ("beside.usda", "tile.1002.png", "sub.usda"):
+        (tmp_path / "a" / name).write_text("#usda 1.0\n")
+    (tmp_path / "a" / "source.usda").write_text("""#usda 1.0
+(
+    customLayerData = {
+        dictionary omni_layer = {
+            string authoring_layer = "./sub.usda"
+            dictionary muteness = { bool "./sub.usda" = 1 }
+            dictionary specs_linking = { string[] "/P" = ["./sub.usda"] }
+        }
+    }
+)
+def "P" (
+    references = [@beside.usda@, @./beside.usda@]
+)
+{
+    asset[] paths = [@tile.<UDIM>.png@, @OmniPBR.mdl@, @http://host/x.usd@, @/absolute.usda@, @../up.usda@]
+}
+""")
+    source = Sdf.Layer.FindOrOpen(str(tmp_path / "a" / "source.usda"))
+    target = Sdf.Layer.CreateNew(str(tmp_path / "b" / "target.usda"))
+    assert LayerUtils.transfer_layer_content(source, target)
+    prim = target.GetPrimAtPath("/P")
+    assert [r.assetPath for r in prim.referenceList.explicitItems] == ["../a/beside.usda"]
+    assert [p.path for p in prim.attributes["paths"].default] == [
+        "../a/tile.<UDIM>.png", "OmniPBR.mdl", "http://host/x.usd", "/absolute.usda", "../up.usda"]
+    data = target.customLayerData["omni_layer"]
+    assert data["authoring_layer"] == "../a/sub.usda" and dict(data["muteness"]) == {"../a/sub.usda": True}
+    assert list(data["specs_linking"]["/P"]) == ["../a/sub.usda"]
+
+
 # -- LayerUtils
 
 
@@ -633,3 +782,42 @@ def test_locks_links_and_muteness_reach_the_other(two):
     bo.catch_up(ada.flush())
     bo.run("frame()\nassert not mine.get_layers_state().is_layer_locked(sub)\n"
            "assert mine.get_layers_state().is_layer_globally_muted(sub) and not stage.IsLayerMuted(sub)")
+
+
+def test_everybody_unlocks_their_own_specs(two):
+    ada, bo = two
+    bo.run("assert mine.get_specs_locking().lock_spec('/A.z') == ['/A.z']\nframe()")
+    ada.catch_up(bo.flush())
+    ada.run("frame()\nlocking = mine.get_specs_locking()\ntaken = locking.lock_spec('/', True)\nframe()")
+    assert ada.run("result = sorted(taken)") == ["/A", "/A.x", "/A.y"], "what somebody else has is not got"
+    ada.flush()
+    for unlock in ("unlocked = locking.unlock_spec('/', True)", "locking.unlock_all_specs()",
+                   "from usdlive.omni.kit.usd.layers import commands as c\n"
+                   "unlocked = locking.unlock_spec('/A', True)"):
+        ada.run(f"unlocked = None\n{unlock}\nerror = layers.get_last_error_string(context)\nframe()")
+        ada.flush()
+        ada.run("frame()\nassert locking.get_all_locked_specs() == ['/A.z']\nassert 'bo' in error, error\n"
+                "assert unlocked in (None, ['/A', '/A.x', '/A.y'])\n"
+                "assert mine.get_auto_authoring().refused_edits == []\n"
+                "assert len(locking.lock_spec('/', True)) == 3\nframe()")
+    ada.run("locking.unlock_all_specs()\nframe()\nstage.GetAttributeAtPath('/A.x').Set(4.0)\nframe()")
+    bo.catch_up(ada.flush())
+    assert bo.run("frame()\nresult = [mine.get_specs_locking().get_all_locked_specs(), "
+                  "stage.GetAttributeAtPath('/A.x').Get()]") == [["/A.z"], 4]
+
+
+def test_what_the_project_has_is_not_taken_back(two):
+    """The holder of a lock may edit through a client without these guards; others follow, and do not fight."""
+    ada, bo = two
+    ada.run("mine.get_specs_locking().lock_spec('/A', True)\nframe()")
+    bo.catch_up(ada.flush())
+    bo.run("frame()")
+    ada.run("mine = None\nlayers._layers.clear()\nimport gc; gc.collect()\n"
+            "stage.GetAttributeAtPath('/A.y').Set(5.0)\nstage.DefinePrim('/A/New')\nlive.tick()")
+    at = ada.flush()
+    bo.catch_up(at)
+    bo.run("for _ in range(5): frame()\nassert live.flush(20)")
+    assert bo.run("result = [stage.GetAttributeAtPath('/A.y').Get(), bool(stage.GetPrimAtPath('/A/New')), "
+                  "live.revision, len(mine.get_auto_authoring().refused_edits)]") == [5, True, at, 0]
+    bo.run("stage.GetAttributeAtPath('/A.y').Set(9.0)\nframe()\nframe()\nassert live.flush(20)\nframe()")
+    assert bo.run("result = stage.GetAttributeAtPath('/A.y').Get()") == 5, "but one's own edits go back"

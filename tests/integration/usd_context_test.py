@@ -17,7 +17,8 @@ from pxr import Sdf, Usd, UsdGeom, UsdUtils
 import usdlive
 from usdlive.omni import usd as omni_usd
 from usdlive.omni.kit.app import get_app
-from usdlive.omni.kit.usd.layers import get_layers
+from usdlive.omni.kit.usd.layers import (LayerErrorType, LayerEventType, get_layer_event_payload,
+                                         get_layers)
 from usdlive.omni.usd import StageEventType as Event
 from usdlive.omni.usd import StageState, UsdContextInitialLoadSet
 
@@ -769,6 +770,205 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_file(name, tmp_path):
     assert len(layer.GetPrimAtPath("/A").nameChildren) == 3000
 
 
+# -- what is shared, discarded and left
+
+
+def test_a_layer_that_was_saved_is_not_outdated(ctx, ball):
+    assert ctx.open_stage(ball)
+    state = get_layers(ctx).get_layers_state()
+    assert state.add_auto_reload_layer(ball)
+    get_layers(ctx)._native_layers().update(1e15)
+    for value in (2.0, 3.0):
+        radius(ctx.get_stage()).Set(value)
+        assert ctx.save_stage() and not state.is_layer_outdated(ball)
+        radius(ctx.get_stage()).Set(value + 10)
+        get_layers(ctx)._native_layers().update(2e15 + value * 1e12)
+        state.reload_all_outdated_layers()
+        assert radius(ctx.get_stage()).Get() == value + 10, "an edit made right after saving"
+        assert state.get_all_outdated_layer_identifiers() == []
+    pathlib.Path(ball).write_text(BALL.replace("= 1", "= 77"))
+    get_layers(ctx)._native_layers().update(9e15)
+    get_layers(ctx)._native_layers().update(9e15 + 1000)
+    assert radius(ctx.get_stage()).Get() == 77, "what somebody else wrote is news"
+
+
+def test_an_edit_during_a_save_is_not_outdated(ctx, ball):
+    async def main():
+        assert (await ctx.open_stage_async(ball))[0]
+        state = get_layers(ctx).get_layers_state()
+        get_layers(ctx)._native_layers().update(5e14)
+        radius(ctx.get_stage()).Set(2.0)
+        saving = asyncio.ensure_future(ctx.save_stage_async())
+        await asyncio.sleep(0)
+        radius(ctx.get_stage()).Set(3.0)
+        assert (await saving)[0]
+        get_layers(ctx)._native_layers().update(1e15)
+        assert not state.is_layer_outdated(ball)
+        assert radius(ctx.get_stage()).Get() == 3
+
+    asyncio.run(main())
+
+
+@pytest.fixture
+def authoring(ctx, ball):
+    """A stage in auto authoring, whose frame is over."""
+    assert ctx.open_stage(ball)
+    layers = get_layers(ctx)
+    layers.set_edit_mode(1)
+    frames()
+    return layers
+
+
+def unraisable(monkeypatch):
+    found = []
+    monkeypatch.setattr(sys, "unraisablehook", found.append)
+    return found
+
+
+def test_auto_authoring_distributes_before_a_save(call, authoring, ctx, ball):
+    radius(ctx.get_stage()).Set(5.0)
+    assert call(ctx, "save_stage")[0] is True and "radius = 5" in pathlib.Path(ball).read_text()
+    authoring.get_auto_authoring().suspend()
+    radius(ctx.get_stage()).Set(6.0)
+    assert call(ctx, "save_stage")[0] is True and "radius = 6" in pathlib.Path(ball).read_text()
+    get_layers(ctx).get_specs_locking().lock_spec("/Ball", True)
+    root = ctx.get_stage().GetRootLayer()
+    root.GetAttributeAtPath("/Ball.radius").default = 9.0
+    root.comment = "saved"
+    assert call(ctx, "save_stage")[0] is True
+    assert "radius = 6" in pathlib.Path(ball).read_text(), "an edit of a locked spec does not reach the disk"
+
+
+def test_auto_authoring_goes_on_under_another_name(call, authoring, ctx, ball, tmp_path, monkeypatch):
+    raised = unraisable(monkeypatch)
+    radius(ctx.get_stage()).Set(5.0)
+    other = str(tmp_path / "new" / "other.usda")
+    assert call(ctx, "save_as_stage", other)[0] is True
+    assert "radius = 5" in pathlib.Path(other).read_text() and "radius = 1" in pathlib.Path(ball).read_text()
+    assert ctx.get_stage().GetEditTarget().GetLayer(), "an edit target that is there"
+    assert authoring.get_edit_mode() == 1 and authoring.get_auto_authoring().get_default_layer() == other
+    radius(ctx.get_stage()).Set(7.0)
+    frames()
+    assert ctx.get_stage().GetRootLayer().GetAttributeAtPath("/Ball.radius").default == 7
+    assert ctx.save_stage() and "radius = 7" in pathlib.Path(other).read_text() and not raised
+
+
+@pytest.mark.parametrize("end", ["close", "open", "new", "destroy"])
+def test_auto_authoring_ends_quietly(end, context, ball, tmp_path, monkeypatch, capfd):
+    raised = unraisable(monkeypatch)
+    ctx = omni_usd.create_context("ending")
+    assert ctx.open_stage(ball)
+    get_layers(ctx).set_edit_mode(2)
+    frames()
+    root = Sdf.Layer.Find(ball)
+    radius(ctx.get_stage()).Set(5.0)
+    if end == "open":
+        (tmp_path / "next.usda").write_text(BALL)
+        assert ctx.open_stage(str(tmp_path / "next.usda"))
+        assert get_layers(ctx).get_edit_mode() == 0
+    elif end != "destroy":
+        assert ctx.close_stage() if end == "close" else ctx.new_stage()
+    assert end == "destroy" or root.GetAttributeAtPath("/Ball.radius").default == 5
+    assert omni_usd.destroy_context("ending")
+    assert not raised and "Exception ignored" not in capfd.readouterr().err
+
+
+def test_attaching_takes_nothing_from_its_owner(call, ctx, ball):
+    stage, cache = Usd.Stage.Open(ball), UsdUtils.StageCache.Get()
+    assert call(ctx, "attach_stage", stage)[0] is True and not cache.Contains(stage)
+    assert call(ctx, "attach_stage", stage)[0] is True and ctx.get_stage() == stage, "what is attached already"
+    assert call(ctx, "close_stage")[0] is True
+    assert stage and radius(stage).Get() == 1, "the stage is its owner's"
+    assert call(ctx, "attach_stage", stage)[0] is True and ctx.get_stage_id() == ctx.get_stage_id() >= 0
+    assert ctx.close_stage() and stage and cache.Contains(stage)
+    cache.Erase(stage)
+    assert call(ctx, "attach_stage", stage)[0] is False, "it has expired"
+
+
+def test_a_stage_of_two_contexts_outlives_the_first(context, ball):
+    a, b = context("a"), context("b")
+    assert a.open_stage(ball) and b.attach_stage(a.get_stage())
+    assert a.close_stage() and radius(b.get_stage()).Get() == 1
+
+
+@pytest.mark.parametrize("again", ["reopen_stage", "open_stage"])
+def test_discarded_edits_do_not_come_back(again, ctx, ball):
+    assert ctx.open_stage(ball)
+    held = ctx.get_stage().GetRootLayer()
+    radius(ctx.get_stage()).Set(5.0)
+    assert ctx.close_stage()
+    assert held.GetAttributeAtPath("/Ball.radius").default == 5, "who holds the layer may still look at it"
+    assert ctx.reopen_stage() if again == "reopen_stage" else ctx.open_stage(ball)
+    assert radius(ctx.get_stage()).Get() == 1 and not ctx.has_pending_edit()
+    assert ctx.save_stage() and "radius = 1" in pathlib.Path(ball).read_text()
+
+
+def test_edits_of_another_context_are_not_dropped(context, ball, tmp_path):
+    a, b = context("a"), context("b")
+    (tmp_path / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./ball.usda@]\n)\n")
+    assert a.open_stage(ball) and b.open_stage(str(tmp_path / "root.usda"))
+    Sdf.Layer.Find(ball).GetAttributeAtPath("/Ball.radius").default = 5.0
+    for operation in (lambda: a.reopen_stage_async(), lambda: a.open_stage_async(ball)):
+        done, why = asyncio.run(operation())
+        assert not done and "ball.usda" in why and "'b'" in why
+        assert radius(a.get_stage()).Get() == 5 == radius(b.get_stage()).Get(), "nothing was closed"
+    assert a.close_stage()
+    done, why = asyncio.run(a.open_stage_async(ball))
+    assert not done and "'b'" in why and radius(b.get_stage()).Get() == 5
+    assert b.save_layers("", [ball]) and a.open_stage(ball) and radius(a.get_stage()).Get() == 5
+
+
+def test_a_lock_is_in_the_locked_layers_file(ctx, ball, tmp_path):
+    (tmp_path / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./ball.usda@]\n)\n")
+    (tmp_path / "other.usda").write_text("#usda 1.0\n(\n    subLayers = [@./ball.usda@]\n)\n")
+    assert ctx.open_stage(str(tmp_path / "root.usda"))
+    state = get_layers(ctx).get_layers_state()
+    state.set_layer_lock_state(ball, True)
+    assert ctx.has_pending_edit() and ctx.save_stage()
+    assert not ctx.has_pending_edit() and not state.is_layer_outdated(ball)
+    assert ctx.open_stage(str(tmp_path / "other.usda"))
+    assert get_layers(ctx).get_layers_state().is_layer_locked(ball), "by its own file"
+    get_layers(ctx).get_layers_state().set_layer_lock_state(ball, False)
+    assert ctx.save_stage() and "locked" not in pathlib.Path(ball).read_text().replace("locked = 0", "")
+
+    get_layers(ctx).get_layers_state()
+    layer = Sdf.Layer.Find(ball)
+    layer.GetAttributeAtPath("/Ball.radius").default = 8.0
+    get_layers(ctx).get_layers_state().set_layer_lock_state(ball, True)
+    assert ctx.save_stage()
+    assert "locked = 1" in pathlib.Path(ball).read_text() and "radius = 1" in pathlib.Path(ball).read_text()
+    assert ctx.has_pending_edit() and layer.dirty, "an edit that the lock keeps from being saved is not saved"
+    frames()
+    assert not get_layers(ctx).get_layers_state().is_layer_outdated(ball)
+    get_layers(ctx).get_layers_state().set_layer_lock_state(ball, False)
+    assert ctx.save_stage() and "radius = 8" in pathlib.Path(ball).read_text() and not ctx.has_pending_edit()
+
+
+def test_the_layer_one_authored_in_is_restored(ctx, ball, tmp_path):
+    (tmp_path / "root.usda").write_text(
+        "#usda 1.0\n(\n    subLayers = [@./ball.usda@]\n"
+        '    customLayerData = {\n        dictionary omni_layer = {\n            string authoring_layer = "./ball.usda"\n'
+        '            dictionary muteness = { bool "./ball.usda" = 1 }\n'
+        '            dictionary locked = { bool "./gone.usda" = 1 }\n        }\n    }\n)\n')
+    assert ctx.open_stage(str(tmp_path / "root.usda"))
+    assert ctx.get_stage().GetEditTarget().GetLayer().identifier == ball
+    other = tmp_path / "deep" / "er" / "other.usda"
+    assert ctx.save_as_stage(str(other))
+    data = ctx.get_stage().GetRootLayer().customLayerData["omni_layer"]
+    assert data["authoring_layer"] == "../../ball.usda" and data["muteness"] == {"../../ball.usda": True}
+    assert data["locked"] == {"../../gone.usda": True}
+    assert get_layers(ctx).get_layers_state().is_layer_globally_muted(ball)
+
+
+def test_file_urls_open_and_save(ctx, ball, tmp_path):
+    spaced = tmp_path / "a shot.usda"
+    spaced.write_text(BALL)
+    assert ctx.open_stage("file://" + str(spaced).replace(" ", "%20"))
+    assert ctx.get_stage_url() == str(spaced)
+    assert ctx.save_as_stage(f"file://{tmp_path}/another%20one.usda") and (tmp_path / "another one.usda").exists()
+    assert ctx.export_as_stage(f"file://localhost{tmp_path}/flat.usda") and (tmp_path / "flat.usda").exists()
+
+
 # -- live
 
 
@@ -830,7 +1030,7 @@ def test_closing_waits_until_what_was_authored_is_confirmed(live, ctx, editor):
     assert ada.run("result = stage.GetAttributeAtPath('/Ball.radius').Get()") == 9
 
 
-def test_a_live_stage_whose_server_is_gone(live, ctx):
+def test_a_live_stage_whose_server_is_gone(live, ctx, tmp_path):
     server, url = live
     assert ctx.open_stage(url)
     radius(ctx.get_stage()).Set(2.0)
@@ -839,8 +1039,61 @@ def test_a_live_stage_whose_server_is_gone(live, ctx):
     ok, error, saved = asyncio.run(ctx.save_stage_async())
     assert not ok and "connection" in error and saved == []
     ok, error = asyncio.run(ctx.close_stage_async())
-    assert ok and "not confirmed" in error
+    assert not ok and "not confirmed" in error and radius(ctx.get_stage()).Get() == 2, "nothing is lost"
+    assert not ctx.open_stage(url) and not ctx.new_stage() and ctx.get_stage_state() == StageState.OPENED
+    assert ctx.export_as_stage(str(tmp_path / "copy.usda")), "what the text says can be done"
     server.start()
+    wait_frames(lambda: ctx.live.connected and not ctx.live.pending)
+    assert ctx.close_stage()
+    assert ctx.open_stage(url) and radius(ctx.get_stage()).Get() == 2
+    radius(ctx.get_stage()).Set(3.0)
+    server.kill()
+    wait_frames(lambda: not ctx.live.connected)
+    assert not ctx.close_stage()
+    ctx.set_pending_edit(False)
+    assert ctx.close_stage(), "discarded when one says so"
+    server.start()
+
+
+def test_auto_authoring_reaches_the_server_before_a_stage_is_left(live, ctx, editor):
+    server, url = live
+    assert ctx.open_stage(url)
+    get_layers(ctx).set_edit_mode(1)
+    frames()
+    radius(ctx.get_stage()).Set(9.0)
+    assert ctx.close_stage()
+    assert editor(server, "ada", "shot.usda").run("result = stage.GetAttributeAtPath('/Ball.radius').Get()") == 9
+
+
+def test_live_states_and_refusals_are_told(live, ctx, editor):
+    server, url = live
+    assert ctx.open_stage(url)
+    layers = get_layers(ctx)
+    root, told = ctx.get_stage().GetRootLayer().identifier, []
+    kept = layers.get_event_stream().create_subscription_to_pop(  # noqa: F841
+        lambda event: told.append(get_layer_event_payload(event)))
+    ada = editor(server, "ada", "shot.usda")
+
+    def heard(kind):
+        return [one for one in told if one.event_type == kind]
+
+    ada.run("stage.GetAttributeAtPath('/Ball.radius').Set(5.0)")
+    ada.flush()
+    wait_frames(lambda: heard(LayerEventType.DIRTY_STATE_CHANGED))
+    assert heard(LayerEventType.DIRTY_STATE_CHANGED)[0].identifiers_or_spec_paths == [root]
+    assert layers.get_layers_state().get_dirty_layer_identifiers() == [root]
+    told.clear()
+    assert ctx.save_stage()
+    wait_frames(lambda: heard(LayerEventType.DIRTY_STATE_CHANGED))
+    assert layers.get_layers_state().get_dirty_layer_identifiers() == []
+
+    ada.run("live.lock('shot.usda')")
+    ada.flush()
+    radius(ctx.get_stage()).Set(8.0)
+    wait_frames(lambda: heard(LayerEventType.EDITS_REFUSED))
+    refused = layers.get_auto_authoring().refused_edits[-1]
+    assert refused.path == "/Ball.radius" and refused.layer_identifier == root and "ada" in refused.reason
+    assert refused.error_type == LayerErrorType.READ_ONLY and radius(ctx.get_stage()).Get() == 5
 
 
 def test_addresses_that_lead_nowhere(context, live):

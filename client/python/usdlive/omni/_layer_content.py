@@ -9,6 +9,7 @@ import typing
 
 from pxr import Sdf, Usd, UsdUtils
 
+from usdlive import _usdlive
 from usdlive.omni._registers import changes_between, make_like, paths_below, read_fields, write
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]+:")
@@ -16,19 +17,24 @@ LayerLike = Sdf.Layer | str
 
 
 def find_layer(layer: LayerLike) -> Sdf.Layer | None:
-    return layer if isinstance(layer, Sdf.Layer) or layer is None else Sdf.Layer.Find(layer)
+    if isinstance(layer, str):
+        return Sdf.Layer.Find(layer) if layer else None
+    return layer or None  # one that has expired is none
+
+
+def omni_data(layer: Sdf.Layer) -> dict[str, typing.Any]:
+    """What Kit keeps in the layer's customLayerData; empty where something else stands in its place."""
+    group = layer.customLayerData.get("omni_layer")
+    return group if isinstance(group, dict) else {}
 
 
 def is_locked(layer: Sdf.Layer, root: Sdf.Layer) -> bool:
     """By its own customLayerData, or by Kit's map in the root layer; the root layer itself never is."""
     if layer == root:
         return False
-    own = layer.customLayerData.get("omni_layer", {}).get("locked")
-    locks = root.customLayerData.get("omni_layer", {}).get("locked")
-    if own is True or not isinstance(locks, dict):
-        return own is True
-    return any(locked and Sdf.Layer.FindRelativeToLayer(root, path) == layer
-               for path, locked in locks.items() if path)
+    if omni_data(layer).get("locked") is True:
+        return True
+    return _usdlive.layer_utils.layer_flags(root.identifier, "locked").get(layer.identifier, False)
 
 
 # -- asset paths
@@ -67,8 +73,10 @@ def reanchor(content: Sdf.Layer, source: Sdf.Layer, target: Sdf.Layer, relative:
 
 
 def reanchor_to_file(content: Sdf.Layer, source: Sdf.Layer, path: str) -> None:
-    """The same for a file that is not yet there."""
-    _reanchor(content, folder_of(source), os.path.dirname(os.path.realpath(path)), True)
+    """The same for a file that is not yet there; also for the layers that its customLayerData names."""
+    folder = os.path.dirname(os.path.realpath(path))
+    _reanchor(content, folder_of(source), folder, True)
+    _usdlive.layer_utils.reanchor_states(content.identifier, folder_of(source), folder)
 
 
 def _reanchor(content: Sdf.Layer, source: str, target: str, relative: bool) -> None:

@@ -6,6 +6,7 @@ item of a list; and that a spec is there at all.
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import dataclasses
 import typing
@@ -231,6 +232,24 @@ def arrange(layer: Sdf.Layer, parent: Sdf.Path, order: list[str], names: typing.
             siblings = children_of(layer, parent)
             places = {name: index for index, name in enumerate(siblings)}
         last = max(last, places[name])
+
+
+def _misplaced(names: list[str], order: list[str]) -> set[str]:
+    """The fewest that have to be moved for `names` to be in `order`: all but a longest part that is."""
+    places = {name: index for index, name in enumerate(order)}
+    known = [name for name in names if name in places]
+    tails: list[int] = []  # of the part of each length, the least last place; and who stands there
+    ends: list[str] = []
+    before: dict[str, str | None] = {}
+    for name in known:
+        length = bisect.bisect_left(tails, places[name])
+        tails[length:length + 1], ends[length:length + 1] = [places[name]], [name]
+        before[name] = ends[length - 1] if length else None
+    stays, name = set(), ends[-1] if ends else None
+    while name is not None:
+        stays.add(name)
+        name = before[name]
+    return set(known) - stays
 
 
 def _reorder(layer: Sdf.Layer, path: Sdf.Path, index: int) -> None:
@@ -462,3 +481,6 @@ def make_like(layer: Sdf.Layer, wanted: Sdf.Layer, root: Sdf.Path | str = "/") -
                 continue
             for change in changes_between(path, read_fields(layer, path), read_fields(wanted, path)):
                 write(layer, path, change.field, change.part, change.new)
+        for path in want:
+            if not path.IsPropertyPath() and (order := children_of(wanted, path)) != children_of(layer, path):
+                arrange(layer, path, order, _misplaced(children_of(layer, path), order))

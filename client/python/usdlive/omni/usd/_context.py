@@ -7,6 +7,7 @@ import contextlib
 import dataclasses
 import logging
 import typing
+import weakref
 
 from pxr import Sdf, Tf, Usd, UsdUtils
 
@@ -21,7 +22,7 @@ from ._errors import OUTSIDE, Failure, reason
 from ._files import WRITABLE_EXTENSIONS, extension, is_read_only
 from ._live_stage import LiveStage, join, make_live
 from ._loading import Loading, open_root
-from ._projects import is_live_address, live_address
+from ._projects import is_live_address, live_address, local_path
 from ._selection import Selection
 from ._stage_events import StageEvents
 from ._steps import Steps, run, run_async
@@ -62,9 +63,14 @@ class _Opened:
     load_set: UsdContextInitialLoadSet
     is_new: bool = False
     live: LiveStage | None = None
-    stage_id: int = 0
-    cached: bool = False  # was in the stage cache before, and stays
+    owned: bool = True  # the context has opened it: it is in the stage cache as long as it is open
     notice: Tf.Notice.Listener | None = None
+
+
+_contexts: weakref.WeakSet[UsdContext] = weakref.WeakSet()  # all that there are, whatever their names
+# Identifiers of layers whose unsaved edits went with a stage that was closed. Somebody may hold such a layer
+# with the edits; the next open takes its file.
+_discarded: set[str] = set()
 
 
 class UsdContext:
@@ -88,6 +94,8 @@ class UsdContext:
         self._selection = Selection(self.get_stage, self._mark_selection)
         self._selection_changed = self._hierarchy_changed = False
         self._tasks: set[asyncio.Task] = set()
+        self._before_saving: list[typing.Callable[[], None]] = []
+        _contexts.add(self)
         updates = get_app().get_update_event_stream()
         self._frames = [
             updates.create_subscription_to_pop(lambda _: self._tick_live(), ORDER_LIVE, "omni.usd live"),
@@ -138,8 +146,8 @@ class UsdContext:
         return self._start("opening the stage again", self._reopen(load_set), on_finish_fn)
 
     def attach_stage(self, stage: Usd.Stage | int, live: usdlive.Live | None = None) -> bool:
-        """Takes over an opened stage, or one of UsdUtils.StageCache by its id. `live`: the connection its
-        layers have; it is ticked from now on and not closed with the stage."""
+        """Takes over an opened stage, or one of UsdUtils.StageCache by its id; close_stage() leaves it to its
+        owner. `live`: the connection its layers have; it is ticked from now on and not closed with the stage."""
         return self._run("attaching a stage", self._attach(stage, live))
 
     async def attach_stage_async(self, stage: Usd.Stage | int, live: usdlive.Live | None = None) -> Result:
@@ -150,7 +158,8 @@ class UsdContext:
         return self._start("attaching a stage", self._attach(stage_id, None), on_finish_fn)
 
     def close_stage(self) -> bool:
-        """Leaves a live project, after what was authored in it is confirmed."""
+        """Leaves a live project when what was authored in it is confirmed. False, with the stage still open,
+        when the server does not confirm it; after set_pending_edit(False) it is discarded."""
         return self._run("closing the stage", self._close())
 
     async def close_stage_async(self) -> Result:
@@ -212,6 +221,7 @@ class UsdContext:
         checkpoints`). Unless `force`, a revision that has a name gets no other."""
         if not (self._opened and self._opened.live):
             return False, "only a live project has checkpoints"
+        self._distribute()
         error = await run_async(self._opened.live.checkpoint(comment, force))
         return not error, error
 
@@ -221,6 +231,11 @@ class UsdContext:
             return False
         self._save_cancelled = True
         return True
+
+    def call_before_saving(self, function: typing.Callable[[], None]) -> None:
+        """usdlive's own: `function()` is called before what was authored is saved, sent or left, so that what
+        waits for the next frame is among it."""
+        self._before_saving.append(function)
 
     # -- queries
 
@@ -280,8 +295,9 @@ class UsdContext:
         return self._opened.stage if self._opened else None
 
     def get_stage_id(self) -> int:
-        """In UsdUtils.StageCache; -1 without a stage."""
-        return self._opened.stage_id if self._opened else -1
+        """In UsdUtils.StageCache; -1 without a stage. A stage that was attached is put there when its id is
+        first asked for, and stays there: pxr would end it with its place in the cache."""
+        return UsdUtils.StageCache.Get().Insert(self._opened.stage).ToLongInt() if self._opened else -1
 
     def get_stage_url(self) -> str:
         return self._opened.url if self._opened else ""
@@ -338,7 +354,8 @@ class UsdContext:
     def _open(self, url: str, load_set: UsdContextInitialLoadSet,
               session_layer_url: str | None = None) -> Steps[Result]:
         """A stage that is open is closed when the new one's layers are read; if they cannot be, it stays."""
-        url = str(url)
+        url = local_path(url)
+        session_layer_url = local_path(session_layer_url) if session_layer_url else None
         self._loading = loading = Loading(url, load_set)
         replaced = self._opened is not None
         begun, live = False, None
@@ -356,16 +373,17 @@ class UsdContext:
                 root = live.live.open_layer(address.layer)  # waited for here: layers belong to this thread
             session = yield (lambda: open_root(session_layer_url)) if session_layer_url else (lambda: None)
             text = ""
+            self._check_not_shared(loading.layers.values())
             if replaced:
-                used = {layer.identifier for layer in self._opened.stage.GetUsedLayers()}
                 _, text = yield from self._close()
                 begun = self._begin_opening()
-                _discard_edits(loading, used)
+            _reload_discarded(loading.layers.values())
             stage = Usd.Stage.Open(root, session, _load(load_set)) if session else Usd.Stage.Open(
                 root, _load(load_set))
             if address:
                 make_live(live, address, stage)
             self._diagnose(stage)
+            _restore_edit_target(stage)
             name = url if is_live_address(url) else root.realPath or root.identifier
             done, _ = self._adopt(_Opened(stage, name, load_set, live=live))
             return done, text
@@ -384,6 +402,7 @@ class UsdContext:
             raise Failure("there is no file to open again; the stage was never saved")
         url = self._last_url
         if self._opened:
+            self._check_not_shared(self._opened.stage.GetUsedLayers())
             used = [layer.identifier for layer in self._opened.stage.GetUsedLayers()]
             yield from self._close()
             # Others may hold some, and Sdf would give them as they are.
@@ -398,38 +417,48 @@ class UsdContext:
             if not found:
                 raise Failure(f"there is no stage {stage} in the stage cache")
             stage = found
+        if not stage:
+            raise Failure("the stage has expired")
+        if self._opened and self._opened.stage == stage:
+            if live is None or live is self.live:
+                return True, ""
+            self._opened.owned = False
         if self._opened:
             yield from self._close()
         self._begin_opening()
         root = stage.GetRootLayer()
         self._diagnostics = []
         return self._adopt(_Opened(stage, root.realPath or root.identifier, LOAD_ALL, is_new=root.anonymous,
-                                   live=LiveStage(live, owned=False) if live else None))
+                                   live=LiveStage(live, owned=False) if live else None, owned=False))
 
     def _close(self) -> Steps[Result]:
         opened = self._opened
         if opened is None:
             raise Failure("no stage is open")
         self._set_state(StageState.CLOSING, StageEventType.CLOSING)
-        text = ""
+        text, unsaved = "", []
         try:
+            self._distribute()
+            unsaved = [layer.identifier for layer in opened.stage.GetUsedLayers() if layer.dirty
+                       and not layer.anonymous and not self.is_live_layer(layer)]
             if opened.live:
-                text = yield from opened.live.leave()
-        except OUTSIDE as error:
+                text = yield from opened.live.leave(discard=self._pending_edit is False)
+        except usdlive.Error as error:  # there is no connection any more
             text = reason(error)
-        except BaseException:  # cancelled
+        except BaseException:  # refused or cancelled
             self._state = StageState.OPENED
             raise
         self._selection.clear_selected_prim_paths()
         opened.notice.Revoke()
-        if not opened.cached:
-            UsdUtils.StageCache.Get().Erase(Usd.StageCache.Id.FromLongInt(opened.stage_id))
+        _discarded.update(unsaved)
         self._opened = None
         self._pending_edit, self._was_dirty = None, False
         self._hierarchy_changed = False
         self._diagnostics = []
-        del opened
         self._set_state(StageState.CLOSED, StageEventType.CLOSED)
+        # Not before: who hears CLOSED may still take leave of the stage.
+        if opened.owned and not any(other.get_stage() == opened.stage for other in _contexts):
+            UsdUtils.StageCache.Get().Erase(opened.stage)
         return True, text
 
     def _save(self, layers: list[Sdf.Layer] | None) -> Steps[SaveResult]:
@@ -438,23 +467,31 @@ class UsdContext:
             raise Failure("the stage has no file yet; use save_as_stage")
         live = self._opened.live
         self._tell_saving()
+        self._distribute()
         with self._telling_of_a_cancel():
             chosen = _saving.unsaved(stage, live) if layers is None else layers
             saved, problems = yield from _saving.save(chosen, live, unsaved_only=layers is None)
+            for layer in _saving.newly_locked(stage, live) if layers is None else ():
+                try:
+                    yield from _saving.save_lock(layer)
+                except OUTSIDE as error:
+                    problems.append(f"the lock of {layer.identifier} is not saved: {reason(error)}")
         return self._tell_saved(saved, problems)
 
     def _save_as(self, url: str, others: list[Sdf.Layer] | None = None) -> Steps[SaveResult]:
-        stage = self._need_stage()
+        stage, url = self._need_stage(), local_path(url)
         root = stage.GetRootLayer()
         if self.is_omni_stage():
             raise Failure("a live stage stays where its server keeps it; export_as_stage writes a copy")
         _saving.check_new_root(url, stage)
-        if others is None:
-            others = _saving.unsaved(stage, None)
-        others = [layer for layer in others if layer != root]
+        self._distribute()
         if not root.anonymous and Sdf.Layer.Find(url) == root:
-            return (yield from self._save([root, *others]))
+            chosen = _saving.unsaved(stage, None) if others is None else others
+            return (yield from self._save([root, *(layer for layer in chosen if layer != root)]))
         self._tell_saving()
+        self._distribute()
+        others = [layer for layer in (_saving.unsaved(stage, None) if others is None else others)
+                  if layer != root]
         with self._telling_of_a_cancel():
             saved, problems = yield from _saving.save(others, None)
             if problems:
@@ -475,12 +512,27 @@ class UsdContext:
         return (yield from self._save(layers))
 
     def _export(self, url: str) -> Steps[Result]:
-        stage = self._need_stage()
+        stage, url = self._need_stage(), local_path(url)
         _saving.check_new_root(url, stage, anything_used=True)
         yield from _saving.export(stage, url)
         return True, ""
 
     # -- what the operations share
+
+    def _distribute(self) -> None:
+        for function in self._before_saving:
+            function()
+
+    def _check_not_shared(self, layers: typing.Iterable[Sdf.Layer]) -> None:
+        """Edits that are discarded here must not be another context's unsaved work."""
+        mine = set(self._opened.stage.GetUsedLayers()) if self._opened else set()
+        for layer in layers:
+            if not layer.dirty or layer.anonymous or layer not in mine and layer.identifier not in _discarded:
+                continue
+            for other in _contexts:
+                if other is not self and (stage := other.get_stage()) and layer in stage.GetUsedLayers():
+                    raise Failure(f"{layer.identifier} has unsaved edits and is also open in the context "
+                                  f"'{other.get_name()}'. Save it, or close it there, first")
 
     def _need_stage(self) -> Usd.Stage:
         if self._opened is None:
@@ -498,8 +550,9 @@ class UsdContext:
 
     def _adopt(self, opened: _Opened) -> Result:
         cache = UsdUtils.StageCache.Get()
-        opened.cached = cache.GetId(opened.stage).IsValid()
-        opened.stage_id = cache.Insert(opened.stage).ToLongInt()
+        if opened.owned:
+            opened.owned = not cache.GetId(opened.stage).IsValid()
+            cache.Insert(opened.stage)
         opened.notice = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._on_objects_changed, opened.stage)
         self._opened = opened
         self._last_url = "" if opened.is_new else opened.url
@@ -675,7 +728,15 @@ def _load(load_set: UsdContextInitialLoadSet) -> Usd.Stage.InitialLoadSet:
     return Usd.Stage.LoadNone if load_set == LOAD_NONE else Usd.Stage.LoadAll
 
 
-def _discard_edits(loading: Loading, used: set[str]) -> None:
-    """Of layers the closed stage had and the new one has, too: a file opens as it is on disk."""
-    Sdf.Layer.ReloadLayers([layer for layer in loading.layers.values()
-                            if layer.identifier in used and layer.dirty and not layer.anonymous], True)
+def _reload_discarded(layers: typing.Iterable[Sdf.Layer]) -> None:
+    """A file opens as it is on disk, also when somebody still holds its layer with edits of a closed stage."""
+    chosen = [layer for layer in layers if layer.identifier in _discarded]
+    Sdf.Layer.ReloadLayers([layer for layer in chosen if layer.dirty], True)
+    _discarded.difference_update(layer.identifier for layer in chosen)
+
+
+def _restore_edit_target(stage: Usd.Stage) -> None:
+    """The layer that was authored in when the stage was saved, as Kit keeps it in the root layer."""
+    from usdlive.omni.kit.usd.layers import LayerUtils
+
+    LayerUtils.restore_authoring_layer_from_custom_data(stage)

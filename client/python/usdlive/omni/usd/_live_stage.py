@@ -124,19 +124,23 @@ class LiveStage:
         return told[0] if told else events.ServerError(
             "notConnected", f"the server did not answer within {_SAVE_SECONDS:.0f} s", number)
 
-    def leave(self) -> Steps[str]:
-        """Leaves the project when what was authored is confirmed. What is not after a while stays behind;
-        the text says so."""
+    def leave(self, discard: bool) -> Steps[str]:
+        """Leaves the project when what was authored is confirmed. A Failure when it is not after a while,
+        unless it may be discarded: then the text says so."""
         if not self._owned:
             return ""
         self.tick()
         if self.live.connected:
             yield Until(lambda: not self.live.pending or not self.live.connected, self.tick, _LEAVE_SECONDS)
         pending = self.live.pending
+        if pending and not discard:
+            raise Failure(f"{pending} transactions of yours were not confirmed by the server. The stage stays "
+                          "open: wait for the server, write a copy with export_as_stage(), or call "
+                          "set_pending_edit(False) and close again to discard them")
         self.live.close()
         if not pending:
             return ""
-        text = f"{pending} transactions were not confirmed by the server when the project was left"
+        text = f"{pending} transactions were not confirmed by the server and were discarded"
         _log.warning("%s", text)
         return text
 

@@ -7,6 +7,8 @@ import os
 import re
 import urllib.parse
 
+from usdlive import _usdlive
+
 _ADDRESS = re.compile(r"(?P<server>(?:usdlive|ws|dds)://[^/]+)/(?P<layer>.+)")
 _SCHEMES = ("usdlive://", "ws://", "dds://")
 
@@ -25,12 +27,17 @@ class LiveAddress:
 def attach_project(folder: str, server: str) -> None:
     """From now on files in `folder` open live: it is the folder that `server` (`usdlive://host:port`,
     `dds://project`) serves, or a copy of it."""
-    _attached[os.path.realpath(folder)] = server.rstrip("/")
+    _attached[os.path.realpath(local_path(folder))] = server.rstrip("/")
 
 
 def detach_project(folder: str) -> None:
     """Files in it open as files again. Stages that are open stay as they are."""
-    _attached.pop(os.path.realpath(folder), None)
+    _attached.pop(os.path.realpath(local_path(folder)), None)
+
+
+def local_path(url: str) -> str:
+    """The path of a `file://` URL; anything else as it is."""
+    return _usdlive.layer_utils.without_file_scheme(str(url))
 
 
 def is_live_address(url: str) -> bool:

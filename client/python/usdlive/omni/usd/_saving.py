@@ -6,10 +6,12 @@ import typing
 
 from pxr import Sdf, Tf, Usd
 
+from usdlive import _usdlive
 from usdlive.omni import _layer_content
+from usdlive.omni._registers import write
 
 from ._errors import OUTSIDE, Failure, reason
-from ._files import Replacement, check_writable, extension
+from ._files import Replacement, check_writable, extension, is_read_only
 from ._live_stage import LiveStage
 from ._steps import Steps
 
@@ -23,6 +25,37 @@ def unsaved(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
         elif layer.dirty and not layer.anonymous and not _layer_content.is_locked(layer, root):
             layers.append(layer)
     return layers
+
+
+def newly_locked(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
+    """Layers of the local stack whose own lock is not in their files yet."""
+    return [layer for layer in stage.GetLayerStack()
+            if layer.dirty and not layer.anonymous and not (live and live.name_of(layer))
+            and layer != stage.GetRootLayer() and _has_own_lock(layer) and _is_writable_file(layer.realPath)
+            and not _has_own_lock(Sdf.Layer.OpenAsAnonymous(layer.realPath, metadataOnly=True))]
+
+
+def _has_own_lock(layer: Sdf.Layer) -> bool:
+    return _layer_content.omni_data(layer).get("locked") is True
+
+
+def _is_writable_file(path: str) -> bool:
+    try:
+        return not is_read_only(path)
+    except OSError:
+        return False
+
+
+def save_lock(layer: Sdf.Layer) -> Steps[None]:
+    """Writes the lock into the layer's file, so that the next one who opens it has it. Other edits of a locked
+    layer are not saved."""
+    content = Sdf.Layer.OpenAsAnonymous(layer.realPath)
+    write(content, Sdf.Path.absoluteRootPath, "customLayerData", ("omni_layer", "locked"), True)
+    yield from _replace(Replacement(content, layer.realPath, like=layer))
+    if content.ExportToString() == layer.ExportToString():
+        layer.Reload(True)
+    else:
+        _usdlive.layer_utils.file_was_written(layer.identifier)
 
 
 def find_local(stage: Usd.Stage, live: LiveStage | None,
@@ -74,6 +107,8 @@ def _save_file(layer: Sdf.Layer) -> Steps[None]:
     # new file besides. Who edited meanwhile keeps a layer that is dirty.
     if not changed:
         layer.Reload(True)
+    else:
+        _usdlive.layer_utils.file_was_written(layer.identifier)
 
 
 def _replace(replacement: Replacement) -> Steps[None]:

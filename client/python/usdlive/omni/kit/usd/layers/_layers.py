@@ -9,7 +9,7 @@ import weakref
 
 from pxr import Sdf, Tf, Usd
 
-from usdlive import _usdlive
+from usdlive import _usdlive, events
 from usdlive.omni._events import EventStream, Subscription
 from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, get_app
 from usdlive.omni.usd import StageEventType
@@ -303,8 +303,11 @@ class Layers:
         self._native: _usdlive.Layers | None = None
         self._live: object | None = None
         self._muting: Tf.Notice.Listener | None = None
+        self._identifiers: dict[str, str] = {}  # of live layers, by their names in the project
+        self._resumed: tuple[Sdf.Layer, int, str] | None = None  # a mode that another root layer takes over
         self._error: tuple[int, str] | None = None
         self._name = context.get_name()
+        _all_layers.add(self)
         self._stream = EventStream(f"omni.kit.usd.layers:{self._name}")
         self._state = LayersState(self)
         self._auto_authoring = AutoAuthoring(self)
@@ -312,6 +315,7 @@ class Layers:
         self._locking = SpecsLocking(self)
         updates = get_app().get_update_event_stream()
         this = weakref.ref(self)
+        self._live_handler = lambda event: (layers := this()) and layers._on_live_event(event)
         self._subscriptions: list[Subscription] = [
             updates.create_subscription_to_pop(lambda _: this()._update(), ORDER_LAYERS, self._stream.name),
             updates.create_subscription_to_pop(lambda _: this()._deliver(), ORDER_EVENTS, self._stream.name),
@@ -322,6 +326,10 @@ class Layers:
         if stage_events := getattr(context, "get_stage_event_stream", None):
             self._subscriptions.append(stage_events().create_subscription_to_pop_by_type(
                 StageEventType.OPENED, lambda _: this()._native_layers(), order=-1))
+            self._subscriptions.append(stage_events().create_subscription_to_pop_by_type(
+                StageEventType.CLOSED, lambda _: this()._native_layers(), order=-1))
+        if before_saving := getattr(context, "call_before_saving", None):
+            before_saving(lambda: (layers := this()) and layers._distribute())
 
     # -- parts
 
@@ -402,30 +410,66 @@ class Layers:
             self._drop()
             self._stage = stage
             self._native = _usdlive.Layers(StageHost(stage), "", client)
-            self._live = live
-            if live is not None:
-                live._unfollow(stage)
+            self._follow_live(live, stage)
             self._native.set_muteness_scope(scope)
+            self._resume_mode(stage)
             native = self._native
             self._muting = Tf.Notice.Register(Usd.Notice.LayerMutingChanged,
                                               lambda *_: native.muteness_changed(), stage)
         elif live is not self._live:
-            self._live = live
-            if live is not None:
-                live._unfollow(stage)
+            self._follow_live(live, stage)
             self._native.set_client(client)
         return self._native
+
+    def _follow_live(self, live: object | None, stage: Usd.Stage | None) -> None:
+        if self._live is not None:
+            self._live.remove_handler(self._live_handler)
+        self._live, self._identifiers = live, {}
+        if live is not None:
+            live._unfollow(stage)
+            live.add_handler(self._live_handler)
+
+    def _on_live_event(self, event: events.Event) -> None:
+        """What the server did not take is told like what a local lock did not."""
+        if isinstance(event, events.Lost) and self._native:
+            kind = LayerErrorType.READ_ONLY if event.code == "locked" else LayerErrorType.UNKNOWN
+            self._native.refuse(int(kind), event.message,
+                                [(edit.path, edit.field or "", self._identifier_of(edit.layer))
+                                 for edit in event.edits])
+
+    def _identifier_of(self, name: str) -> str:
+        if name not in self._identifiers and self._stage:
+            self._identifiers = {self._live.layer_name(layer) or "": layer.identifier
+                                 for layer in self._stage.GetUsedLayers()}
+        return self._identifiers.get(name, name)
+
+    def _resume_mode(self, stage: Usd.Stage) -> None:
+        """A stage that was saved as another file is edited on as it was: it has the same session layer."""
+        resumed, self._resumed = self._resumed, None
+        if resumed and resumed[0] == stage.GetSessionLayer():
+            self._native.set_edit_mode(resumed[1])
+            self._native.set_default_layer(resumed[2])
+
+    def _distribute(self) -> None:
+        """Before what was authored is saved, sent or left."""
+        if native := self._native_layers():
+            native.distribute()
+            self._queue_events()
 
     def _drop(self) -> None:
         if not self._native:
             return
         self._queue_events()
-        if self._native.edit_mode() != LayerEditMode.NORMAL:
-            self._native.set_edit_mode(LayerEditMode.NORMAL)
+        mode, default = self._native.edit_mode(), self._native.default_layer()
+        if mode != LayerEditMode.NORMAL:
+            if self._stage:  # not one that its owner has ended
+                self._native.set_edit_mode(LayerEditMode.NORMAL)
+                self._resumed = (self._stage.GetSessionLayer(), mode, default)
             self._queue_events()
         if self._muting:
             self._muting.Revoke()
-        self._native = self._stage = self._live = self._muting = None
+        self._follow_live(None, None)
+        self._native = self._stage = self._muting = None
 
     def _update(self) -> None:
         if native := self._native_layers():
@@ -448,6 +492,15 @@ class Layers:
 
     def _deliver(self) -> None:
         self._stream.pump()
+
+
+_all_layers: "weakref.WeakSet[Layers]" = weakref.WeakSet()
+
+
+def distribute_all() -> None:
+    """For a save that knows layers and no context."""
+    for layers in list(_all_layers):
+        layers._distribute()
 
 
 def authoring_context(layers: Layers) -> Usd.EditContext:

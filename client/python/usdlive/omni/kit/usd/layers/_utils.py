@@ -10,7 +10,11 @@ import typing
 from pxr import Sdf, Usd
 
 from usdlive import _usdlive
+from usdlive.omni._layer_content import is_locked, omni_data
+from usdlive.omni._registers import write
 from usdlive.omni.usd import UsdContext, get_context_from_live_layer
+
+from ._layers import distribute_all
 
 _log = logging.getLogger("usdlive.omni.kit.usd.layers")
 _utils = _usdlive.layer_utils
@@ -146,8 +150,9 @@ class LayerUtils:
 
     @staticmethod
     def set_edit_target(stage: Usd.Stage, layer_identifier: str) -> bool:
+        """False for a layer that is not local, or is locked."""
         layer = Sdf.Layer.Find(layer_identifier) if layer_identifier else None
-        if not layer or not stage.HasLocalLayer(layer):
+        if not layer or not stage.HasLocalLayer(layer) or is_locked(layer, stage.GetRootLayer()):
             return False
         stage.SetEditTarget(stage.GetEditTargetForLocalLayer(layer))
         return True
@@ -158,18 +163,16 @@ class LayerUtils:
         root, layer = stage.GetRootLayer(), stage.GetEditTarget().GetLayer()
         if not layer or layer.anonymous or not root.permissionToEdit:
             return False
-        data = root.customLayerData
-        group = dict(data.get("omni_layer", {}))
-        group["authoring_layer"] = _utils.relative_to(root.identifier, layer.identifier)
-        data["omni_layer"] = group
-        root.customLayerData = data
+        write(root, Sdf.Path.absoluteRootPath, "customLayerData", ("omni_layer", "authoring_layer"),
+              _utils.relative_to(root.identifier, layer.identifier))
         return True
 
     @staticmethod
     def restore_authoring_layer_from_custom_data(stage: Usd.Stage) -> bool:
         root = stage.GetRootLayer()
-        path = dict(root.customLayerData.get("omni_layer", {})).get("authoring_layer", "")
-        return bool(path) and LayerUtils.set_edit_target(stage, _utils.absolute_from(root.identifier, path))
+        path = omni_data(root).get("authoring_layer")
+        return bool(path) and isinstance(path, str) and LayerUtils.set_edit_target(
+            stage, _utils.stored_layer(root.identifier, path))
 
     # -- flags in the root layer
 
@@ -265,6 +268,7 @@ class LayerUtils:
                                                 force: bool = False) -> tuple[list[str], list[str]]:
         """Of its live local layers, with `only_dirty_layers` of those that are not saved."""
         chosen = []
+        distribute_all()
         for identifier in LayerUtils.get_all_sublayers(stage, include_anonymous_layers=False):
             context = _context_of(identifier)
             if context and only_dirty_layers:
@@ -276,4 +280,5 @@ class LayerUtils:
     @staticmethod
     def save_layers(layer_identifiers: list[str]) -> list[str]:
         """Returns those that could not be saved."""
+        distribute_all()
         return _utils.save_layers(list(layer_identifiers))

@@ -8,6 +8,7 @@ import typing
 
 from pxr import Sdf, Tf, Usd
 
+from usdlive import _usdlive
 from usdlive.omni import _layer_content
 from usdlive.omni._layer_content import Part
 from usdlive.omni._registers import ABSENT, Kept, Recorder, hold, remove_spec, write
@@ -192,11 +193,11 @@ class _SublayerCommand(AbstractLayerCommand):
     def _forget(self, recorder: Recorder, identifier: str) -> None:
         if self.stage.IsLayerMuted(identifier):
             self._muted.append(identifier)
-        states = self.root.customLayerData.get("omni_layer", {})
+        states = _layer_content.omni_data(self.root)
         for key in ("muteness", "locked"):
             entries = states.get(key)
             for path in entries if isinstance(entries, dict) else ():
-                if Sdf.ComputeAssetPathRelativeToLayer(self.root, path) == identifier:
+                if _usdlive.layer_utils.stored_layer(self.root.identifier, path) == identifier:
                     recorder.touch(self.root)
                     write(self.root, _ROOT, "customLayerData", ("omni_layer", key, path), ABSENT)
 
@@ -211,6 +212,8 @@ class SetEditTargetCommand(AbstractLayerCommand):
         if layer is None or not self.stage.HasLocalLayer(layer):
             _log.warning("%s is no layer of this stage; the edit target stays", self._identifier)
             return
+        if _layer_content.is_locked(layer, self.root):
+            raise CommandFailed(f"{self._identifier} is locked and cannot be the edit target. Unlock it first")
         self.set_edit_target(layer)
 
 
@@ -593,9 +596,11 @@ class LockLayerCommand(_StateCommand):
         self._was = locked
 
     def edit(self, recorder: Recorder) -> None:
-        layer = self.local_layer(self._identifier)
+        layer = self.layer(self._identifier)
         if layer == self.root:
             raise CommandFailed("the root layer cannot be locked")
+        if not self.stage.HasLocalLayer(layer) and not _is_below(layer, self.root):  # as a muted one is
+            raise CommandFailed(f"{self._identifier} is no layer of this stage")
         state = self.layers().get_layers_state()
         self._was = state.is_layer_locked(self._identifier)
         state.set_layer_lock_state(self._identifier, self._locked)
