@@ -43,6 +43,9 @@ std::int64_t wallClockMs() {
     return std::chrono::duration_cast<milliseconds>(now).count();
 }
 
+// A server that cannot be reached is tried again for so long, as it may be starting; the longer
+// time-out is for one that is there and does not answer.
+constexpr double kRefusedMs = 1000;
 constexpr std::size_t kMessagesPerTick = 4096;
 constexpr auto kLookForLayersEvery = milliseconds(100);
 // Parts of big values wait while more than this is on its way, so that edits pass them soon.
@@ -115,6 +118,8 @@ public:
         while (!session_.isConnected()) {
             if (fatal_) return tl::unexpected(*fatal_);
             if (msSince(start) > options_.connectTimeoutMs) return tl::unexpected(notThere());
+            if (lastLoss_ && !lineOpen_ && msSince(start) > kRefusedMs)
+                return tl::unexpected(*lastLoss_);
             connection_->wait(milliseconds(20));
             tick(kBlockingBudgetMs);
         }

@@ -200,10 +200,13 @@ bool SpecsLocking::hadSpec(const SdfPath& path) const {
 
 // A lock with all below it is not stored as such: it shows in the children that are there.
 bool SpecsLocking::takesChildren(const SdfPath& prim) const {
-    return std::ranges::any_of(context_.host.childNames(prim), [&](const auto& name) {
-        const SdfPath child = prim.AppendChild(name);
-        return !locks_.contains(child) && hadSpec(child);
-    });
+    const auto [answer, isNew] = takesChildren_.try_emplace(prim);
+    if (isNew)
+        answer->second = std::ranges::any_of(context_.host.childNames(prim), [&](const auto& name) {
+            const SdfPath child = prim.AppendChild(name);
+            return !locks_.contains(child) && hadSpec(child);
+        });
+    return answer->second;
 }
 
 SpecsLocking::Paths SpecsLocking::change(Table changed) {
@@ -272,6 +275,7 @@ void SpecsLocking::follow(Table locks) {
 
 void SpecsLocking::admit() {
     if (incoming_.empty()) return;
+    takesChildren_.clear();
     locks_.merge(incoming_);
     incoming_.clear();
     shadows_.clear();
@@ -351,6 +355,7 @@ void SpecsLocking::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChang
 
 std::vector<RefusedEdit> SpecsLocking::update(const SdfLayerHandle& delegate) {
     delegate_ = delegate;
+    takesChildren_.clear();
     settleAll();
     admit();
     if (!structureKnown_) takeShadows();

@@ -40,7 +40,8 @@ public:
         double connectTimeoutMs = 10'000;
     };
 
-    /// Connects and greets; blocks until then or the time is over.
+    /// Connects and greets; blocks until then or the time is over. Fails after a second where no
+    /// server can be reached.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connect(const std::string& url,
                                                                  Options options);
     /// The same over a connection of another kind.

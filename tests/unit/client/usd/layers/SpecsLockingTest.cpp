@@ -103,4 +103,37 @@ TEST_F(SpecsLockingTest, TheDelegatesEditsOfALockedSpecGoBackToo) {
     EXPECT_EQ(layers().refusedEdits().back().path, SdfPath("/A.x"));
 }
 
+TEST_F(SpecsLockingTest, ALockedPrimTakesNothingNew) {
+    locks().lockSpec("/A", false);
+    set(strong, "/A.new", 1);
+    set(root, "/A.x", 9);
+    frame();
+    EXPECT_FALSE(has(strong, "/A"));
+    EXPECT_FALSE(has(root, "/A"));
+    EXPECT_TRUE(std::ranges::any_of(layers().refusedEdits(), [](const RefusedEdit& edit) {
+        return edit.path == SdfPath("/A.new") && edit.reason == "/A is locked by ada";
+    }));
+}
+
+TEST_F(SpecsLockingTest, ManyAdditionsGoBackInOneFrame) {
+    for (int i = 0; i < 2000; ++i) define(weak, "/A/Old" + std::to_string(i));
+    locks().lockSpec("/A", true);
+    for (int i = 0; i < 2000; ++i) define(strong, "/A/New" + std::to_string(i) + "/Below");
+    frame();
+    EXPECT_FALSE(has(strong, "/A/New0"));
+    EXPECT_FALSE(has(strong, "/A/New1999"));
+    EXPECT_TRUE(has(weak, "/A/Old1999"));
+}
+
+TEST_F(SpecsLockingTest, ALockedPrimThatWasRenamedGoesBackWithWhatWasWrittenIntoIt) {
+    locks().lockSpec("/A", true);
+    pxr::SdfBatchNamespaceEdit edits;
+    edits.Add(SdfPath("/A"), SdfPath("/Z"));
+    ASSERT_TRUE(weak->Apply(edits));
+    set(weak, "/Z.x", 9);
+    frame();
+    EXPECT_FALSE(has(weak, "/Z"));
+    EXPECT_EQ(get(weak, "/A.x"), 1);
+}
+
 }  // namespace usdlive::layers

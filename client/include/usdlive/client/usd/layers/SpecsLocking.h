@@ -91,6 +91,8 @@ private:
     Table locks_;
     Table incoming_;  // in force when what was written before them is settled
     std::map<std::string, Shadow> shadows_;  // by the layer's identifier
+    // Answers of takesChildren() since the last update().
+    mutable std::map<pxr::SdfPath, bool> takesChildren_;
     std::set<pxr::SdfPath> released_;  // properties that were unlocked under a prim that is locked
     bool structureKnown_ = false;
     bool changing_ = false;
