@@ -8,7 +8,7 @@ import sys
 import textwrap
 
 CALLS = """
-    import faulthandler, inspect, sys, types
+    import asyncio, faulthandler, inspect, sys
     faulthandler.enable()
     from pxr import Sdf, Usd, UsdUtils
     import usdlive.omni.kit.app, usdlive.omni.kit.commands, usdlive.omni.kit.undo
@@ -72,11 +72,12 @@ CALLS = """
             try:
                 result = function(**arguments)
                 if inspect.iscoroutine(result):
-                    result.close()
+                    asyncio.run(asyncio.wait_for(result, 2))
             except Exception:
                 pass
 
-    SKIPPED = {"next_update_async", "get_app", "attach_project", "detach_project"}
+    # These wait for what does not come.
+    SKIPPED = {"next_stage_event_async", "selection_changed_async", "attach_project", "detach_project"}
     only = sys.argv[2]
 
     def functions():
@@ -91,8 +92,6 @@ CALLS = """
         for name, get in objects.items():
             for member in dir(get()):
                 if member.startswith("_") or member in SKIPPED or inspect.isclass(getattr(get(), member, None)):
-                    continue
-                if member.endswith(("_async", "_with_callback")):
                     continue
                 yield f"{name}.{member}", lambda get=get, member=member: getattr(get(), member)
         for name in usdlive.omni.kit.commands.get_commands():

@@ -298,3 +298,12 @@ def test_another_distributions_part_of_omni_stays(installed, tmp_path):
               "assert omni.client.other and omni.usd is usdlive.omni.usd\n"
               "import omni.kit.app, usdlive.omni.kit.app as app\nassert omni.kit.app is app",
               tmp_path, installed)
+
+
+@pytest.mark.parametrize("first", ["import omni", "import omni.kit.usd.layers", "import carb.events"])
+def test_omni_is_there_in_the_source_tree(first, monkeypatch):
+    """As `./run python` has it, without anything being installed."""
+    monkeypatch.setenv("PYTHONPATH", os.environ["PYTHONPATH"] + os.pathsep + str(SHIM / "tree"))
+    in_python(f"{first}\nimport omni, omni.usd, carb, usdlive.omni, usdlive.omni._events\n"
+              "assert omni is usdlive.omni and omni.usd.get_context()\n"
+              "assert carb.events.IEvent is usdlive.omni._events.IEvent")

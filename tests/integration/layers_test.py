@@ -821,3 +821,20 @@ def test_what_the_project_has_is_not_taken_back(two):
                   "live.revision, len(mine.get_auto_authoring().refused_edits)]") == [5, True, at, 0]
     bo.run("stage.GetAttributeAtPath('/A.y').Set(9.0)\nframe()\nframe()\nassert live.flush(20)\nframe()")
     assert bo.run("result = stage.GetAttributeAtPath('/A.y').Get()") == 5, "but one's own edits go back"
+
+
+def test_the_slower_of_two_locks_is_told(two):
+    ada, bo = two
+    ada.run("mine.get_specs_locking().lock_spec('/A.x')\nframe()")
+    bo.catch_up(ada.flush())
+    bo.run("frame()")
+    for one in (ada, bo):  # neither has heard of the other
+        one.run("asked = mine.get_specs_locking().lock_spec('/A.y')")
+    ada.flush()
+    bo.run("heard = []\nkept = mine.get_event_stream().create_subscription_to_pop_by_type("
+           "layers.LayerEventType.EDITS_REFUSED, heard.append)\nassert live.flush(20)\nframe()")
+    reason = bo.run("assert heard\nedit = mine.get_auto_authoring().refused_edits[-1]\n"
+                    "assert edit.error_type == layers.LayerErrorType.READ_ONLY\nresult = edit.reason")
+    assert "/A.y is locked by ada" in reason
+    held = "result = dict(layer('root.usda').customLayerData['omni_layer']['specs_locking'])"
+    assert bo.run(held) == ada.run(held) == {"/A.x": "ada", "/A.y": "ada"}

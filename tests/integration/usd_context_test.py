@@ -1096,6 +1096,13 @@ def test_live_states_and_refusals_are_told(live, ctx, editor):
     assert refused.error_type == LayerErrorType.READ_ONLY and radius(ctx.get_stage()).Get() == 5
 
 
+def test_a_refused_port_is_said_soon(context):
+    ctx, begin = context("patient", connect_timeout=60), time.monotonic()
+    done, error = asyncio.run(ctx.open_stage_async("usdlive://127.0.0.1:1/shot.usda"))
+    assert not done and "127.0.0.1:1" in error and "refused" in error.lower()
+    assert time.monotonic() - begin < 20
+
+
 def test_addresses_that_lead_nowhere(context, live):
     server, url = live
     ctx = context("short", connect_timeout=0.5)

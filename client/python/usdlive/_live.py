@@ -18,7 +18,7 @@ from ._errors import Error
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
             timeout: float = 10.0) -> "Live":
     """Connects to the server at `url` (`ws://host:port`) and waits, at most `timeout` seconds, until it
-    answers. `user` is shown to others; empty is the system's user name. Layers stand below
+    answers; a server that cannot be reached at all is an error after a second. `user` is shown to others; empty is the system's user name. Layers stand below
     `cache_folder`; empty is a temporary folder that goes with the connection."""
     return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0))
 

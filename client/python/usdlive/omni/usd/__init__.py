@@ -46,7 +46,8 @@ def create_context(name: str = "", **settings: typing.Any) -> UsdContext:
 
 
 def destroy_context(name: str = "") -> bool:
-    """Closes its stage. False when there is no such context, or it is in the middle of an operation."""
+    """Closes its stage. False when there is no such context, it is in the middle of an operation, or the stage
+    cannot be closed because its server has not confirmed what was authored (see close_stage)."""
     context = _contexts.get(name)
     if context is None or not context._destroy():
         return False

@@ -530,6 +530,8 @@ class UsdContext:
             if not layer.dirty or layer.anonymous or layer not in mine and layer.identifier not in _discarded:
                 continue
             for other in _contexts:
+                if other.is_live_layer(layer):
+                    break  # its edits are with the server
                 if other is not self and (stage := other.get_stage()) and layer in stage.GetUsedLayers():
                     raise Failure(f"{layer.identifier} has unsaved edits and is also open in the context "
                                   f"'{other.get_name()}'. Save it, or close it there, first")

@@ -31,18 +31,18 @@ def newly_locked(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
     """Layers of the local stack whose own lock is not in their files yet."""
     return [layer for layer in stage.GetLayerStack()
             if layer.dirty and not layer.anonymous and not (live and live.name_of(layer))
-            and layer != stage.GetRootLayer() and _has_own_lock(layer) and _is_writable_file(layer.realPath)
-            and not _has_own_lock(Sdf.Layer.OpenAsAnonymous(layer.realPath, metadataOnly=True))]
+            and layer != stage.GetRootLayer() and _has_own_lock(layer) and _lacks_lock(layer.realPath)]
 
 
 def _has_own_lock(layer: Sdf.Layer) -> bool:
     return _layer_content.omni_data(layer).get("locked") is True
 
 
-def _is_writable_file(path: str) -> bool:
+def _lacks_lock(path: str) -> bool:
+    """A file that could get the lock and has none."""
     try:
-        return not is_read_only(path)
-    except OSError:
+        return not is_read_only(path) and not _has_own_lock(Sdf.Layer.OpenAsAnonymous(path, metadataOnly=True))
+    except OUTSIDE:
         return False
 
 
