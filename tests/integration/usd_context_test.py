@@ -881,6 +881,10 @@ def test_attaching_takes_nothing_from_its_owner(call, ctx, ball):
     assert stage and radius(stage).Get() == 1, "the stage is its owner's"
     assert call(ctx, "attach_stage", stage)[0] is True and ctx.get_stage_id() == ctx.get_stage_id() >= 0
     assert ctx.close_stage() and stage and cache.Contains(stage)
+    radius(stage).Set(6.0)
+    assert ctx.attach_stage(stage) and ctx.close_stage() and ctx.open_stage(ball)
+    assert radius(stage).Get() == 6 == radius(ctx.get_stage()).Get(), "nor its unsaved edits"
+    assert ctx.close_stage()
     cache.Erase(stage)
     assert call(ctx, "attach_stage", stage)[0] is False, "it has expired"
 

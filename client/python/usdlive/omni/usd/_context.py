@@ -439,8 +439,9 @@ class UsdContext:
         text, unsaved = "", []
         try:
             self._distribute()
-            unsaved = [layer.identifier for layer in opened.stage.GetUsedLayers() if layer.dirty
-                       and not layer.anonymous and not self.is_live_layer(layer)]
+            if opened.owned:  # else the owner goes on with them
+                unsaved = [layer.identifier for layer in opened.stage.GetUsedLayers() if layer.dirty
+                           and not layer.anonymous and not self.is_live_layer(layer)]
             if opened.live:
                 text = yield from opened.live.leave(discard=self._pending_edit is False)
         except usdlive.Error as error:  # there is no connection any more
