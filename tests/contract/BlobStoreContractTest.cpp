@@ -77,6 +77,19 @@ TYPED_TEST(BlobStoreContract, BeginsAnewAtTheFirstPart) {
     EXPECT_EQ(this->blobs.read(hash, 0, 2'000), value);
 }
 
+TYPED_TEST(BlobStoreContract, B1UploadsOfOneValueDoNotSeeEachOther) {
+    const Bytes value = someBytes(1'000);
+    const Hash hash = sha256(value);
+    const ByteView all(value);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(600), 1), false);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(300), 2), false);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 0, Bytes(1'000), 3)), ErrorCode::BlobMismatch);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 300, all.subspan(300, 300), 2), false);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 600, all.subspan(600), 1), true);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 600, all.subspan(600), 2), true) << "it is there";
+    EXPECT_EQ(this->blobs.read(hash, 0, 2'000), value);
+}
+
 TYPED_TEST(BlobStoreContract, RefusesWhatIsNotWhatItsHashNames) {
     const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);
     const Hash hash = sha256(value);

@@ -32,7 +32,7 @@ private:
     // SessionHost, LayerView
     void send(SharedBytes frames) override;
     SharedBytes localBlob(const Hash&) override { return nullptr; }
-    void blobArrived(const Hash&, SharedBytes) override {}
+    void blobArrived(const Hash&, SharedBytes, bool) override {}
     void reset(const LayerId& layer, const LayerDoc& doc) override;
     void apply(const LayerId& layer, const std::string& path, const EditAction& action) override;
 

@@ -79,9 +79,15 @@ std::vector<client::AuthoredEdit> EditScript::edits(const LayerId& layer, const 
     return edits;
 }
 
-std::vector<client::AuthoredEdit> EditScript::slide(const LayerId& layer, const LayerDoc& doc) {
+std::vector<client::AuthoredEdit> EditScript::slide(const LayerId& layer, const LayerDoc& doc,
+                                                    std::map<Hash, SharedBytes>& blobs,
+                                                    bool bigValues) {
     const std::string path = somewhere(doc, SpecKind::Attribute);
-    if (doc.kind(path) != SpecKind::Attribute || isBig(doc, path)) return {};
+    if (doc.kind(path) != SpecKind::Attribute) return {};
+    if (isBig(doc, path)) {
+        if (!bigValues) return {};
+        return {{layer, path, SetField{"default", {}, bigValue(blobs), {}}}};
+    }
     SetField set{"default", {}, number(), {}};
     if (random_.chance(40))
         set = {"timeSamples", SampleTime{double(random_.below(3))}, number(), {}};
@@ -280,7 +286,9 @@ Value EditScript::bigValue(std::map<Hash, SharedBytes>& blobs) {
     Bytes bytes;
     const std::uint64_t count = random_.chance(50) ? 66'000 : 140'000;
     appendNumber<std::uint64_t>(bytes, count);
-    bytes.resize(bytes.size() + 4 * count, std::uint8_t(++lastValue_));
+    // Several editors come by the same value now and then, also at the same time.
+    const auto filling = random_.chance(20) ? random_.below(2) : ++lastValue_;
+    bytes.resize(bytes.size() + 4 * count, std::uint8_t(filling));
     const Hash hash = sha256(bytes);
     const std::uint64_t size = bytes.size();
     blobs[hash] = std::make_shared<const Bytes>(std::move(bytes));

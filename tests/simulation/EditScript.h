@@ -23,7 +23,8 @@ public:
     std::vector<client::AuthoredEdit> edits(const LayerId& layer, const LayerDoc& doc,
                                             std::map<Hash, SharedBytes>& blobs, bool bigValues);
     /// Another write of a value of an attribute, as of a slider; none where there is no attribute.
-    std::vector<client::AuthoredEdit> slide(const LayerId& layer, const LayerDoc& doc);
+    std::vector<client::AuthoredEdit> slide(const LayerId& layer, const LayerDoc& doc,
+                                            std::map<Hash, SharedBytes>& blobs, bool bigValues);
     /// Content of a layer before anybody edits it.
     LayerDoc start();
 

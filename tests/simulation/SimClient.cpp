@@ -36,6 +36,13 @@ std::string textDifference(const std::string& left, const std::string& right) {
     return text;
 }
 
+void forEachBlobOf(const LayerDoc& doc, const std::function<void(const Hash&)>& visit) {
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, value] : *spec.fields)
+            forEachBlob(value, [&](const Value& blob) { visit(blob.hash()); });
+    });
+}
+
 }  // namespace
 
 SimClient::SimClient(std::size_t number, const SimStyle& style, SimClock& clock, SimRandom& random,
@@ -128,7 +135,7 @@ void SimClient::tick() {
 void SimClient::editSomething() {
     if (session_.inGesture()) {
         if (random_.chance(80)) authorRandom(1 + random_.below(2));
-        if (random_.chance(15)) session_.endGesture();
+        if (random_.chance(style_.bigValues ? 4 : 15)) session_.endGesture();
         return;
     }
     if (random_.chance(style_.gesturePercent))
@@ -145,8 +152,8 @@ void SimClient::authorRandom(std::size_t count) {
         const LayerId& layer = random_.pick(layers);
         LayerDoc& doc = editor_.at(layer);
         const bool slide = session_.inGesture() && random_.chance(80);
-        auto next =
-            slide ? script_.slide(layer, doc) : script_.edits(layer, doc, blobs_, style_.bigValues);
+        auto next = slide ? script_.slide(layer, doc, blobs_, style_.bigValues)
+                          : script_.edits(layer, doc, blobs_, style_.bigValues);
         for (AuthoredEdit& edit : next) {
             const auto applied = doc.apply(edit.path, edit.action);
             const bool forbidden = !applied && applied.error().code == ErrorCode::ForbiddenValue;
@@ -282,6 +289,7 @@ std::string SimClient::describe() const {
 void SimClient::reset(const LayerId& layer, const LayerDoc& doc) {
     require(opened_.contains(layer), "a layer is shown that is not open");
     editor_.insert_or_assign(layer, doc);
+    forEachBlobOf(doc, [this](const Hash& hash) { need(hash); });
 }
 
 void SimClient::apply(const LayerId& layer, const std::string& path, const EditAction& action) {
@@ -291,6 +299,8 @@ void SimClient::apply(const LayerId& layer, const std::string& path, const EditA
     if (!applied)
         throw SimFailure("an edit does not apply to what the editor shows: " +
                          applied.error().message);
+    if (const auto* set = std::get_if<SetField>(&action))
+        forEachBlob(set->value, [&](const Value& blob) { need(blob.hash()); });
 }
 
 SharedBytes SimClient::localBlob(const Hash& hash) {
@@ -298,22 +308,24 @@ SharedBytes SimClient::localBlob(const Hash& hash) {
     return found == blobs_.end() ? nullptr : found->second;
 }
 
-void SimClient::blobArrived(const Hash& hash, SharedBytes bytes) {
+void SimClient::blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) {
     require(sha256(*bytes) == hash, "a big value arrived that is another");
+    if (!lasting) ++previewedBlobs;
     blobs_[hash] = std::move(bytes);
     askedFor_.erase(hash);
 }
 
-void SimClient::askForBigValues() {
+bool SimClient::needsBlob(const Hash& hash) {
+    bool needed = false;
     for (const auto& [layer, doc] : editor_)
-        doc.visit([&](const LayerDoc::SpecView& spec) {
-            for (const auto& [name, value] : *spec.fields)
-                forEachBlob(value, [&](const Value& blob) {
-                    if (blobs_.contains(blob.hash())) return;
-                    askedFor_.insert(blob.hash());
-                    session_.requestBlob(blob.hash());
-                });
-        });
+        forEachBlobOf(doc, [&](const Hash& named) { needed = needed || named == hash; });
+    if (!needed) askedFor_.erase(hash);
+    return needed;
+}
+
+// As an editor does that cannot show a field without it.
+void SimClient::need(const Hash& hash) {
+    if (!blobs_.contains(hash) && askedFor_.insert(hash).second) session_.requestBlob(hash);
 }
 
 void SimClient::handleEvents() {
@@ -388,6 +400,9 @@ void SimClient::check(const std::map<LayerId, std::string>& truth) const {
         differs("confirmed", session_.confirmed(layer)->dump());
         differs("view", session_.view(layer)->dump());
         differs("editor", editor_.at(layer).dump());
+        forEachBlobOf(editor_.at(layer), [&](const Hash& hash) {
+            require(blobs_.contains(hash), name + " is without a big value that it shows");
+        });
     }
 }
 

@@ -38,7 +38,6 @@ public:
     void settle(bool all);
     /// Nothing of its own is under way.
     [[nodiscard]] bool isSettled() const;
-    void askForBigValues();
     [[nodiscard]] std::string describe() const;
 
     /// Compares what it has with what the server's store holds.
@@ -54,7 +53,7 @@ public:
     std::uint64_t commitsSeen = 0;
     std::uint64_t commitsTogether = 0;
     std::uint64_t rejoins = 0;
-    bool usedBigValues = false;
+    std::uint64_t previewedBlobs = 0;  ///< that came for a preview
 
     struct Peeked {
         LayerId layer;
@@ -67,7 +66,8 @@ public:
     // SessionHost
     void send(SharedBytes frames) override;
     [[nodiscard]] SharedBytes localBlob(const Hash& hash) override;
-    void blobArrived(const Hash& hash, SharedBytes bytes) override;
+    void blobArrived(const Hash& hash, SharedBytes bytes, bool) override;
+    [[nodiscard]] bool needsBlob(const Hash& hash) override;
     // LayerView
     void reset(const LayerId& layer, const LayerDoc& doc) override;
     void apply(const LayerId& layer, const std::string& path, const EditAction& action) override;
@@ -93,6 +93,7 @@ private:
     void on(const client::event::JoinFailed& event);
     void on(const auto&) {}
     void compareEditor() const;
+    void need(const Hash& hash);
     client::Session::Options options();
 
     const std::size_t number_;

@@ -104,8 +104,25 @@ std::uint64_t SimServer::lastSequence(const ClientId& client) {
 
 void SimServer::append(CommitRecord commit) {
     require(!closed_, "the project writes to a closed store");
+    noteNamed(commit);
     appends_.push_back(std::move(commit));
     if (appending_ == 0) appendNext();
+}
+
+void SimServer::noteNamed(const CommitRecord& commit) {
+    if (unnamed_.empty()) return;
+    const auto frame = decodeFrame(splitMessage(*commit.frame)->front());
+    require(frame.has_value(), "a commit does not decode");
+    for (const Edit& edit : std::get<CommitFrame>(*frame).commit.edits)
+        if (const auto* set = std::get_if<SetField>(&edit.action))
+            forEachBlob(set->value, [&](const Value& blob) {
+                require(!lost_.contains(blob.hash()), "a commit names a value that is lost");
+                unnamed_.erase(blob.hash());
+            });
+}
+
+void SimServer::loseValues() {
+    for (const Hash& hash : std::exchange(unnamed_, {})) lost_.insert(hash);
 }
 
 void SimServer::appendNext() {
@@ -292,8 +309,10 @@ void SimServer::writeBlob(SessionId session, BlobFrame part) {
                                          fail(ErrorCode::StorageFull, "no room for it"));
         const auto raw = inflate(part.data, part.rawBytes, kChunkBytes);
         require(raw.has_value(), "a part of a big value does not inflate");
-        project_->blobWritten(session, part.hash,
-                              disk.blobs->write(part.hash, part.size, part.offset, *raw));
+        const bool known = disk.blobs->has(part.hash);
+        const auto whole = disk.blobs->write(part.hash, part.size, part.offset, *raw, session);
+        if (whole && *whole && (lost_.erase(part.hash) > 0 || !known)) unnamed_.insert(part.hash);
+        project_->blobWritten(session, part.hash, whole);
     });
 }
 

@@ -49,7 +49,9 @@ public:
     void sendSnapshot(server::SessionId session, std::uint64_t request, LayerDoc doc) override;
     void sendBlob(server::SessionId session, const Hash& hash, std::uint64_t offset) override;
     void writeBlob(server::SessionId session, BlobFrame part) override;
-    [[nodiscard]] bool hasBlob(const Hash& hash) override { return disk.blobs->has(hash); }
+    [[nodiscard]] bool hasBlob(const Hash& hash) override {
+        return disk.blobs->has(hash) && !lost_.contains(hash);
+    }
     [[nodiscard]] bool hasSpace() override { return disk.reportsSpace; }
     void saveLayers(server::SessionId session, std::uint64_t request,
                     std::vector<SaveJob> jobs) override;
@@ -65,10 +67,14 @@ public:
 
     std::uint64_t snapshots = 0;  ///< that were kept
 
+    /// Loses big values that no commit names, as a collection of garbage does.
+    void loseValues();
+
     /// A layer at a revision, from the log alone.
     [[nodiscard]] LayerDoc replay(const LayerId& layer, Revision revision) const;
 
 private:
+    void noteNamed(const server::CommitRecord& commit);
     void appendNext();
     void appendDone();
     // Answers of this process come to this process only.
@@ -87,6 +93,7 @@ private:
     std::size_t appending_ = 0;
     bool closed_ = false;  // the store has failed and is not opened again yet
     std::int64_t blobUs_ = 0;
+    std::set<Hash> unnamed_, lost_;  // values that were uploaded
 };
 
 }  // namespace usdlive::simulation

@@ -54,7 +54,7 @@ private:
         style.cutPerMille = random_.chance(60) ? unsigned(random_.between(1, 15)) : 0;
         style.requestPerMille = random_.chance(30) ? 10 : 0;
         style.lockPerMille = random_.chance(25) ? 20 : 0;
-        style.bigValues = random_.chance(15);
+        style.bigValues = random_.chance(20);
         style.smallBudgets = random_.chance(40);
         style.checksPrediction = random_.chance(20);
         return style;
@@ -99,6 +99,9 @@ private:
             clock_.at(sometime(), [this] { emptyDisk(); });
         }
         if (random_.chance(10)) clock_.at(sometime(), [this] { server_.disk.failed = true; });
+        if (style_.bigValues)
+            for (auto count = random_.below(6); count > 0; --count)
+                clock_.at(sometime(), [this] { server_.loseValues(); });
         rollsBack_ = random_.chance(5);
     }
 
@@ -131,9 +134,6 @@ private:
         if (random_.chance(50)) addClient();
         for (const auto& client : clients_) client->settle(random_.chance(50));
         const std::int64_t patience = clock_.nowUs() + 60 * kSecondUs;
-        runUntilQuiet(patience);
-        for (const auto& client : clients_) client->askForBigValues();
-        run(clock_.nowUs() + 2 * kSecondUs);
         runUntilQuiet(patience);
     }
     void run(std::int64_t until) {
@@ -172,6 +172,7 @@ private:
         const auto checkpoints = *server_.store().checkpoints();
         for (const auto& client : clients_) {
             client->check(truth);
+            report_.previewedBlobs += client->previewedBlobs;
             for (const Checkpoint& made : client->checkpoints)
                 require(server_.disk.forgot || std::ranges::count(checkpoints, made) == 1,
                         "a checkpoint is lost");

@@ -47,6 +47,7 @@ public:
             all.restarts += one.restarts;
             all.snapshots += one.snapshots;
             all.together += one.together;
+            all.previewedBlobs += one.previewedBlobs;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -70,9 +71,10 @@ private:
     static unsigned long long number(std::uint64_t count) { return count; }
     static void print(const std::string& what, const SimReport& report) {
         std::printf(
-            "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu together%s\n",
+            "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu together, "
+            "%llu big values of previews%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
-            number(report.snapshots), number(report.together),
+            number(report.snapshots), number(report.together), number(report.previewedBlobs),
             report.failure.empty() ? "" : ", FAILED");
     }
 

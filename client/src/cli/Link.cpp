@@ -152,6 +152,8 @@ SharedBytes Link::blob(const Hash& hash) {
 
 void Link::send(SharedBytes frames) { connection_->send(std::move(frames)); }
 
-void Link::blobArrived(const Hash& hash, SharedBytes bytes) { blobs_[hash] = std::move(bytes); }
+void Link::blobArrived(const Hash& hash, SharedBytes bytes, bool) {
+    blobs_[hash] = std::move(bytes);
+}
 
 }  // namespace usdlive::cli

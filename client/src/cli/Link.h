@@ -47,7 +47,7 @@ private:
 
     void send(SharedBytes frames) override;
     [[nodiscard]] SharedBytes localBlob(const Hash& hash) override { return blob(hash); }
-    void blobArrived(const Hash& hash, SharedBytes bytes) override;
+    void blobArrived(const Hash& hash, SharedBytes bytes, bool) override;
     // It opens no layers.
     void reset(const LayerId&, const LayerDoc&) override {}
     void apply(const LayerId&, const std::string&, const EditAction&) override {}

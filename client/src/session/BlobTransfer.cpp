@@ -4,6 +4,14 @@
 
 namespace usdlive::client {
 
+BlobFrame blobPart(const Hash& hash, const Bytes& bytes, std::uint64_t offset) {
+    const ByteView rest = ByteView(bytes).subspan(offset);
+    const ByteView part = rest.first(std::min<std::size_t>(kChunkBytes, rest.size()));
+    return {hash, bytes.size(), offset, std::uint32_t(part.size()), deflate(part)};
+}
+
+// ---- uploads
+
 BlobUploads::Upload* BlobUploads::find(const Hash& hash) {
     const auto found = std::find_if(uploads_.begin(), uploads_.end(),
                                     [&](const Upload& upload) { return upload.hash == hash; });
@@ -14,30 +22,45 @@ bool BlobUploads::ready(const std::vector<Value>& blobs) {
     bool ready = true;
     for (const Value& blob : blobs) {
         if (stored_.contains(blob.hash())) continue;
-        if (!find(blob.hash())) {
-            SharedBytes bytes = host_.localBlob(blob.hash());
-            if (!bytes) continue;  // the server's own, or its refusal will say so
-            uploads_.push_back({blob.hash(), std::move(bytes), 0, 0});
-        }
+        if (Upload* upload = find(blob.hash()))
+            upload->wanted = true;
+        else if (host_.holdsBlob(blob.hash()))
+            uploads_.push_back({.hash = blob.hash()});
+        else
+            continue;  // the server's own, or its refusal will say so
         ready = false;
     }
     return ready;
 }
 
+void BlobUploads::dropUnwanted() {
+    std::erase_if(uploads_, [](const Upload& upload) {
+        return !upload.wanted && upload.offset == 0 && !upload.sent;
+    });
+    for (Upload& upload : uploads_) upload.wanted = false;
+}
+
 void BlobUploads::send(std::size_t chunks, std::int64_t nowMs) {
+    std::vector<Hash> unknown;
     for (Upload& upload : uploads_) {
-        if (upload.notBeforeMs > nowMs) continue;
-        const ByteView all(*upload.bytes);
-        for (; chunks > 0 && upload.offset < all.size(); --chunks) {
-            const ByteView part = all.subspan(
-                upload.offset, std::min<std::size_t>(kChunkBytes, all.size() - upload.offset));
-            host_.send(std::make_shared<const Bytes>(
-                encodeFrame(BlobFrame{upload.hash, all.size(), upload.offset,
-                                      std::uint32_t(part.size()), deflate(part)})));
-            upload.offset += part.size();
+        if (chunks == 0) break;
+        if (upload.sent || upload.notBeforeMs > nowMs) continue;
+        if (!upload.bytes) upload.bytes = host_.localBlob(upload.hash);
+        if (!upload.bytes) {  // it is gone from here; the server's refusal will say so
+            unknown.push_back(upload.hash);
+            continue;
         }
-        if (chunks == 0) return;
+        const Bytes& bytes = *upload.bytes;
+        for (; chunks > 0 && upload.offset < bytes.size(); --chunks) {
+            const BlobFrame part = blobPart(upload.hash, bytes, upload.offset);
+            host_.send(std::make_shared<const Bytes>(encodeFrame(part)));
+            upload.offset += part.rawBytes;
+        }
+        if (upload.offset < bytes.size()) break;
+        upload.sent = true;
+        upload.bytes.reset();
     }
+    for (const Hash& hash : unknown) stored(hash);
 }
 
 void BlobUploads::stored(const Hash& hash) {
@@ -45,28 +68,72 @@ void BlobUploads::stored(const Hash& hash) {
     std::erase_if(uploads_, [&](const Upload& upload) { return upload.hash == hash; });
 }
 
-void BlobUploads::again(const Hash& hash, std::int64_t nowMs) {
-    if (Upload* upload = find(hash)) {
-        upload->offset = 0;
-        upload->notBeforeMs = nowMs + kAgainMs;
+void BlobUploads::refused(const Hash& hash, ErrorCode why, std::int64_t nowMs) {
+    Upload* upload = find(hash);
+    if (!upload) return;
+    // Parts that were on their way when the first was refused are refused, too.
+    if (upload->offset == 0) return;
+    const bool later = why == ErrorCode::StorageFull || why == ErrorCode::StorageFailed;
+    const bool again = why == ErrorCode::BlobMismatch && ++upload->mismatches < kMaxMismatches;
+    if (!later && !again) return stored(hash);
+    upload->offset = 0;
+    upload->sent = false;
+    upload->bytes.reset();
+    upload->notBeforeMs = nowMs + kAgainMs;
+}
+
+// ---- downloads
+
+bool BlobDownloads::want(const Hash& hash, bool lasting, bool online) {
+    Wanted& wanted = wanted_[hash];
+    wanted.lasting = wanted.lasting || lasting;
+    if (!online || wanted.failures > 0) return false;  // its turn comes
+    return !std::exchange(wanted.asked, true);
+}
+
+BlobDownloads::Done BlobDownloads::arrived(const Hash& hash) {
+    const auto found = wanted_.extract(hash);
+    if (found.empty()) return {};
+    return {Outcome::Arrived, found.mapped().lasting, false};
+}
+
+BlobDownloads::Done BlobDownloads::failed(const Hash& hash, std::int64_t nowMs) {
+    const auto found = wanted_.find(hash);
+    // The parts that were on their way when the first could not be read cannot be, either.
+    if (found == wanted_.end() || !found->second.asked) return {};
+    Wanted& wanted = found->second;
+    if (!wanted.lasting) {
+        wanted_.erase(found);
+        return {Outcome::GivenUp, false, true};
     }
+    const std::int64_t pause =
+        std::min(kLongestPauseMs, kFirstPauseMs << std::min(wanted.failures, 10));
+    wanted.asked = false;
+    wanted.notBeforeMs = nowMs + pause;
+    return {Outcome::TriedAgain, true, ++wanted.failures == 1};
 }
 
-void BlobUploads::forget(const Hash& hash) { stored_.erase(hash); }
-
-void BlobUploads::disconnected() { uploads_.clear(); }
-
-void BlobUploads::forgetAll() {
-    uploads_.clear();
-    stored_.clear();
+std::vector<Hash> BlobDownloads::due(std::int64_t nowMs,
+                                     const std::function<bool(const Hash&)>& needed) {
+    std::vector<Hash> due;
+    for (auto entry = wanted_.begin(); entry != wanted_.end();) {
+        auto& [hash, wanted] = *entry;
+        if (wanted.asked || wanted.notBeforeMs > nowMs) {
+            ++entry;
+        } else if (wanted.failures > 0 && !needed(hash)) {
+            entry = wanted_.erase(entry);
+        } else {
+            wanted.asked = true;
+            due.push_back(hash);
+            ++entry;
+        }
+    }
+    return due;
 }
 
-Result<void> BlobDownloads::received(ReceivedBlob&& blob) {
-    if (blob.whole && !*blob.whole) return {};  // more is to come
-    if (wanted_.erase(blob.hash) == 0) return {};
-    return std::move(blob.whole).map([&](SharedBytes whole) {
-        host_.blobArrived(blob.hash, std::move(whole));
-    });
+void BlobDownloads::disconnected() {
+    std::erase_if(wanted_, [](const auto& entry) { return !entry.second.lasting; });
+    for (auto& [hash, wanted] : wanted_) wanted = {.lasting = true};
 }
 
 }  // namespace usdlive::client

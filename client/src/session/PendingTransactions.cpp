@@ -26,6 +26,10 @@ bool overlap(const Pending& left, const Pending& right) {
         });
 }
 
+// The server may refuse a transaction for a big value that it does not hold. It is then sent again,
+// and what builds on it has to come after it.
+bool holdsBack(const Pending& pending) { return !pending.blobs.empty(); }
+
 }  // namespace
 
 Pending& PendingTransactions::add(Pending pending) {
@@ -83,6 +87,7 @@ std::vector<Pending*> PendingTransactions::sendable(
         if (pending.sent) {
             ++onTheirWay;
             bytes += pending.sentBytes;
+            if (holdsBack(pending)) waiting.push_back(&pending);
             continue;
         }
         if (onTheirWay + free.size() >= kMaxOnTheirWay || bytes >= kMaxBytesOnTheirWay) break;
@@ -94,6 +99,7 @@ std::vector<Pending*> PendingTransactions::sendable(
             continue;
         }
         free.push_back(&pending);
+        if (holdsBack(pending)) waiting.push_back(&pending);
     }
     return free;
 }

@@ -41,9 +41,9 @@ public:
     /// The connection is gone, or everything has to be addressed anew before it is sent.
     void markUnsent(bool reseal);
 
-    /// What may be sent now, in order: a transaction that is not `ready` (its big values are not
-    /// all on the server) waits, and with it every later one that touches a spec above or below one
-    /// of its specs.
+    /// What may be sent now, in order. A transaction that is not `ready` (its big values are not
+    /// all on the server) waits. Every later one that touches a spec above or below one of the
+    /// specs of one that waits, or that names big values and is not answered, waits, too.
     [[nodiscard]] std::vector<Pending*> sendable(const std::function<bool(const Pending&)>& ready);
 
 private:

@@ -22,11 +22,7 @@ Session::Options withClock(Session::Options options) {
 }  // namespace
 
 Session::Impl::Impl(Options options, SessionHost& host, LayerView& editor)
-    : options_(withClock(std::move(options))),
-      host_(host),
-      editor_(editor),
-      uploads_(host),
-      downloads_(host) {}
+    : options_(withClock(std::move(options))), host_(host), editor_(editor), uploads_(host) {}
 
 void Session::Impl::report(Error error, ErrorMessage about) {
     about.code = errorName(error.code);
@@ -116,7 +112,7 @@ std::uint64_t Session::Impl::createCheckpoint(std::string name) {
 std::uint64_t Session::Impl::listCheckpoints() { return request(ListCheckpoints{}); }
 
 void Session::Impl::requestBlob(const Hash& hash) {
-    if (downloads_.want(hash) && online_) sendControl(RequestBlob{hash, 0});
+    if (downloads_.want(hash, true, online_)) askForBlobs({hash});
 }
 
 // ---- Session

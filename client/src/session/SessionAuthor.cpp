@@ -74,7 +74,7 @@ void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits
             lost.edits.push_back(std::move(edit));
             continue;
         }
-        collectBlobs(edit.action, pending.blobs);
+        if (!gesture_) collectBlobs(edit.action, pending.blobs);
         carry(repairs.fields, edit);
         if (frozen_) pending.carried.push_back(edit);
         if (gesture_ && !frozen_) {
@@ -134,9 +134,12 @@ void Session::Impl::endGesture() {
     if (!gesture_) return;
     Gesture ended = std::move(*gesture_);
     gesture_.reset();
+    // Only what it ended with has to be stored.
+    for (const Edit& edit : ended.pending.transaction.edits)
+        collectBlobs(edit.action, ended.pending.blobs);
     if (!ended.pending.authored.empty())
         pending_.add(std::move(ended.pending));
-    else if (ended.shown)
+    else if (ended.isKnown())
         withdrawPreview(ended.pending.transaction.gesture);
 }
 

@@ -175,12 +175,14 @@ void Session::Impl::prune() {
 // ---- joining
 
 void Session::Impl::completeJoins() {
+    bool joined = false;
     for (auto& [layer, opened] : layers_) {
         if (!opened.joining || !completeJoin(layer, *opened.joining)) continue;
         if (!opened.joining->again || !frozen_) resets_.insert(layer);
         opened.joining.reset();
-        dirty_ = dirty_ || !previews_.empty();
+        joined = true;
     }
+    if (joined) presentAgain();
 }
 
 bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {

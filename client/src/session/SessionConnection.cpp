@@ -9,6 +9,8 @@ namespace {
 // Small frames are joined to messages of about this size.
 constexpr std::size_t kMessageBytes = 256 * 1024;
 
+constexpr std::string_view kPreviewValues = "previewValues";
+
 Error toError(const ErrorMessage& message) {
     return {errorFromName(message.code).value_or(ErrorCode::Internal),
             message.message.empty() ? message.code : message.message};
@@ -48,8 +50,9 @@ void Session::Impl::disconnected(Error reason) {
         if (error) events_.push_back(event::ServerError{*error});
     }
     pending_.markUnsent(false);
-    if (gesture_) gesture_->shown = false;
+    if (gesture_) gesture_->disconnected();
     uploads_.disconnected();
+    downloads_.disconnected();
     for (auto& [layer, opened] : layers_)
         if (opened.joining) opened.joinAnew();
     for (Peek& peek : peeks_) peek.snapshot = {};
@@ -108,12 +111,67 @@ void Session::Impl::handle(PreviewFrame&& frame) {
     if (withdrawn) {
         if (previews_.erase(id) == 0) return;
     } else {
-        Preview& preview = previews_[id];
+        const auto entry = previews_.try_emplace(id).first;
+        Preview& preview = entry->second;
         if (preview.slot == 0) preview.slot = ++lastSlot_;
-        preview.frame = std::move(frame);
+        if (preview.waiting)
+            preview.newest = std::move(frame);
+        else
+            present(*entry, std::move(frame));
+        return;
     }
     dirty_ = true;
     events_.push_back(event::PreviewChanged{id.first, id.second, withdrawn});
+}
+
+// Shows a preview, or waits for its big values. What is shown is never without them.
+void Session::Impl::present(Previews::value_type& entry, PreviewFrame frame) {
+    auto& [id, preview] = entry;
+    preview.missing = missingOf(frame);
+    if (preview.missing.empty()) {
+        preview.waiting.reset();
+        preview.frame = std::move(frame);
+        dirty_ = true;
+        events_.push_back(event::PreviewChanged{id.first, id.second, false});
+        return;
+    }
+    preview.waiting = std::move(frame);
+    std::vector<Hash> toAsk;
+    for (const Hash& hash : preview.missing)
+        if (downloads_.want(hash, false, online_)) toAsk.push_back(hash);
+    askForBlobs(toAsk);
+}
+
+// The one that waited is over. Those that came before the newest are passed over.
+void Session::Impl::presentNewest(Previews::value_type& entry) {
+    Preview& preview = entry.second;
+    preview.waiting.reset();
+    preview.missing.clear();
+    if (auto newest = std::exchange(preview.newest, std::nullopt))
+        present(entry, std::move(*newest));
+}
+
+// Other layers are joined than before, of which previews may name big values.
+void Session::Impl::presentAgain() {
+    for (auto& entry : previews_) {
+        Preview& preview = entry.second;
+        dirty_ = true;
+        auto frame = std::exchange(preview.frame, std::nullopt);
+        for (auto* later : {&preview.waiting, &preview.newest})
+            if (*later) frame = std::exchange(*later, std::nullopt);
+        if (frame) present(entry, std::move(*frame));
+    }
+}
+
+std::set<Hash> Session::Impl::missingOf(const PreviewFrame& frame) {
+    std::vector<Value> blobs;
+    for (const Edit& edit : frame.edits)
+        if (confirmed_.contains(edit.layer)) collectBlobs(edit.action, blobs);
+    std::set<Hash> missing;
+    for (const Value& blob : blobs)
+        if (!missing.contains(blob.hash()) && !host_.holdsBlob(blob.hash()))
+            missing.insert(blob.hash());
+    return missing;
 }
 
 void Session::Impl::handle(ReceivedSnapshot&& received) {
@@ -141,9 +199,36 @@ void Session::Impl::handle(RefusalFrame&& frame) {
 }
 
 void Session::Impl::handle(ReceivedBlob&& blob) {
-    const Hash hash = blob.hash;
-    const auto done = downloads_.received(std::move(blob));
-    if (!done) report(done.error(), about(hash));
+    if (!blob.whole)
+        blobFailed(blob.hash, blob.whole.error());
+    else if (*blob.whole)
+        blobCame(blob.hash, std::move(*blob.whole));
+}
+
+void Session::Impl::blobCame(const Hash& hash, SharedBytes bytes) {
+    const auto done = downloads_.arrived(hash);
+    if (done.outcome != BlobDownloads::Outcome::Arrived) return;
+    host_.blobArrived(hash, std::move(bytes), done.lasting);
+    for (auto& entry : previews_) {
+        auto& [id, preview] = entry;
+        if (preview.missing.erase(hash) == 0 || !preview.missing.empty()) continue;
+        preview.frame = std::move(preview.waiting);
+        dirty_ = true;
+        events_.push_back(event::PreviewChanged{id.first, id.second, false});
+        presentNewest(entry);
+    }
+}
+
+void Session::Impl::blobFailed(const Hash& hash, Error error) {
+    const auto done = downloads_.failed(hash, nowMs_);
+    if (done.lasting && done.first) report(std::move(error), about(hash));
+    if (done.outcome != BlobDownloads::Outcome::NotWanted)
+        for (auto& entry : previews_)
+            if (entry.second.missing.contains(hash)) presentNewest(entry);
+}
+
+void Session::Impl::askForBlobs(const std::vector<Hash>& hashes) {
+    for (const Hash& hash : hashes) sendControl(RequestBlob{hash, 0});
 }
 
 void Session::Impl::handle(ReceivedCommit&& received) {
@@ -172,6 +257,7 @@ void Session::Impl::on(const Welcome& message) {
     welcome_ = message;
     epoch_ = message.epoch;
     online_ = true;
+    takesPreviewValues_ = std::ranges::count(message.features, kPreviewValues) > 0;
     layerStates_.clear();  // the server says again what is to say of them
     if (!message.resumed) {
         if (hasHistory_) freeze();
@@ -184,7 +270,6 @@ void Session::Impl::on(const Welcome& message) {
         if (opened.joining) ask(opened.joining->snapshot, layer, 0);
     for (Peek& peek : peeks_) ask(peek.snapshot, peek.layer, peek.revision);
     for (const Missed& missed : missed_) readMissed(missed);
-    for (const Hash& hash : downloads_.wanted()) sendControl(RequestBlob{hash, 0});
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
     resealWhenCaughtUp_ = !pending_.empty();
     events_.push_back(event::Connected{message, message.resumed});
@@ -280,11 +365,8 @@ void Session::Impl::on(const ErrorMessage& message) {
     const Error error = toError(message);
     if (answered(message, error)) return;
     if (message.blob) {
-        const bool later =
-            error.code == ErrorCode::StorageFull || error.code == ErrorCode::StorageFailed;
-        if (!downloads_.failed(*message.blob) && later) uploads_.again(*message.blob, nowMs_);
-        // Otherwise the server will refuse the transactions that name it.
-        if (!later) uploads_.stored(*message.blob);
+        if (downloads_.isAsked(*message.blob)) return blobFailed(*message.blob, error);
+        uploads_.refused(*message.blob, error.code, nowMs_);
     }
     events_.push_back(event::ServerError{message});
 }
@@ -335,8 +417,12 @@ void Session::Impl::ask(Incoming& snapshot, const LayerId& layer, Revision revis
 }
 
 void Session::Impl::sendAll() {
+    if (online_)
+        askForBlobs(
+            downloads_.due(nowMs_, [this](const Hash& hash) { return host_.needsBlob(hash); }));
     if (!online_ || !isCaughtUp() || frozen_) return;
     sendTransactions();
+    uploads_.dropUnwanted();
     if (host_.takesMore()) uploads_.send(options_.uploadWindowChunks, nowMs_);
     sendPreview();
     sendPresence();
@@ -376,14 +462,55 @@ void Session::Impl::sendTransactions() {
 }
 
 void Session::Impl::sendPreview() {
-    if (!gesture_ || !gesture_->due(nowMs_)) return;
-    auto frame = std::make_shared<const Bytes>(encodeFrame(gesture_->preview()));
-    gesture_->bytes = frame->size();
+    if (!gesture_ || (!gesture_->outgoing && !preparePreview()) || !sendPreviewValues()) return;
+    gesture_->shown = true;
+    gesture_->named = std::move(gesture_->outgoing->named);
+    host_.send(std::move(gesture_->outgoing->frame));
+    gesture_->outgoing.reset();
+}
+
+// B3. While a preview is on its way, all that is edited waits for the next one.
+bool Session::Impl::preparePreview() {
+    if (!gesture_->due(nowMs_)) return false;
+    PreviewFrame preview = gesture_->preview();
+    std::vector<Value> blobs;
+    for (const Edit& edit : preview.edits) collectBlobs(edit.action, blobs);
+    Gesture::Outgoing outgoing{std::make_shared<const Bytes>(encodeFrame(preview)), {}, 0, {}};
+    gesture_->bytes = outgoing.frame->size();
     gesture_->sentMs = nowMs_;
     gesture_->changed = false;
-    if (frame->size() > Gesture::kMaxPreviewBytes) return;
-    gesture_->shown = true;
-    host_.send(std::move(frame));
+    if (gesture_->bytes > Gesture::kMaxPreviewBytes) return false;
+    std::uint64_t named = 0;
+    for (const Value& blob : blobs) {
+        if (uploads_.isStored(blob.hash()) || !outgoing.named.insert(blob.hash()).second) continue;
+        named += blob.size();
+        if (gesture_->named.contains(blob.hash())) continue;
+        SharedBytes bytes = host_.localBlob(blob.hash());
+        if (!bytes) continue;  // it came from the server
+        gesture_->bytes += bytes->size();
+        outgoing.values.push_back({blob.hash(), std::move(bytes)});
+    }
+    if (named > Gesture::kMaxPreviewValueBytes || (named > 0 && !takesPreviewValues_)) return false;
+    gesture_->outgoing = std::move(outgoing);
+    return true;
+}
+
+// False: some are still to be sent.
+bool Session::Impl::sendPreviewValues() {
+    auto& [frame, values, offset, named] = *gesture_->outgoing;
+    std::size_t chunks = options_.uploadWindowChunks;
+    while (!values.empty()) {
+        if (chunks-- == 0 || !host_.takesMore()) return false;
+        const auto& [hash, bytes] = values.front();
+        BlobFrame part = blobPart(hash, *bytes, offset);
+        part.gesture = gesture_->pending.transaction.gesture;
+        host_.send(std::make_shared<const Bytes>(encodeFrame(part)));
+        offset += part.rawBytes;
+        if (offset < bytes->size()) continue;
+        values.pop_front();
+        offset = 0;
+    }
+    return true;
 }
 
 void Session::Impl::withdrawPreview(std::uint64_t gesture) {

@@ -122,10 +122,15 @@ private:
         Revision revision = 0;
         Pending pending;
     };
+    // A gesture of somebody else. Of its previews the newest is shown whose big values are here.
     struct Preview {
-        std::uint64_t slot = 0;  // in order of their beginning
-        PreviewFrame frame;
+        std::uint64_t slot = 0;               // in order of their beginning
+        std::optional<PreviewFrame> frame;    // shown
+        std::optional<PreviewFrame> waiting;  // for its big values
+        std::set<Hash> missing;               // of these
+        std::optional<PreviewFrame> newest;   // came while another one waits
     };
+    using Previews = std::map<std::pair<ClientId, std::uint64_t>, Preview>;
     // While the layers are joined again in another history: what the editor sees meanwhile.
     struct Frozen {
         LayerDocs views;
@@ -172,7 +177,16 @@ private:
     void sendAll();
     void sendTransactions();
     void sendPreview();
+    [[nodiscard]] bool preparePreview();
+    [[nodiscard]] bool sendPreviewValues();
     void sendPresence();
+    void askForBlobs(const std::vector<Hash>& hashes);
+    void blobCame(const Hash& hash, SharedBytes bytes);
+    void blobFailed(const Hash& hash, Error error);
+    void present(Previews::value_type& entry, PreviewFrame frame);
+    void presentNewest(Previews::value_type& entry);
+    void presentAgain();
+    [[nodiscard]] std::set<Hash> missingOf(const PreviewFrame& frame);
     void forgetOthers();
     void withdrawPreview(std::uint64_t gesture);
     void ask(Incoming& snapshot, const LayerId& layer, Revision revision);
@@ -226,6 +240,7 @@ private:
     std::deque<Result<Received>> inbox_;
     std::uint64_t lastRequest_ = 0;
     bool resealWhenCaughtUp_ = false;
+    bool takesPreviewValues_ = false;  // the server does (B3)
     std::int64_t nowMs_ = 0;
 
     // One's own presence.
@@ -246,7 +261,7 @@ private:
 
     // The predicted side.
     Prediction prediction_{confirmed_, log_};
-    std::map<std::pair<ClientId, std::uint64_t>, Preview> previews_;
+    Previews previews_;
     std::uint64_t lastSlot_ = 0;
     std::deque<Missed> missed_;
     bool dirty_ = false;        // the prediction has to be made anew

@@ -49,7 +49,8 @@ void Session::Impl::predict(bool previews, bool anew) {
     prediction_.start(creations_, revision_);
     if (previews) {
         std::map<std::uint64_t, const PreviewFrame*> inOrder;
-        for (const auto& [id, preview] : previews_) inOrder[preview.slot] = &preview.frame;
+        for (const auto& [id, preview] : previews_)
+            if (preview.frame) inOrder[preview.slot] = &*preview.frame;
         for (const auto& [slot, frame] : inOrder) prediction_.preview(slot, *frame);
     }
     for (Pending& pending : pending_) {
@@ -69,7 +70,8 @@ void Session::Impl::predict(bool previews, bool anew) {
 void Session::Impl::replay(Prediction& prediction) const {
     prediction.start(creations_, revision_);
     std::map<std::uint64_t, const PreviewFrame*> inOrder;
-    for (const auto& [id, preview] : previews_) inOrder[preview.slot] = &preview.frame;
+    for (const auto& [id, preview] : previews_)
+        if (preview.frame) inOrder[preview.slot] = &*preview.frame;
     for (const auto& [slot, frame] : inOrder) prediction.preview(slot, *frame);
     for (const Pending& pending : pending_) prediction.run(pending.transaction);
     if (gesture_) prediction.run(gesture_->pending.transaction);
@@ -208,7 +210,7 @@ void Session::Impl::thaw() {
     if (gesture_) seal(gesture_->pending, std::exchange(gesture_->pending.carried, {}));
     for (const auto& [layer, opened] : layers_)
         if (!opened.joining && opened.wanted) resets_.insert(layer);
-    dirty_ = dirty_ || !previews_.empty();
+    presentAgain();
 }
 
 // ---- closing

@@ -29,23 +29,41 @@ SharedBytes BlobCache::blob(const Hash& hash) {
     auto bytes = readFile(hash);
     if (!bytes) return nullptr;
     const std::lock_guard lock(mutex_);
-    insert(hash, bytes, true);
+    insert(hash, bytes, State::Written);
     return bytes;
 }
 
 void BlobCache::keepBlob(const Hash& hash, SharedBytes bytes) {
     const std::lock_guard lock(mutex_);
-    if (!bytes || entries_.contains(hash)) return;
-    insert(hash, std::move(bytes), false);
+    if (!bytes) return;
+    insert(hash, std::move(bytes), State::Unwritten);
+    Entry& entry = entries_.at(hash);
+    if (entry.state == State::Written || entry.queued) return;
+    entry.state = State::Unwritten;
+    entry.queued = true;
     unwritten_.push_back(hash);
     changed_.notify_all();
 }
 
-void BlobCache::insert(const Hash& hash, SharedBytes bytes, bool written) {
+void BlobCache::holdBlob(const Hash& hash, SharedBytes bytes) {
+    const std::lock_guard lock(mutex_);
+    if (bytes) insert(hash, std::move(bytes), State::Held);
+}
+
+bool BlobCache::holds(const Hash& hash) {
+    {
+        const std::lock_guard lock(mutex_);
+        if (entries_.contains(hash)) return true;
+    }
+    std::error_code error;
+    return std::filesystem::exists(folder_ / hash.hex(), error);
+}
+
+void BlobCache::insert(const Hash& hash, SharedBytes bytes, State state) {
     if (entries_.contains(hash)) return;
     bytes_ += bytes->size();
     uses_.push_front(hash);
-    entries_[hash] = {std::move(bytes), written, uses_.begin()};
+    entries_[hash] = {std::move(bytes), state, false, uses_.begin()};
     evict();
 }
 
@@ -54,7 +72,7 @@ void BlobCache::evict() {
     while (bytes_ > memoryBytes_ && use != uses_.begin()) {
         --use;
         const auto entry = entries_.find(*use);
-        if (!entry->second.written) continue;
+        if (entry->second.state == State::Unwritten) continue;
         bytes_ -= entry->second.bytes->size();
         entries_.erase(entry);
         use = uses_.erase(use);
@@ -72,7 +90,9 @@ void BlobCache::writeFiles() {
         lock.unlock();
         const bool written = writeFile(hash, *bytes);
         lock.lock();
-        entries_.at(hash).written = written;
+        Entry& entry = entries_.at(hash);
+        entry.queued = false;
+        if (written) entry.state = State::Written;
         evict();
     }
 }

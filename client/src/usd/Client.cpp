@@ -260,9 +260,17 @@ public:
     void send(SharedBytes frames) override { connection_->send(std::move(frames)); }
     bool takesMore() override { return connection_->queuedBytes() < kMaxQueuedBytes; }
     SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
-    void blobArrived(const Hash& hash, SharedBytes bytes) override {
-        blobs_.keepBlob(hash, std::move(bytes));
+    bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
+    void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
+        if (lasting)
+            blobs_.keepBlob(hash, std::move(bytes));
+        else
+            blobs_.holdBlob(hash, std::move(bytes));
         arrivedBlobs_.push_back(hash);
+    }
+    bool needsBlob(const Hash& hash) override {
+        return std::ranges::any_of(live_,
+                                   [&](const auto& one) { return one.second->waitsFor(hash); });
     }
 
     // --- LayerView ---

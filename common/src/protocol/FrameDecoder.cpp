@@ -302,8 +302,8 @@ private:
                              snapshot.raw_bytes(), copy(snapshot.data())};
     }
     Frame blob(const wire::Blob& blob) {
-        return BlobFrame{hash(blob.hash()), blob.size(), blob.offset(), blob.raw_bytes(),
-                         copy(blob.data())};
+        return BlobFrame{hash(blob.hash()), blob.size(),       blob.offset(),
+                         blob.raw_bytes(),  copy(blob.data()), blob.gesture()};
     }
 
     std::size_t budget_;

@@ -262,7 +262,7 @@ private:
     Offset<wire::Blob> write(const BlobFrame& frame) {
         const Vector hash = bytes(frame.hash.bytes);
         return wire::CreateBlob(builder_, hash, frame.size, frame.offset, frame.rawBytes,
-                                bytes(frame.data));
+                                bytes(frame.data), frame.gesture);
     }
 
     flatbuffers::FlatBufferBuilder builder_;

@@ -407,6 +407,7 @@ void SdfLayerStore::blobArrived(
 }
 
 bool SdfLayerStore::waitsForBlobs() const { return !delegate_->waiting.empty(); }
+bool SdfLayerStore::waitsFor(const Hash& hash) const { return delegate_->waiting.contains(hash); }
 
 Result<std::optional<FieldValue>> SdfLayerStore::read(const pxr::SdfPath& path,
                                                       const pxr::TfToken& field,

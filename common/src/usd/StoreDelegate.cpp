@@ -30,6 +30,11 @@ std::set<WaitingFields::Field> WaitingFields::take(const Hash& hash) {
     return fields;
 }
 
+bool WaitingFields::contains(const Hash& hash) const {
+    return std::ranges::any_of(hashes_,
+                               [&](const auto& entry) { return entry.second.contains(hash); });
+}
+
 void WaitingFields::specMoved(const pxr::SdfPath& from, const pxr::SdfPath& to) {
     std::map<Field, std::set<Hash>> moved;
     std::erase_if(hashes_, [&](const auto& entry) {
@@ -92,6 +97,7 @@ Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,
         return {};
     }
     if (decoded.error().code != ErrorCode::BlobNotFound) return tl::unexpected(decoded.error());
+    waiting.remove(path, field);  // for what it was to be before
     waiting.add({path, field}, value, blobs);
     return {};
 }

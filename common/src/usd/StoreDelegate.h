@@ -21,6 +21,7 @@ public:
     void add(const Field& field, const FieldValue& value, BlobSource& blobs);
     void remove(const pxr::SdfPath& path, const pxr::TfToken& field);
     [[nodiscard]] std::set<Field> take(const Hash& hash);
+    [[nodiscard]] bool contains(const Hash& hash) const;
     [[nodiscard]] bool empty() const { return hashes_.empty(); }
     void clear() { hashes_.clear(); }
 

@@ -188,9 +188,6 @@ void ServerHost::received(SessionId session, ByteView message) {
 
 void ServerHost::closed(SessionId session) {
     intake_.closed(session);
-    asio::post(blobWriter_, [this, session] {
-        std::erase_if(uploads_, [&](const auto& upload) { return upload.second == session; });
-    });
     guarded([&] {
         if (project_) project_->disconnected(session);
     });
@@ -409,6 +406,13 @@ Result<LayerDoc> ServerHost::layerInHistory(const LayerId& layer, Revision revis
         [](ImportedLayer&& found) { return std::move(found.doc); });
 }
 
+void ServerHost::sendBeside(SessionId session, std::vector<SharedBytes> frames) {
+    transportOf(session).sendBeside(
+        session, [frames = std::move(frames), next = std::size_t(0)]() mutable -> SharedBytes {
+            return next < frames.size() ? frames[next++] : nullptr;
+        });
+}
+
 void ServerHost::writeBlob(SessionId session, BlobFrame part) {
     const Hash hash = part.hash;
     const std::size_t bytes = Intake::kJobBytes + part.data.size();
@@ -420,20 +424,10 @@ void ServerHost::writeBlob(SessionId session, BlobFrame part) {
         });
 }
 
-// One writer for a value: of who else uploads it at the same time only the last part matters, which
-// finds it there or has to be sent again with all before it.
 Result<bool> ServerHost::write(SessionId session, const BlobFrame& part) {
-    const bool last = part.offset + part.rawBytes >= part.size;
-    const auto writer = uploads_.try_emplace(part.hash, session).first->second;
-    if (writer != session) {
-        if (!last || blobs_.has(part.hash)) return last;
-        return fail(ErrorCode::BlobMismatch, "the value was being uploaded by another client");
-    }
-    auto whole = inflate(part.data, part.rawBytes, kChunkBytes).and_then([&](const Bytes& raw) {
-        return blobs_.write(part.hash, part.size, part.offset, raw);
+    return inflate(part.data, part.rawBytes, kChunkBytes).and_then([&](const Bytes& raw) {
+        return blobs_.write(part.hash, part.size, part.offset, raw, session);
     });
-    if (!whole || *whole) uploads_.erase(part.hash);
-    return whole;
 }
 
 bool ServerHost::hasBlob(const Hash& hash) { return blobs_.has(hash); }

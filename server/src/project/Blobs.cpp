@@ -7,6 +7,8 @@ namespace usdlive::server {
 void Project::Impl::requestBlob(Session& session, const RequestBlob& request) {
     if (host_.hasBlob(request.hash))
         host_.sendBlob(session.id, request.hash, request.offset);
+    else if (const auto* frames = previews_.values.find(request.hash))
+        host_.sendBeside(session.id, *frames);
     else
         sendError(session,
                   {ErrorCode::BlobNotFound, "the value " + request.hash.hex() + " is not here"}, {},
@@ -24,6 +26,7 @@ void Project::Impl::receiveBlob(Session& session, BlobFrame part) {
     if (part.rawBytes > kChunkBytes || part.offset > part.size ||
         part.rawBytes > part.size - part.offset)
         return refuse(ErrorCode::BlobMismatch, "a part that is not within its value");
+    if (part.gesture != 0) return previews_.values.add(session.client, std::move(part));
     // The rest of what is here already is on its way and passed over, but for the last part:
     // another one's may have completed the value since this one's first, which was then not
     // answered.

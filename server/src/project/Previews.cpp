@@ -11,10 +11,12 @@ std::uint64_t Previews::keep(const ClientId& author, std::uint64_t gesture, Shar
     if (oldest->first == gesture) ++oldest;
     const std::uint64_t pushedOut = oldest->first;
     gestures.erase(oldest);
+    values.end(author, pushedOut);
     return pushedOut;
 }
 
 bool Previews::end(const ClientId& author, std::uint64_t gesture) {
+    values.end(author, gesture);
     const auto found = kept_.find(author);
     if (found == kept_.end() || found->second.erase(gesture) == 0) return false;
     if (found->second.empty()) kept_.erase(found);
@@ -22,6 +24,7 @@ bool Previews::end(const ClientId& author, std::uint64_t gesture) {
 }
 
 std::vector<std::uint64_t> Previews::endAll(const ClientId& author) {
+    values.endAll(author);
     std::vector<std::uint64_t> ended;
     const auto found = kept_.find(author);
     if (found == kept_.end()) return ended;

@@ -5,6 +5,7 @@
 #include <map>
 #include <vector>
 
+#include "PreviewValues.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Id.h"
 
@@ -25,6 +26,9 @@ public:
     std::vector<std::uint64_t> endAll(const ClientId& author);
 
     void forEach(const std::function<void(const ClientId&, const SharedBytes&)>& visit) const;
+
+    /// The big values that they name; those of a gesture end with it.
+    PreviewValues values;
 
 private:
     std::map<ClientId, std::map<std::uint64_t, SharedBytes>> kept_;

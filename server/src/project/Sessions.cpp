@@ -10,7 +10,7 @@ namespace usdlive::server {
 namespace {
 
 // PR1: what a client may find out that the server has, beyond the basics.
-const std::vector<std::string> kFeatures{"history", "log",      "previews",
+const std::vector<std::string> kFeatures{"history", "log",      "previews",  "previewValues",
                                          "states",  "presence", "conflation"};
 
 // A client further behind than this joins anew: snapshots are then quicker than commits.

@@ -80,12 +80,13 @@ public:
         return ::access(name(hash).c_str(), F_OK) == 0;
     }
     [[nodiscard]] Result<std::uint64_t> size(const Hash& hash) const override;
-    Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
-                       ByteView part) override;
+    Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset, ByteView part,
+                       std::uint64_t writer) override;
     [[nodiscard]] Result<Bytes> read(const Hash& hash, std::uint64_t offset,
                                      std::size_t count) const override;
 
 private:
+    using Upload = std::pair<Hash, std::uint64_t>;  // and its writer
     struct Entry {
         Unfinished value;
         std::uint64_t turn;  // of its last part
@@ -98,15 +99,15 @@ private:
     }
     [[nodiscard]] Result<void> checkSpace(std::uint64_t bytes) const;
     [[nodiscard]] Result<File> openValue(const Hash& hash) const;
-    Result<Unfinished> take(const Hash& hash, std::uint64_t offset);
-    void putBack(const Hash& hash, Unfinished value);
+    Result<Unfinished> take(const Upload& upload, std::uint64_t offset);
+    void putBack(const Upload& upload, Unfinished value);
     Result<void> keep(const Hash& hash, Unfinished& value);
 
     const fs::path folder_;
     const BlobStoreOptions options_;
 
     std::mutex mutex_;  // guards the next two; never held while a file is written
-    std::map<Hash, Entry> unfinished_;
+    std::map<Upload, Entry> unfinished_;
     std::uint64_t turn_ = 0;
 };
 
@@ -142,9 +143,14 @@ Result<Bytes> FileBlobStore::read(const Hash& hash, std::uint64_t offset, std::s
 }
 
 Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
-                                  ByteView part) {
-    if (has(hash)) return true;
-    auto value = take(hash, offset);
+                                  ByteView part, std::uint64_t writer) {
+    const Upload upload(hash, writer);
+    if (has(hash)) {  // perhaps another writer was quicker
+        const std::lock_guard lock(mutex_);
+        unfinished_.erase(upload);
+        return true;
+    }
+    auto value = take(upload, offset);
     if (!value) return tl::unexpected(value.error());
     const auto added =
         checkPart(hash, size, value->written(), offset, part.size(), options_.maxBytes)
@@ -152,27 +158,28 @@ Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uin
             .and_then([&] { return value->add(part); });
     if (!added) return tl::unexpected(added.error());
     if (value->written() < size) {
-        putBack(hash, std::move(*value));
+        putBack(upload, std::move(*value));
         return false;
     }
     return keep(hash, *value).map([] { return true; });
 }
 
 /// What is there of it, out of the table, so that it is gone if anything fails.
-Result<Unfinished> FileBlobStore::take(const Hash& hash, std::uint64_t offset) {
+Result<Unfinished> FileBlobStore::take(const Upload& upload, std::uint64_t offset) {
+    const auto& [hash, writer] = upload;
     {
         const std::lock_guard lock(mutex_);
-        auto entry = unfinished_.extract(hash);
+        auto entry = unfinished_.extract(upload);
         if (!entry.empty() && offset > 0) return std::move(entry.mapped().value);
     }
     if (offset > 0)
         return blobError(ErrorCode::BlobMismatch, hash, "goes on where none of it is there");
-    return Unfinished::begin(unfinished() / hash.hex());
+    return Unfinished::begin(unfinished() / (hash.hex() + "-" + std::to_string(writer)));
 }
 
-void FileBlobStore::putBack(const Hash& hash, Unfinished value) {
+void FileBlobStore::putBack(const Upload& upload, Unfinished value) {
     const std::lock_guard lock(mutex_);
-    unfinished_.emplace(hash, Entry{std::move(value), ++turn_});
+    unfinished_.emplace(upload, Entry{std::move(value), ++turn_});
     if (unfinished_.size() <= options_.maxUnfinished) return;
     unfinished_.erase(std::min_element(
         unfinished_.begin(), unfinished_.end(),

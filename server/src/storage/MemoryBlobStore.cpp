@@ -23,13 +23,13 @@ public:
         if (value == values_.end()) return missing(hash);
         return value->second.size();
     }
-    Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
-                       ByteView part) override {
+    Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset, ByteView part,
+                       std::uint64_t writer) override {
         const std::lock_guard lock(mutex_);
-        if (values_.contains(hash)) return true;
         Bytes value;
-        if (auto begun = unfinished_.extract(hash); !begun.empty() && offset > 0)
+        if (auto begun = unfinished_.extract({hash, writer}); !begun.empty() && offset > 0)
             value = std::move(begun.mapped());
+        if (values_.contains(hash)) return true;
         const auto fits =
             checkPart(hash, size, value.size(), offset, part.size(), options_.maxBytes);
         if (!fits) return tl::unexpected(fits.error());
@@ -37,7 +37,7 @@ public:
         const bool whole = value.size() == size;
         if (whole && sha256(value) != hash)
             return blobError(ErrorCode::BlobMismatch, hash, "is another in truth");
-        (whole ? values_ : unfinished_)[hash] = std::move(value);
+        (whole ? values_[hash] : unfinished_[{hash, writer}]) = std::move(value);
         return whole;
     }
     [[nodiscard]] Result<Bytes> read(const Hash& hash, std::uint64_t offset,
@@ -58,7 +58,8 @@ private:
 
     const BlobStoreOptions options_;
     mutable std::mutex mutex_;
-    std::map<Hash, Bytes> values_, unfinished_;  // guarded by mutex_
+    std::map<Hash, Bytes> values_;                                // guarded by mutex_
+    std::map<std::pair<Hash, std::uint64_t>, Bytes> unfinished_;  // by writer, too; likewise
 };
 
 }  // namespace

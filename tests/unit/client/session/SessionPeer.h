@@ -35,6 +35,7 @@ public:
     std::vector<std::pair<Bytes, Hash>> history;  ///< frames with length, chain hashes
     std::deque<Frame> sent;                       ///< by the session, not looked at yet
     Epoch epoch = 1;
+    std::vector<std::string> features{"previews", "previewValues"};
 
     [[nodiscard]] Revision head() const { return history.size(); }
     [[nodiscard]] Hash hashAt(Revision revision) const {
@@ -118,6 +119,7 @@ public:
         message.resumed = resumed;
         message.maxFrameBytes = kMaxFrameBytes;
         message.maxBlobBytes = 1 << 30;
+        message.features = features;
         return message;
     }
     /// Connects, and tells what was committed since the session was here last.
@@ -200,9 +202,11 @@ public:
         const auto found = blobs.find(hash);
         return found == blobs.end() ? nullptr : found->second;
     }
-    void blobArrived(const Hash& hash, SharedBytes bytes) override {
+    void blobArrived(const Hash& hash, SharedBytes bytes, bool) override {
         blobs[hash] = std::move(bytes);
     }
+    bool needed = true;  ///< big values that have not come
+    bool needsBlob(const Hash&) override { return needed; }
     void reset(const LayerId& layer, const LayerDoc& doc) override {
         ++shown;
         editor.insert_or_assign(layer, doc);

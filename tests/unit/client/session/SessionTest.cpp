@@ -751,9 +751,11 @@ TEST_F(SessionTest, V9ATransactionWaitsForItsBigValuesAndOthersDoNot) {
     peer.deliver(BlobStored{big.value.hash()});
     peer.advance();
     const Transaction first = peer.takeTransaction();
+    for (const Transaction& mine : {free, first}) peer.commitAndTell(mine);
+    peer.advance();
     const Transaction second = peer.takeTransaction();
     EXPECT_LT(first.id.sequence, second.id.sequence);
-    for (const Transaction& mine : {free, first, second}) peer.commitAndTell(mine);
+    peer.commitAndTell(second);
     peer.advance();
     EXPECT_TRUE(peer.agrees());
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
@@ -784,6 +786,206 @@ TEST_F(SessionTest, V9ABigValueIsAskedForOnceAndAgainAfterAReconnect) {
     peer.advance();
     ASSERT_TRUE(peer.blobs.contains(hash));
     EXPECT_EQ(*peer.blobs[hash], *big.bytes);
+}
+
+namespace {
+
+EditAction setDefault(const BigValue& big) { return SetField{"default", {}, big.value, {}}; }
+
+// Delivers a whole value.
+void deliverBlob(SessionPeer& peer, const BigValue& big) {
+    for (std::uint64_t offset = 0; offset < big.bytes->size(); offset += kChunkBytes) {
+        const ByteView rest = ByteView(*big.bytes).subspan(offset);
+        const ByteView part = rest.first(std::min<std::size_t>(kChunkBytes, rest.size()));
+        peer.deliver(BlobFrame{big.value.hash(), big.bytes->size(), offset,
+                               std::uint32_t(part.size()), deflate(part)});
+    }
+}
+
+}  // namespace
+
+TEST_F(SessionTest, B3APreviewFollowsItsBigValuesAndOnlyTheLastOnesAreStored) {
+    joinShot();
+    std::vector<BigValue> values;
+    for (std::uint8_t number = 1; number <= 6; ++number) {
+        values.push_back(bigValue(number));
+        peer.blobs[values.back().value.hash()] = values.back().bytes;
+    }
+    peer.sent.clear();
+    peer.session.beginGesture();
+    std::map<Hash, std::uint64_t> sent;
+    std::vector<Hash> shown;
+    for (const BigValue& value : values) {
+        peer.author({authored("/A.x", setDefault(value))});
+        peer.advance();
+        for (const Frame& frame : std::exchange(peer.sent, {})) {
+            if (const auto* part = std::get_if<BlobFrame>(&frame)) {
+                EXPECT_NE(part->gesture, 0u);
+                EXPECT_EQ(part->offset, sent[part->hash]);
+                sent[part->hash] += part->rawBytes;
+            } else if (const auto* preview = std::get_if<PreviewFrame>(&frame)) {
+                std::vector<Value> named;
+                forEachBlob(std::get<SetField>(preview->edits.back().action).value,
+                            [&](const Value& value) { named.push_back(value); });
+                ASSERT_EQ(named.size(), 1u);
+                EXPECT_EQ(sent[named[0].hash()], values[0].bytes->size()) << "before its value";
+                shown.push_back(named[0].hash());
+            }
+        }
+    }
+    EXPECT_FALSE(shown.empty());
+    EXPECT_LT(shown.size(), values.size()) << "some are passed over";
+    peer.session.endGesture();
+    for (int frame = 0; frame < 5; ++frame) peer.advance();
+    for (const Frame& frame : peer.sent)
+        if (const auto* part = std::get_if<BlobFrame>(&frame)) {
+            EXPECT_EQ(part->gesture, 0u);
+            EXPECT_EQ(part->hash, values.back().value.hash());
+        }
+    peer.deliver(BlobStored{values.back().value.hash()});
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, B3AServerThatWouldStoreThemGetsNoValuesOfPreviews) {
+    joinShot();
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.features = {"previews"};
+    peer.connect();
+    peer.advance();
+    peer.sent.clear();
+    const BigValue big = bigValue(1);
+    peer.blobs[big.value.hash()] = big.bytes;
+    peer.session.beginGesture();
+    peer.author({authored("/A.x", setDefault(big))});
+    for (int frame = 0; frame < 5; ++frame) peer.advance();
+    EXPECT_TRUE(peer.sent.empty());
+}
+
+TEST_F(SessionTest, B4OfPreviewsTheNewestIsShownWhoseBigValuesAreHere) {
+    joinShot();
+    const BigValue values[] = {bigValue(1), bigValue(2), bigValue(3), bigValue(4)};
+    const auto preview = [&](int number) {
+        peer.deliver(
+            PreviewFrame{kOther, 5, peer.head(), {edit("/A.x", setDefault(values[number]))}});
+        peer.advance();
+    };
+    const auto shows = [&](int number) {
+        const FieldValue* value = peer.editor.at(kShot).field("/A.x", "default");
+        return value && *value == FieldValue(values[number].value);
+    };
+    peer.sent.clear();
+    preview(0);
+    preview(1);
+    preview(2);
+    EXPECT_FALSE(shows(0));
+    EXPECT_EQ(peer.takeControl<RequestBlob>()->hash, values[0].value.hash());
+    EXPECT_FALSE(peer.takeControl<RequestBlob>());
+    deliverBlob(peer, values[0]);
+    peer.advance();
+    EXPECT_TRUE(shows(0));
+    EXPECT_EQ(peer.takeControl<RequestBlob>()->hash, values[2].value.hash()) << "1 is passed over";
+    // The server does not have it any more; there is a newer one.
+    preview(3);
+    peer.deliver(ErrorMessage{"blobNotFound", "gone", false, {}, values[2].value.hash()});
+    peer.advance();
+    EXPECT_TRUE(shows(0));
+    EXPECT_EQ(peer.takeControl<RequestBlob>()->hash, values[3].value.hash());
+    EXPECT_TRUE(peer.eventsOf<event::ServerError>().empty());
+    // What is committed is shown in any case.
+    peer.commitAndTell(peer.foreign({edit("/A.x", setDefault(values[3]))}, 5));
+    peer.advance();
+    EXPECT_TRUE(shows(3));
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, B5ADownloadThatFailsIsAskedForAgainAsLongAsItIsNeeded) {
+    joinShot();
+    const BigValue big = bigValue(2);
+    const Hash hash = big.value.hash();
+    peer.session.requestBlob(hash);
+    peer.sent.clear();
+    const auto fail = [&] {
+        peer.deliver(ErrorMessage{"blobNotFound", "not yet", false, {}, hash});
+        peer.advance();
+    };
+    const auto framesUntilAsked = [&] {
+        for (int frame = 1; frame < 10'000; ++frame) {
+            peer.advance();
+            if (peer.takeControl<RequestBlob>()) return frame;
+        }
+        return 0;
+    };
+    fail();
+    const int first = framesUntilAsked();
+    fail();
+    const int second = framesUntilAsked();
+    EXPECT_GT(first, 1);
+    EXPECT_GT(second, first);
+    EXPECT_EQ(peer.eventsOf<event::ServerError>().size(), 1u) << "said once";
+    fail();
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.connect();
+    peer.advance();
+    EXPECT_TRUE(peer.takeControl<RequestBlob>());
+    fail();
+    peer.needed = false;
+    EXPECT_EQ(framesUntilAsked(), 0);
+}
+
+TEST_F(SessionTest, B1WhatBuildsOnAValueThatIsRefusedComesAfterIt) {
+    joinShot();
+    const BigValue big = bigValue(1);
+    peer.blobs[big.value.hash()] = big.bytes;
+    const auto upload = [&] {
+        for (int frame = 0; frame < 5; ++frame) peer.advance();
+        peer.deliver(BlobStored{big.value.hash()});
+        peer.advance();
+    };
+    peer.author({authored("/New", createPrim()), authored("/New.x", createAttribute()),
+                 authored("/New.x", setDefault(big))});
+    peer.author({authored("/New.x", setText("comment", "builds on it"))});
+    peer.author({authored("/Apart", createPrim())});
+    upload();
+    std::vector<Transaction> first;
+    for (auto frame = peer.take<SubmitFrame>(); frame; frame = peer.take<SubmitFrame>())
+        first.push_back(frame->transaction);
+    ASSERT_EQ(first.size(), 2u) << "what builds on it waits";
+    std::ranges::sort(first, {}, [](const Transaction& one) { return one.id.sequence; });
+    peer.deliver(RefusalFrame{first[0].id.sequence, 2, {ErrorCode::BlobNotFound, "collected"}});
+    peer.commitAndTell(first[1]);
+    peer.sent.clear();
+    upload();
+    const Transaction again = peer.takeTransaction();
+    EXPECT_GT(again.id.sequence, first[1].id.sequence);
+    peer.commitAndTell(again);
+    peer.advance();
+    const Commit built = peer.commitAndTell(peer.takeTransaction());
+    EXPECT_TRUE(built.dropped.empty());
+    peer.advance();
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, B1AnUploadThatIsRefusedIsSentAgain) {
+    joinShot();
+    const BigValue big = bigValue(1);
+    peer.blobs[big.value.hash()] = big.bytes;
+    peer.author({authored("/A.x", setDefault(big))});
+    for (int frame = 0; frame < 5; ++frame) peer.advance();
+    peer.sent.clear();
+    peer.deliver(ErrorMessage{"blobMismatch", "another client", false, {}, big.value.hash()});
+    peer.deliver(ErrorMessage{"blobMismatch", "another client", false, {}, big.value.hash()});
+    for (int frame = 0; frame < 100; ++frame) peer.advance();
+    EXPECT_EQ(peer.take<BlobFrame>()->offset, 0u);
+    for (const Frame& frame : peer.sent) EXPECT_FALSE(std::holds_alternative<SubmitFrame>(frame));
+    peer.deliver(BlobStored{big.value.hash()});
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
 }
 
 TEST_F(SessionTest, V9BytesOfAnotherValueAreNotTaken) {

@@ -49,6 +49,23 @@ TEST(BlobCache, HoldsLittleInMemoryAndStillHasAll) {
     }
 }
 
+TEST(BlobCache, B3WhatIsHeldIsInMemoryOnlyUntilItIsKept) {
+    const Folder folder;
+    const auto blob = bytes(1), other = bytes(2);
+    {
+        BlobCache cache(folder.path);
+        cache.holdBlob(hashOf(blob), blob);
+        cache.holdBlob(hashOf(other), other);
+        EXPECT_TRUE(cache.holds(hashOf(blob)));
+        EXPECT_EQ(*cache.blob(hashOf(blob)), *blob);
+        cache.keepBlob(hashOf(other), other);
+    }
+    BlobCache later(folder.path);
+    EXPECT_FALSE(later.holds(hashOf(blob)));
+    EXPECT_TRUE(later.holds(hashOf(other)));
+    EXPECT_EQ(*later.blob(hashOf(other)), *other);
+}
+
 TEST(BlobCache, DoesNotTrustItsFiles) {
     const Folder folder;
     const auto blob = bytes(1);

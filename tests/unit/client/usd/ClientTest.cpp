@@ -268,6 +268,38 @@ TEST_F(ClientTest, BigValuesTravelBesideTheStream) {
     EXPECT_EQ(text(open(*cy, kRoot)), text(hers));
 }
 
+TEST_F(ClientTest, B3AGestureOnABigValueIsSeenAndLeavesEverybodyEqual) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    const auto attribute = pxr::SdfAttributeSpec::New(
+        hers->GetPrimAtPath(SdfPath("/World")), "points", pxr::SdfValueTypeNames->DoubleArray);
+    ASSERT_TRUE(ada->flush(5000));
+    const auto seen = [&] {
+        const auto now = his->GetAttributeAtPath(SdfPath("/World.points"));
+        const auto value = now ? now->GetDefaultValue() : pxr::VtValue();
+        return value.IsHolding<pxr::VtArray<double>>()
+                   ? value.UncheckedGet<pxr::VtArray<double>>()[0]
+                   : 0.0;
+    };
+    ada->beginGesture();
+    std::set<double> intermediate;
+    double last = 0;
+    for (int frame = 0; frame < 2'000 && intermediate.size() < 2; ++frame) {
+        attribute->SetDefaultValue(pxr::VtValue(pxr::VtArray<double>(50'000, ++last)));
+        tick({ada.get(), bo.get()});
+        if (seen() != 0) intermediate.insert(seen());
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    EXPECT_EQ(intermediate.size(), 2u) << "what is dragged is seen";
+    EXPECT_TRUE(server.blobs.empty()) << "and nobody stores it";
+    ada->endGesture();
+    EXPECT_TRUE(ada->flush(5000));
+    tick({ada.get(), bo.get()}, 40);
+    EXPECT_EQ(seen(), last);
+    EXPECT_TRUE(text(his) == text(hers));
+    EXPECT_EQ(server.blobs.size(), 1u);
+}
+
 TEST_F(ClientTest, AReloadBringsTheProjectBackAndHarmsNobody) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);

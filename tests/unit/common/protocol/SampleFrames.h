@@ -80,6 +80,7 @@ inline std::vector<Frame> sampleFrames() {
             RefusalFrame{4, 2, {ErrorCode::Locked, "x"}},
             PreviewFrame{{"someone"}, 3, 17, everyKindOfEdit()},
             BlobFrame{{}, 10, 0, 3, deflate(Bytes{1, 2, 3})},
+            BlobFrame{{}, 10, 0, 3, deflate(Bytes{1, 2, 3}), 7},
             SnapshotFrame{5, 0, true, 3, deflate(Bytes{1, 2, 3})},
             ControlFrame{R"({"type":"logEnd","request":3})"}};
 }

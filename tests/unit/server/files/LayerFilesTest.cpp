@@ -36,7 +36,8 @@ public:
     Result<std::uint64_t> size(const Hash& hash) const override {
         return read(hash, 0, SIZE_MAX).map([](const Bytes& bytes) { return bytes.size(); });
     }
-    Result<bool> write(const Hash& hash, std::uint64_t, std::uint64_t, ByteView part) override {
+    Result<bool> write(const Hash& hash, std::uint64_t, std::uint64_t, ByteView part,
+                       std::uint64_t) override {
         if (isFull) return fail(ErrorCode::StorageFull, "full");
         all[hash] = Bytes(part.begin(), part.end());
         return true;

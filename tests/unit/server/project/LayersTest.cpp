@@ -275,6 +275,44 @@ TEST(ProjectPreviews, M11AreWithdrawnWhenTheirAuthorGoes) {
     EXPECT_TRUE(world.silent(3));
 }
 
+TEST(ProjectPreviews, B3TheirBigValuesAreInMemoryUntilTheGestureEnds) {
+    World world;
+    world.join(1);
+    world.join(2);
+    const Bytes bytes(300'000, 1);
+    const Hash hash = sha256(bytes);
+    const auto part = [&](std::size_t offset, std::size_t count) {
+        const ByteView raw = ByteView(bytes).subspan(offset, count);
+        world.receive(
+            1, Frame(BlobFrame{hash, bytes.size(), offset, std::uint32_t(count), deflate(raw), 7}));
+    };
+    const auto answer = [&] {
+        world.receive(2, ControlMessage(RequestBlob{hash, 0}));
+        std::uint64_t came = 0;
+        while (!world.host.sent[2].empty()) {
+            const Frame frame = world.next(2);
+            if (const auto* blob = std::get_if<BlobFrame>(&frame)) came += blob->rawBytes;
+        }
+        return came;
+    };
+    part(0, 200'000);
+    EXPECT_EQ(answer(), 0u) << "not whole";
+    part(200'000, 100'000);
+    EXPECT_EQ(answer(), bytes.size());
+    EXPECT_TRUE(world.host.blobParts.empty()) << "the store has nothing of it";
+    EXPECT_TRUE(world.host.sent[1].empty()) << "nobody waits for an answer";
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {}}));
+    EXPECT_EQ(answer(), 0u) << "the gesture is over";
+    part(0, 200'000);
+    part(250'000, 50'000);
+    part(200'000, 100'000);
+    EXPECT_EQ(answer(), 0u) << "a value with a gap is dropped";
+    part(0, 200'000);
+    part(200'000, 100'000);
+    world.project->disconnected(1);
+    EXPECT_EQ(answer(), 0u) << "its author is gone";
+}
+
 TEST(ProjectPreviews, M11TooManyAtOncePushOutTheOldest) {
     World world;
     world.join(1);

@@ -29,8 +29,13 @@ public:
     [[nodiscard]] virtual bool takesMore() { return true; }
     /// The bytes of a big value the editor authored; nullptr: not here.
     [[nodiscard]] virtual SharedBytes localBlob(const Hash& hash) = 0;
-    /// A big value has arrived whole and right. Keep it.
-    virtual void blobArrived(const Hash& hash, SharedBytes bytes) = 0;
+    /// Would localBlob() have it? Cheap.
+    [[nodiscard]] virtual bool holdsBlob(const Hash& hash) { return localBlob(hash) != nullptr; }
+    /// A big value has arrived whole and right. Keep it; one that is not `lasting` is only of a
+    /// preview so far, for as long as there is room.
+    virtual void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) = 0;
+    /// A download has failed: is the value still needed, and to be asked for again?
+    [[nodiscard]] virtual bool needsBlob(const Hash&) { return true; }
 };
 
 /// Where what the editor shall see goes: the stores of its layers. Called from Session::advance()
@@ -154,7 +159,7 @@ public:
         UserName user;
         std::string application;
         std::size_t maxUnsentTransactions = 100'000;  ///< offline work kept; then author() refuses
-        std::vector<std::string> features{"history", "log",      "previews",
+        std::vector<std::string> features{"history", "log",      "previews",  "previewValues",
                                           "states",  "presence", "conflation"};
         std::size_t uploadWindowChunks = 4;  ///< blob chunks handed to the host in one advance()
         /// Milliseconds of a steady clock, by which advance() keeps its budget. Unset: the

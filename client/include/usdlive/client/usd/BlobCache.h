@@ -28,11 +28,17 @@ public:
 
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
     void keepBlob(const Hash& hash, SharedBytes bytes) override;
+    /// Keeps it in memory only, for as long as there is room.
+    void holdBlob(const Hash& hash, SharedBytes bytes);
+    /// Is it here, as far as its file's name says?
+    [[nodiscard]] bool holds(const Hash& hash);
 
 private:
+    enum class State { Held, Unwritten, Written };
     struct Entry {
         SharedBytes bytes;
-        bool written = false;
+        State state = State::Held;
+        bool queued = false;  ///< in unwritten_, or being written
         std::list<Hash>::iterator use;
     };
 
@@ -40,7 +46,7 @@ private:
     void evict();
     [[nodiscard]] SharedBytes readFile(const Hash& hash) const;
     [[nodiscard]] bool writeFile(const Hash& hash, const Bytes& bytes) const;
-    void insert(const Hash& hash, SharedBytes bytes, bool written);
+    void insert(const Hash& hash, SharedBytes bytes, State state);
 
     const std::filesystem::path folder_;
     const std::size_t memoryBytes_;

@@ -63,6 +63,7 @@ public:
     [[nodiscard]] Capture::Sealed seal();
 
     void blobArrived(const Hash& hash);
+    [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }
 
     /// False: the layer names no others, for sure. Sdf looks at every spec to tell which.
     [[nodiscard]] bool namesLayers() const { return namesLayers_; }

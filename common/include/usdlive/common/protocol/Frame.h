@@ -73,7 +73,8 @@ struct BlobFrame {
     std::uint64_t size = 0;    ///< of the whole value
     std::uint64_t offset = 0;  ///< of this part
     std::uint32_t rawBytes = 0;
-    Bytes data;  ///< zstd
+    Bytes data;                 ///< zstd
+    std::uint64_t gesture = 0;  ///< not 0: only for this gesture's previews, not stored (B3)
     bool operator==(const BlobFrame&) const = default;
 };
 

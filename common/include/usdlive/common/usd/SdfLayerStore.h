@@ -60,6 +60,7 @@ public:
                      const std::function<const FieldValue*(const std::string& path,
                                                            const std::string& field)>& current);
     [[nodiscard]] bool waitsForBlobs() const;
+    [[nodiscard]] bool waitsFor(const Hash& hash) const;
 
     /// The content of one field as it stands in the layer; nothing when absent. `subLayers` comes
     /// with its offsets (`subLayerOffsets` is never asked for or told).

@@ -84,6 +84,7 @@ private:
                      Revision revision) override;
     void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override;
     void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
+    void sendBeside(SessionId session, std::vector<SharedBytes> frames) override;
     void writeBlob(SessionId session, BlobFrame part) override;
     bool hasBlob(const Hash& hash) override;
     bool hasSpace() override;
@@ -145,7 +146,6 @@ private:
     bool sweeping_ = false;
     Intake intake_;
     std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store
-    std::map<Hash, SessionId> uploads_;          ///< blobWriter_: who writes which value
     std::vector<LayerFile> scanned_;             ///< the last time
 };
 

@@ -172,17 +172,18 @@ public:
     [[nodiscard]] virtual bool hasSpace() const = 0;
 };
 
-/// Big values by content. Same threads rule as CommitStore: any thread, one writer for a hash.
+/// Big values by content. Any thread; one thread at a time for each (hash, writer).
 class BlobStore {
 public:
     virtual ~BlobStore() = default;
     [[nodiscard]] virtual bool has(const Hash& hash) const = 0;
     [[nodiscard]] virtual Result<std::uint64_t> size(const Hash& hash) const = 0;
-    /// Adds a part; parts of one value come in order from offset 0 (which starts anew). True when
+    /// Adds a part; parts of one value come in order from offset 0 (which starts anew). Uploads of
+    /// one value by several writers do not see each other until one of them is whole. True when
     /// the value is whole, its hash right, and it is durable. Errors: BlobMismatch, BlobTooLarge,
-    /// StorageFull, StorageFailed; the parts so far are thrown away.
+    /// StorageFull, StorageFailed; the writer's parts so far are thrown away.
     virtual Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
-                               ByteView part) = 0;
+                               ByteView part, std::uint64_t writer = 0) = 0;
     /// Up to `count` bytes; BlobNotFound.
     [[nodiscard]] virtual Result<Bytes> read(const Hash& hash, std::uint64_t offset,
                                              std::size_t count) const = 0;

@@ -83,7 +83,12 @@ public:
     virtual void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) = 0;
     /// Sends a big value from `offset` on, beside the stream.
     virtual void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) = 0;
-    /// Adds a part of a big value; answered by blobWritten().
+    /// Sends these frames beside the stream, in order.
+    virtual void sendBeside(SessionId session, std::vector<SharedBytes> frames) {
+        for (SharedBytes& frame : frames) send(session, std::move(frame));
+    }
+    /// Adds a part of a big value; answered by blobWritten(). Sessions that upload the same value
+    /// do so each for itself.
     virtual void writeBlob(SessionId session, BlobFrame part) = 0;
     [[nodiscard]] virtual bool hasBlob(const Hash& hash) = 0;
     [[nodiscard]] virtual bool hasSpace() = 0;
