@@ -1,13 +1,53 @@
 #include "usdlive/client/usd/BlobCache.h"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
 #include <fstream>
 #include <optional>
+#include <random>
 #include <system_error>
+#include <vector>
 
 namespace usdlive::client {
 
-BlobCache::BlobCache(std::filesystem::path folder, std::size_t memoryBytes)
-    : folder_(std::move(folder)), memoryBytes_(memoryBytes), writer_([this] { writeFiles(); }) {}
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kHashDigits = 64;
+// A file that is being written by somebody else is left alone for so long.
+constexpr std::chrono::hours kUnfinishedFor{1};
+
+// Several processes may write the same value at the same time, each to a file of its own.
+std::string unusedName() {
+    std::random_device random;
+    return std::to_string(::getpid()) + "-" + std::to_string(random());
+}
+
+bool isHash(const std::string& name) {
+    return name.size() == kHashDigits &&
+           name.find_first_not_of("0123456789abcdef") == std::string::npos;
+}
+
+// A file that this process holds locked as long as it runs; -1 when another process does.
+int lockFile(const fs::path& path) {
+    const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    if (file < 0 || ::flock(file, LOCK_EX | LOCK_NB) == 0) return file;
+    ::close(file);
+    return -1;
+}
+
+}  // namespace
+
+BlobCache::BlobCache(fs::path folder, std::size_t memoryBytes, std::uint64_t folderBytes)
+    : folder_(std::move(folder)),
+      memoryBytes_(memoryBytes),
+      folderBytes_(folderBytes),
+      writer_([this] { work(); }) {}
 
 BlobCache::~BlobCache() {
     {
@@ -16,6 +56,11 @@ BlobCache::~BlobCache() {
     }
     changed_.notify_all();
     writer_.join();
+    if (ownLock_ < 0) return;
+    std::error_code ignored;
+    fs::remove_all(ownFolder_, ignored);
+    fs::remove(lockOf(ownFolder_), ignored);
+    ::close(ownLock_);
 }
 
 SharedBytes BlobCache::blob(const Hash& hash) {
@@ -36,11 +81,21 @@ SharedBytes BlobCache::blob(const Hash& hash) {
 void BlobCache::keepBlob(const Hash& hash, SharedBytes bytes) {
     const std::lock_guard lock(mutex_);
     if (!bytes) return;
+    released_.erase(hash);
+    if (kept_.insert(hash).second) write(hash, std::move(bytes));
+}
+
+void BlobCache::cacheBlob(const Hash& hash, SharedBytes bytes) {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(hash);
+    if (!bytes || (found != entries_.end() && found->second.state != State::Held)) return;
+    write(hash, std::move(bytes));
+}
+
+void BlobCache::write(const Hash& hash, SharedBytes bytes) {
     insert(hash, std::move(bytes), State::Unwritten);
     Entry& entry = entries_.at(hash);
-    if (entry.state == State::Written || entry.queued) return;
     entry.state = State::Unwritten;
-    entry.queued = true;
     unwritten_.push_back(hash);
     changed_.notify_all();
 }
@@ -50,20 +105,28 @@ void BlobCache::holdBlob(const Hash& hash, SharedBytes bytes) {
     if (bytes) insert(hash, std::move(bytes), State::Held);
 }
 
+void BlobCache::releaseKept() {
+    const std::lock_guard lock(mutex_);
+    if (kept_.empty()) return;
+    released_.merge(kept_);
+    kept_.clear();
+    changed_.notify_all();
+}
+
 bool BlobCache::holds(const Hash& hash) {
     {
         const std::lock_guard lock(mutex_);
-        if (entries_.contains(hash)) return true;
+        if (entries_.contains(hash) || kept_.contains(hash)) return true;
     }
     std::error_code error;
-    return std::filesystem::exists(folder_ / hash.hex(), error);
+    return fs::exists(folder_ / hash.hex(), error);
 }
 
 void BlobCache::insert(const Hash& hash, SharedBytes bytes, State state) {
     if (entries_.contains(hash)) return;
     bytes_ += bytes->size();
     uses_.push_front(hash);
-    entries_[hash] = {std::move(bytes), state, false, uses_.begin()};
+    entries_[hash] = {std::move(bytes), state, uses_.begin()};
     evict();
 }
 
@@ -79,56 +142,156 @@ void BlobCache::evict() {
     }
 }
 
-void BlobCache::writeFiles() {
+// ---- the writer
+
+void BlobCache::work() {
+    if (folderBytes_ != kUnbounded) {
+        removeDead();
+        clean();
+    }
     std::unique_lock lock(mutex_);
     for (;;) {
-        changed_.wait(lock, [this] { return stopping_ || !unwritten_.empty(); });
-        if (unwritten_.empty()) return;
+        changed_.wait(lock,
+                      [this] { return stopping_ || !unwritten_.empty() || !released_.empty(); });
+        release();
+        if (unwritten_.empty() && stopping_) return;
+        if (unwritten_.empty()) continue;
         const Hash hash = unwritten_.front();
         unwritten_.pop_front();
         const SharedBytes bytes = entries_.at(hash).bytes;  // not evicted before it is written
+        const bool kept = kept_.contains(hash);
         lock.unlock();
-        const bool written = writeFile(hash, *bytes);
+        const bool written = writeFile(hash, *bytes, kept);
         lock.lock();
-        Entry& entry = entries_.at(hash);
-        entry.queued = false;
-        if (written) entry.state = State::Written;
+        // Queued again when it is to be kept by now; then that is what counts.
+        const bool again = std::ranges::find(unwritten_, hash) != unwritten_.end();
+        if (written && !again) entries_.at(hash).state = State::Written;
         evict();
     }
 }
 
-bool BlobCache::writeFile(const Hash& hash, const Bytes& bytes) const {
+// Nothing of these is needed any more but as a cache, which the folder is.
+void BlobCache::release() {
+    std::error_code ignored;
+    for (const Hash& hash : std::exchange(released_, {}))
+        if (ownLock_ >= 0) fs::remove(ownFolder_ / hash.hex(), ignored);
+}
+
+bool BlobCache::writeFile(const Hash& hash, const Bytes& bytes, bool kept) {
     std::error_code error;
-    const auto path = folder_ / hash.hex();
-    if (std::filesystem::file_size(path, error) == bytes.size() && !error) return true;
-    std::filesystem::create_directories(folder_, error);
-    auto unfinished = path;
-    unfinished += ".part";
+    const fs::path shared = folder_ / hash.hex();
+    fs::create_directories(folder_, error);
+    if (kept && !makeOwnFolder()) return false;
+    if (!kept && fs::file_size(shared, error) == bytes.size() && !error) return true;
+    const fs::path target = kept ? ownFolder_ / hash.hex() : shared;
+    const fs::path unfinished = folder_ / (unusedName() + ".part");
     {
         std::ofstream file(unfinished, std::ios::binary | std::ios::trunc);
         file.write(reinterpret_cast<const char*>(bytes.data()), std::streamsize(bytes.size()));
         if (!file.flush()) {
-            std::filesystem::remove(unfinished, error);
+            fs::remove(unfinished, error);
             return false;
         }
     }
-    std::filesystem::rename(unfinished, path, error);
-    return !error;
+    fs::rename(unfinished, target, error);
+    if (error) return false;
+    if (kept) fs::create_hard_link(target, shared, error);  // or it is there
+    writtenBytes_ += bytes.size();
+    if (folderBytes_ != kUnbounded && writtenBytes_ > folderBytes_ / 16) clean();
+    return true;
+}
+
+bool BlobCache::makeOwnFolder() {
+    if (ownLock_ >= 0) return true;
+    for (int attempt = 0; attempt < 3; ++attempt) {
+        const fs::path folder = folder_ / (kOwn + unusedName());
+        const int lock = lockFile(lockOf(folder));
+        if (lock < 0) continue;
+        std::error_code error;
+        fs::create_directory(folder, error);
+        if (error) {
+            fs::remove(lockOf(folder), error);
+            ::close(lock);
+            return false;
+        }
+        const std::lock_guard guard(mutex_);
+        ownFolder_ = folder;
+        ownLock_ = lock;
+        return true;
+    }
+    return false;
+}
+
+// What processes have left that ended without a word.
+void BlobCache::removeDead() const {
+    std::error_code ignored;
+    std::vector<fs::path> locks;
+    for (const auto& entry : fs::directory_iterator(folder_, ignored))
+        if (entry.path().filename().string().starts_with(kOwn) &&
+            entry.path().extension() == ".lock")
+            locks.push_back(entry.path());
+    for (const fs::path& path : locks) {
+        const int lock = lockFile(path);
+        if (lock < 0) continue;
+        fs::remove_all(fs::path(path).replace_extension(), ignored);
+        fs::remove(path, ignored);
+        ::close(lock);
+    }
+}
+
+// Removes the files that were used longest ago.
+void BlobCache::clean() {
+    struct File {
+        fs::file_time_type used;
+        std::uint64_t bytes;
+        fs::path path;
+    };
+    writtenBytes_ = 0;
+    std::vector<File> files;
+    std::uint64_t all = 0;
+    std::error_code error;
+    for (const auto& entry : fs::directory_iterator(folder_, error)) {
+        std::error_code gone;  // another process cleans, too
+        const File file{entry.last_write_time(gone), entry.file_size(gone), entry.path()};
+        if (gone) continue;
+        const auto age = fs::file_time_type::clock::now() - file.used;
+        if (file.path.extension() == ".part" && age > kUnfinishedFor) fs::remove(file.path, gone);
+        if (!isHash(file.path.filename().string())) continue;
+        all += file.bytes;
+        files.push_back(file);
+    }
+    if (all <= folderBytes_) return;
+    std::ranges::sort(files, {}, &File::used);
+    for (const File& file : files) {
+        if (all <= folderBytes_ / 4 * 3) return;
+        all -= file.bytes;
+        fs::remove(file.path, error);
+    }
+}
+
+SharedBytes BlobCache::readFile(const Hash& hash) {
+    fs::path own;
+    {
+        const std::lock_guard lock(mutex_);
+        if (kept_.contains(hash) && ownLock_ >= 0) own = ownFolder_ / hash.hex();
+    }
+    SharedBytes bytes = own.empty() ? nullptr : readFile(own, hash);
+    return bytes ? bytes : readFile(folder_ / hash.hex(), hash);
 }
 
 // The file may be of an earlier run, or of a full disk: what its bytes are is what counts.
-SharedBytes BlobCache::readFile(const Hash& hash) const {
+SharedBytes BlobCache::readFile(const fs::path& path, const Hash& hash) {
     std::error_code error;
-    const auto path = folder_ / hash.hex();
-    const auto size = std::filesystem::file_size(path, error);
+    const auto size = fs::file_size(path, error);
     if (error) return nullptr;
     Bytes bytes(size);
     std::ifstream file(path, std::ios::binary);
     if (!file.read(reinterpret_cast<char*>(bytes.data()), std::streamsize(size))) return nullptr;
     if (sha256(ByteView(bytes)) != hash) {
-        std::filesystem::remove(path, error);
+        fs::remove(path, error);
         return nullptr;
     }
+    fs::last_write_time(path, fs::file_time_type::clock::now(), error);  // used now
     return std::make_shared<const Bytes>(std::move(bytes));
 }
 

@@ -52,6 +52,9 @@ constexpr auto kLookForLayersEvery = milliseconds(100);
 constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
 // A join of a connected client that hears nothing for so long is given up.
 constexpr double kSilenceMs = 60'000;
+// Big values in the cache folder, beyond those that the server does not have yet.
+constexpr std::uint64_t kMaxCacheBytes = std::uint64_t(4) << 30;
+constexpr std::size_t kMaxCacheMemory = std::size_t(256) << 20;
 // What a blocking call gives one tick.
 constexpr double kBlockingBudgetMs = 50;
 // Work that was lost is kept for lostWork(), the latest of it.
@@ -97,7 +100,7 @@ public:
         : options_(std::move(options)),
           cacheFolder_{folders.cacheFolder(), ownCacheFolder},
           folders_(std::move(folders)),
-          blobs_(folders_.cacheFolder() / ".usdlive-blobs"),
+          blobs_(folders_.cacheFolder() / ".usdlive-blobs", kMaxCacheMemory, kMaxCacheBytes),
           connection_(std::move(connection)),
           session_(sessionOptions(options_, std::move(id)), *this, *this) {
         session_.showPresence({});
@@ -263,7 +266,7 @@ public:
     bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
         if (lasting)
-            blobs_.keepBlob(hash, std::move(bytes));
+            blobs_.cacheBlob(hash, std::move(bytes));
         else
             blobs_.holdBlob(hash, std::move(bytes));
         arrivedBlobs_.push_back(hash);
@@ -470,6 +473,9 @@ private:
             result.filling = fillLayers();
         }
         takeEvents(result);
+        // Lost work is to be had with its values (M12).
+        const bool idle = session_.pendingTransactions() == 0 && !session_.inGesture();
+        if (idle && lostWork_.empty()) blobs_.releaseKept();
     }
 
     [[nodiscard]] bool hasWrites() const {

@@ -2,10 +2,12 @@
 
 #include <condition_variable>
 #include <cstddef>
+#include <cstdint>
 #include <deque>
 #include <filesystem>
 #include <list>
 #include <mutex>
+#include <set>
 #include <thread>
 #include <unordered_map>
 
@@ -15,21 +17,33 @@
 
 namespace usdlive::client {
 
-/// Big values by their hash (V9): for good in files `folder/<hash>`, and in memory while they are
-/// new. Files are written by a thread of its own, so that keeping one costs a frame nothing.
+/// Big values by their hash (V9), in memory and in files. Files are written by a thread of its own,
+/// so that keeping one costs a frame nothing. Several processes may share a folder.
+///
+/// `folder/<hash>` is a cache: of more than `folderBytes` the files used longest ago are removed.
+/// Values that only this process has (see keepBlob()) are also in a folder of its own, which no
+/// other process touches while this one runs.
 ///
 /// Memory holds at most about `memoryBytes`, the ones used last; more only of what could not be
 /// written.
 class BlobCache final : public usd::BlobSource, public usd::BlobSink {
 public:
-    explicit BlobCache(std::filesystem::path folder, std::size_t memoryBytes = 256 * 1024 * 1024);
+    static constexpr std::uint64_t kUnbounded = ~std::uint64_t(0);
+
+    explicit BlobCache(std::filesystem::path folder, std::size_t memoryBytes = 256 * 1024 * 1024,
+                       std::uint64_t folderBytes = kUnbounded);
     /// Waits until what is kept is written.
     ~BlobCache() override;
 
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
+    /// Keeps a value that nobody else may have, until releaseKept().
     void keepBlob(const Hash& hash, SharedBytes bytes) override;
-    /// Keeps it in memory only, for as long as there is room.
+    /// Caches a value that the server has.
+    void cacheBlob(const Hash& hash, SharedBytes bytes);
+    /// Holds a value in memory only, for as long as there is room.
     void holdBlob(const Hash& hash, SharedBytes bytes);
+    /// The server has all values that were kept so far: they are cached from now on.
+    void releaseKept();
     /// Is it here, as far as its file's name says?
     [[nodiscard]] bool holds(const Hash& hash);
 
@@ -38,18 +52,32 @@ private:
     struct Entry {
         SharedBytes bytes;
         State state = State::Held;
-        bool queued = false;  ///< in unwritten_, or being written
         std::list<Hash>::iterator use;
     };
+    static constexpr const char* kOwn = "own-";
 
-    void writeFiles();
-    void evict();
-    [[nodiscard]] SharedBytes readFile(const Hash& hash) const;
-    [[nodiscard]] bool writeFile(const Hash& hash, const Bytes& bytes) const;
+    static std::filesystem::path lockOf(std::filesystem::path folder) { return folder += ".lock"; }
+
+    // With mutex_ held.
     void insert(const Hash& hash, SharedBytes bytes, State state);
+    void write(const Hash& hash, SharedBytes bytes);
+    void evict();
+    void release();
+
+    // By the writer.
+    void work();
+    [[nodiscard]] bool writeFile(const Hash& hash, const Bytes& bytes, bool kept);
+    [[nodiscard]] bool makeOwnFolder();
+    void removeDead() const;
+    void clean();
+
+    [[nodiscard]] SharedBytes readFile(const Hash& hash);
+    [[nodiscard]] static SharedBytes readFile(const std::filesystem::path& path, const Hash& hash);
 
     const std::filesystem::path folder_;
     const std::size_t memoryBytes_;
+    const std::uint64_t folderBytes_;
+    std::uint64_t writtenBytes_ = 0;  // since the folder was cleaned; of the writer
 
     std::mutex mutex_;  // guards all below
     std::condition_variable changed_;
@@ -57,6 +85,9 @@ private:
     std::list<Hash> uses_;  // the latest first
     std::size_t bytes_ = 0;
     std::deque<Hash> unwritten_;
+    std::set<Hash> kept_, released_;
+    std::filesystem::path ownFolder_;
+    int ownLock_ = -1;  // -1: there is no own folder yet
     bool stopping_ = false;
 
     std::thread writer_;
