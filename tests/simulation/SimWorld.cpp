@@ -135,6 +135,9 @@ private:
         for (const auto& client : clients_) client->settle(random_.chance(50));
         const std::int64_t patience = clock_.nowUs() + 60 * kSecondUs;
         runUntilQuiet(patience);
+        // Nothing is pending, and what ends a preview may still be on its way.
+        run(clock_.nowUs() + 2 * kSecondUs);
+        runUntilQuiet(patience);
     }
     void run(std::int64_t until) {
         while (clock_.nowUs() < until) require(clock_.step(), "nothing happens any more");
