@@ -24,7 +24,6 @@ Value subLayer(const std::string& asset, double offset) {
     return {ValueType::SubLayer, std::move(bytes)};
 }
 
-Value specifier() { return {ValueType::Specifier, Bytes{0}}; }
 Value typeName(const std::string& path) {
     return tokenValue(path.ends_with(".big") ? "float[]" : "double");
 }
@@ -69,10 +68,21 @@ std::vector<client::AuthoredEdit> EditScript::edits(const LayerId& layer, const 
         action = fieldOf(*kind);
     if (!action) return {};
     std::vector<client::AuthoredEdit> edits{{layer, path, *action}};
+    const auto* set = std::get_if<SetField>(&*action);
+    if (set && std::holds_alternative<std::monostate>(set->part)) {  // as capture sends it (M1)
+        edits.clear();
+        for (auto& part : authoredParts(set->field, doc.field(path, set->field), &set->value))
+            edits.push_back({layer, path, std::move(part)});
+    }
     if (const auto* create = std::get_if<CreateSpec>(&*action)) {
         if (doc.has(path)) return {};  // an SdfLayer tells of no such creation
         if (create->kind == SpecKind::Prim)
             edits.push_back({layer, path, SetField{"specifier", {}, specifier(), {}}});
+        // M13: as much as is new is sent whole.
+        if (create->kind != SpecKind::VariantSet && random_.chance(40))
+            edits.push_back({layer, path, SetField{"customData", {}, someKeys(), {}}});
+        if (create->kind == SpecKind::Attribute && !path.ends_with(".big") && random_.chance(40))
+            edits.push_back({layer, path, SetField{"timeSamples", {}, someSamples(), {}}});
         if (create->kind == SpecKind::Attribute)
             edits.push_back({layer, path, SetField{"typeName", {}, typeName(path), {}}});
     }
@@ -200,8 +210,7 @@ EditAction EditScript::attributeField() {
         case 6:
             return list("connectionPaths", ValueType::Path, someProperty(), someProperty());
         case 7:
-            return SetField{
-                "timeSamples", {}, TimeSamples{{{0.0, number()}, {time + 1, number()}}}, {}};
+            return SetField{"timeSamples", {}, someSamples(), {}};
         default:
             return dictionary("customData");
     }
@@ -259,11 +268,7 @@ EditAction EditScript::dictionary(const std::string& field) {
     DictionaryKey key{{random_.pick(kKeys)}};
     if (random_.chance(40)) key.path.push_back(random_.pick(kKeys));
     if (random_.chance(25)) return EraseField{field, key};
-    if (random_.chance(10)) {
-        Dictionary whole;
-        whole.entries[random_.pick(kKeys)] = number();
-        return SetField{field, {}, whole, {}};
-    }
+    if (random_.chance(10)) return SetField{field, {}, someKeys(), {}};
     return SetField{field, key, number(), {}};
 }
 
@@ -276,6 +281,22 @@ EditAction EditScript::list(const std::string& field, ValueType type, const Valu
     if (random_.chance(10)) return EraseField{field, {}};
     if (random_.chance(50)) part.before = other;
     return SetField{field, part, {}, type};
+}
+
+Dictionary EditScript::someKeys() {
+    Dictionary whole, inner;
+    whole.entries[random_.pick(kKeys)] = number();
+    inner.entries[random_.pick(kKeys)] = number();
+    if (random_.chance(50)) whole.entries[random_.pick(kKeys)] = inner;
+    return whole;
+}
+
+TimeSamples EditScript::someSamples() {
+    return {{{0.0, number()}, {1.0 + double(random_.below(4)), number()}}};
+}
+
+Value EditScript::specifier() {
+    return {ValueType::Specifier, Bytes{std::uint8_t(random_.below(3))}};
 }
 
 Value EditScript::number() { return doubleValue(double(++lastValue_)); }

@@ -41,6 +41,9 @@ private:
     EditAction dictionary(const std::string& field);
     EditAction list(const std::string& field, ValueType type, const Value& item,
                     const Value& other);
+    Dictionary someKeys();
+    TimeSamples someSamples();
+    Value specifier();
     Value number();
     Value bigValue(std::map<Hash, SharedBytes>& blobs);
     Value somePath();

@@ -1,6 +1,7 @@
 #include "Prediction.h"
 
 #include <algorithm>
+#include <iterator>
 #include <set>
 
 namespace usdlive::client {
@@ -17,6 +18,9 @@ NodeId ownBlock(std::uint64_t sequence) { return kFirstOwn + (sequence << kBlock
 
 // More structural changes than this are not searched through for each committed edit.
 constexpr std::size_t kStructuralSearched = 256;
+
+// Whether their content stays depends on the type of the attribute (ED9).
+constexpr std::string_view kTypedFields[] = {"default", "spline", "timeSamples"};
 
 std::string fieldKey(std::string_view path, std::string_view field) {
     return std::string(path).append(1, '\0').append(field);
@@ -127,7 +131,8 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
         if (own) creation = Creation{transaction.id.sequence, index};
         if (!absent.contains(done.edit.layer))
             note(done.edit, done.applied, creation, landed.prognosis);
-        if (wantEdits)
+        // ED9: the executor adds edits behind those of the transaction.
+        if (wantEdits && index < landed.edits.size())
             landed.edits[index] =
                 AuthoredEdit{std::move(done.edit.layer), std::move(done.edit.address.path),
                              std::move(done.edit.action)};
@@ -247,7 +252,13 @@ bool Prediction::independent(const Edit& committed) const {
     const auto notes = notes_.find(committed.layer);
     if (notes == notes_.end()) return true;
     const std::string& path = committed.address.path;
-    if (notes->second.fields.contains(fieldKey(path, *field))) return false;
+    const auto writes = [&](std::string_view other) {
+        return notes->second.fields.contains(fieldKey(path, other));
+    };
+    if (writes(*field)) return false;
+    if (*field == "typeName" && std::ranges::any_of(kTypedFields, writes)) return false;  // ED9
+    if (std::ranges::find(kTypedFields, *field) != std::end(kTypedFields) && writes("typeName"))
+        return false;
     const auto& structural = notes->second.structural;
     return structural.size() <= kStructuralSearched &&
            std::none_of(structural.begin(), structural.end(), [&](const std::string& changed) {

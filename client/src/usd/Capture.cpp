@@ -5,8 +5,12 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "usdlive/client/usd/ChildOrder.h"
+#include "usdlive/common/core/Overloaded.h"
+#include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/layer/FileRules.h"
 
 namespace usdlive::client {
 
@@ -127,6 +131,11 @@ private:
         return layer_->GetSpecType(path);
     }
 
+    // Was it created since the last seal?
+    [[nodiscard]] bool isNew(const SdfPath& path) const {
+        return capture_.working_->idsAlong(path.GetString()).back() >= capture_.firstNew_;
+    }
+
     void lose(const SdfPath& path, const std::string& field, const Error& reason) {
         std::string message = capture_.layer_.value + " <" + path.GetString() + ">";
         if (!field.empty()) message += " " + field;
@@ -157,7 +166,11 @@ private:
     }
 
     void compareFields(const SdfPath& path, const DirtySpec& spec) {
+        // What else is written has to fit the type.
+        const TfToken& typeName = pxr::SdfFieldKeys->TypeName;
+        if (spec.fields.contains(typeName)) compareField(path, typeName);
         for (const auto& [field, dirty] : spec.fields) {
+            if (field == typeName) continue;
             if (dirty.whole) {
                 compareField(path, field);
                 continue;
@@ -175,10 +188,23 @@ private:
         }
         const FieldValue* held = doc().field(path.GetString(), field.GetString());
         const FieldValue* wanted = *present ? &**present : nullptr;
-        for (auto& action : fieldDifference(field.GetString(), held, wanted)) {
+        if (wanted && !(held && *held == *wanted) && saysNothing(field.GetString(), *wanted)) {
+            static_cast<void>(store_.apply(path.GetString(), EraseField{field, {}}));  // ED10
+            wanted = nullptr;
+        }
+        // Of a spec that this transaction creates M13 keeps what others write.
+        const bool whole = !held && wanted && !wanted->as<Value>() && isNew(path);
+        for (auto& action : whole ? fieldDifference(field.GetString(), held, wanted)
+                                  : authoredParts(field.GetString(), held, wanted)) {
             const auto recorded = capture_.record(path.GetString(), std::move(action));
             if (recorded) continue;
-            giveUp(path, field, recorded.error());
+            if (field == pxr::SdfFieldKeys->TypeName && !held &&
+                doc().kind(path.GetString()) == SpecKind::Attribute) {
+                giveUpSpec(path, recorded.error());  // there is none without a type
+                static_cast<void>(capture_.record(path.GetString(), DeleteSpec{}));
+            } else {
+                giveUp(path, field, recorded.error());
+            }
             return;
         }
     }
@@ -221,24 +247,35 @@ private:
                      const std::vector<std::string>& keys) {
         const auto* held = entryAt(doc().field(path.GetString(), field.GetString()), keys);
         const pxr::VtValue present = layer_->GetFieldDictValueByKey(path, field, keyPath);
-        EditAction action;
-        if (present.IsEmpty()) {
-            if (!held) return true;
-            action = EraseField{field, DictionaryKey{keys}};
-        } else {
+        std::optional<FieldValue> from, to;
+        if (held) std::visit([&](const auto& entry) { from = entry; }, *held);
+        if (!present.IsEmpty()) {
             auto value = usd::encodeValue(present, blobs_);
             if (!value) {
                 giveUp(path, field, value.error());
                 return false;
             }
-            if (held &&
-                std::visit([&](const auto& entry) { return FieldValue(entry) == *value; }, *held))
-                return true;
-            action = SetField{field, DictionaryKey{keys}, std::move(*value), ValueType::None};
+            to = std::move(*value);
         }
-        const auto recorded = capture_.record(path.GetString(), std::move(action));
-        if (!recorded) giveUp(path, field, recorded.error());
-        return recorded.has_value();
+        for (EditAction& action :
+             authoredParts(field.GetString(), from ? &*from : nullptr, to ? &*to : nullptr)) {
+            std::visit(
+                Overloaded{[&](SetField& set) { prepend(keys, set.part); },
+                           [&](EraseField& erase) { prepend(keys, erase.part); }, [](auto&) {}},
+                action);
+            const auto recorded = capture_.record(path.GetString(), std::move(action));
+            if (recorded) continue;
+            giveUp(path, field, recorded.error());
+            return false;
+        }
+        return true;
+    }
+    // `part`: of the entry at `keys`.
+    static void prepend(const std::vector<std::string>& keys, FieldPart& part) {
+        DictionaryKey whole{keys};
+        if (const auto* below = std::get_if<DictionaryKey>(&part))
+            whole.path.insert(whole.path.end(), below->path.begin(), below->path.end());
+        part = std::move(whole);
     }
 
     void compareOrder(const SdfPath& parent, ChildList list) {
@@ -318,6 +355,8 @@ private:
         for (const TfToken& field : layer_->ListFields(path))
             if (!usd::isStructural(field)) fields.insert(field);
         for (const auto& name : doc().fieldNames(path.GetString())) fields.insert(TfToken(name));
+        const TfToken& typeName = pxr::SdfFieldKeys->TypeName;  // what the others have to fit
+        if (fields.erase(typeName)) compareField(path, typeName);
         for (const TfToken& field : fields) compareField(path, field);
     }
 
@@ -366,9 +405,32 @@ void Capture::begin() {
     if (working_) return;
     const LayerDoc* shown = view_();
     working_ = shown ? *shown : LayerDoc();
+    firstNew_ = working_->nextId();
+}
+
+// ED8, ED9, ED11: what no file could hold.
+Result<void> Capture::check(std::string_view path, const EditAction& action) const {
+    const auto* set = std::get_if<SetField>(&action);
+    if (set && dependsOnType(set->field)) {
+        const std::string_view type = attributeType(*working_, path);
+        if (!fitsType(type, *set))
+            return fail(ErrorCode::InvalidValue,
+                        "the value is of another type than the attribute, "
+                        "which is a " +
+                            inQuotes(type));
+    }
+    const auto* erase = std::get_if<EraseField>(&action);
+    const std::string_view field = set     ? std::string_view(set->field)
+                                   : erase ? std::string_view(erase->field)
+                                           : std::string_view();
+    const auto kind = field == "typeName" ? working_->kind(path) : std::nullopt;
+    if (kind)
+        if (auto proper = checkTypeName(*kind, action); !proper) return proper;
+    return set ? checkDictionary(*set) : Result<void>();
 }
 
 Result<void> Capture::record(std::string_view path, EditAction action) {
+    if (auto proper = check(path, action); !proper) return proper;
     const auto applied = working_->apply(path, action);
     if (!applied) return tl::unexpected(applied.error());
     if (applied->changed) edits_.push_back({layer_, std::string(path), std::move(action)});

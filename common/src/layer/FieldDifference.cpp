@@ -13,10 +13,14 @@ struct ValueLess {
     bool operator()(const Value& left, const Value& right) const { return left < right; }
 };
 
+// An author sends so many parts where the whole would be shorter. Everybody applies them one by
+// one, and each may cost the size of the whole.
+constexpr std::size_t kMostParts = 1000;
+
 // Gathers the parts by which one field differs, and what the whole would cost instead.
 class Difference {
 public:
-    explicit Difference(std::string_view field) : field_(field) {}
+    Difference(std::string_view field, bool authored) : field_(field), authored_(authored) {}
 
     void run(const Dictionary& from, const Dictionary& to) {
         std::vector<std::string> path;
@@ -40,10 +44,12 @@ public:
     }
 
     void run(const ListOp& from, const ListOp& to) {
-        whole_ = from.itemType != to.itemType || from.isExplicit != to.isExplicit;
+        const bool sameForm = from.itemType == to.itemType && from.isExplicit == to.isExplicit;
+        whole_ = !sameForm && !authored_;
+        const ListOp none;  // what the first item of another form leaves
         for (std::size_t i = 0; i < kListNames && !whole_; ++i) {
             wholeSize_ += to.lists[i].size();
-            compare(ListName(i), from.lists[i], to.lists[i], to.itemType);
+            compare(ListName(i), (sameForm ? from : none).lists[i], to.lists[i], to.itemType);
         }
         whole_ = whole_ || wholeSize_ == 0;
     }
@@ -66,7 +72,7 @@ public:
     // Sets first: what is erased last leaves nothing empty on the way.
     std::vector<EditAction> take(const FieldValue& from, const FieldValue& to) {
         const std::size_t parts = sets_.size() + erases_.size();
-        if (!whole_ && (parts == 1 || parts < wholeSize_)) {
+        if (!whole_ && (parts <= (authored_ ? kMostParts : 1) || parts < wholeSize_)) {
             std::move(erases_.begin(), erases_.end(), std::back_inserter(sets_));
             if (isExact(from, to)) return std::move(sets_);
         }
@@ -146,7 +152,9 @@ private:
     void set(FieldPart part, FieldValue value, ValueType form = ValueType::None) {
         sets_.push_back(SetField{field_, std::move(part), std::move(value), form});
     }
-    void setEntry(const std::vector<std::string>& path, const Dictionary::Entry& entry) {
+    void setEntry(std::vector<std::string>& path, const Dictionary::Entry& entry) {
+        const auto* inner = std::get_if<Dictionary>(&entry);
+        if (authored_ && inner && !inner->entries.empty()) return compare({}, *inner, path);
         std::visit([&](const auto& content) { set(DictionaryKey{path}, FieldValue(content)); },
                    entry);
     }
@@ -167,37 +175,71 @@ private:
     }
 
     std::string field_;
+    bool authored_;
     std::vector<EditAction> sets_;
     std::vector<EditAction> erases_;
     std::size_t wholeSize_ = 0;
     bool whole_ = false;
 };
 
+std::vector<EditAction> compareContents(std::string_view field, const FieldValue& from,
+                                        const FieldValue& to, bool authored) {
+    if (from == to) return {};
+    Difference difference(field, authored);
+    const auto compare = [&](const auto& old) {
+        using Content = std::decay_t<decltype(old)>;
+        const auto* now = to.as<Content>();
+        if (now) difference.run(old, *now);
+        return now != nullptr;
+    };
+    if (!from.visit(compare)) return {SetField{std::string(field), {}, to, ValueType::None}};
+    return difference.take(from, to);
+}
+
+struct EmptyOf {
+    FieldValue operator()(const Value& value) const { return value; }
+    FieldValue operator()(const Dictionary&) const { return Dictionary{}; }
+    FieldValue operator()(const TimeSamples&) const { return TimeSamples{}; }
+    FieldValue operator()(const ListOp& list) const {
+        ListOp none;
+        none.itemType = list.itemType;
+        none.isExplicit = list.isExplicit;
+        return none;
+    }
+    FieldValue operator()(const Map& map) const { return Map{map.keyType, {}}; }
+};
+
 }  // namespace
 
 std::vector<EditAction> fieldDifference(std::string_view field, const FieldValue* from,
                                         const FieldValue* to) {
-    const std::string name(field);
-    if (!from && !to) return {};
-    if (!to) return {EraseField{name, {}}};
-    // The first items of a list op are items, too (M1): two authors who begin one both keep theirs.
-    if (const auto* list = !from ? to->as<ListOp>() : nullptr; list && !list->isExplicit) {
-        ListOp none;
-        none.itemType = list->itemType;
-        const FieldValue empty(none);
-        if (!(empty == *to)) return fieldDifference(field, &empty, to);
+    if (!to && !from) return {};
+    if (!to) return {EraseField{std::string(field), {}}};
+    if (!from) return {SetField{std::string(field), {}, *to, ValueType::None}};
+    return compareContents(field, *from, *to, false);
+}
+
+std::vector<EditAction> authoredParts(std::string_view field, const FieldValue* from,
+                                      const FieldValue* to) {
+    if (!to) return fieldDifference(field, from, to);
+    if (from && from->type() == to->type()) return compareContents(field, *from, *to, true);
+    // The first part makes the field one of the part's form.
+    const FieldValue none = to->visit(EmptyOf{});
+    if (none == *to) return {SetField{std::string(field), {}, *to, ValueType::None}};
+    return compareContents(field, none, *to, true);
+}
+
+FieldValue unitedParts(std::string_view field, const FieldValue& present, const FieldValue& added) {
+    FieldValue united = present;
+    const auto* samples = added.as<TimeSamples>();
+    if (const auto* old = present.as<TimeSamples>(); samples && old) {  // often very many
+        std::map<double, Value> all(samples->samples.begin(), samples->samples.end());
+        all.insert(old->samples.begin(), old->samples.end());
+        return TimeSamples{{all.begin(), all.end()}};
     }
-    if (!from) return {SetField{name, {}, *to, ValueType::None}};
-    if (*from == *to) return {};
-    Difference difference(field);
-    const auto compare = [&](const auto& old) {
-        using Content = std::decay_t<decltype(old)>;
-        const auto* now = to->as<Content>();
-        if (now) difference.run(old, *now);
-        return now != nullptr;
-    };
-    if (!from->visit(compare)) return {SetField{name, {}, *to, ValueType::None}};
-    return difference.take(*from, *to);
+    for (const EditAction& action : authoredParts(field, nullptr, &added))
+        setPart(united, std::get<SetField>(action));
+    return united;
 }
 
 }  // namespace usdlive

@@ -219,6 +219,13 @@ Result<void> checkSet(bool pseudoRoot, const SetField& set) {
     return {};
 }
 
+bool makesOver(const SetField& set) {
+    constexpr std::uint8_t kOver = 1;
+    const auto* value = set.value.as<Value>();
+    return set.field == "specifier" && value && value->type() == ValueType::Specifier &&
+           value->bytes().size() == 1 && value->bytes().front() == kOver;
+}
+
 Result<void> checkAuthored(const SetField& set) {
     if (set.field.ends_with("Children")) return misfit(set.field, "sets a list of children");
     return {};

@@ -1,10 +1,13 @@
 #include "usdlive/common/layer/TransactionExecutor.h"
 
 #include <algorithm>
+#include <set>
+#include <tuple>
 #include <unordered_set>
 
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/layer/FieldParts.h"
+#include "usdlive/common/layer/FileRules.h"
 
 namespace usdlive {
 
@@ -50,6 +53,15 @@ bool isValueEdit(const EditAction& action) {
     return std::holds_alternative<SetField>(action) || std::holds_alternative<EraseField>(action);
 }
 
+constexpr std::string_view kTypeName = "typeName";
+
+// The field that an edit is for; empty for one of the namespace.
+std::string_view fieldOf(const EditAction& action) {
+    if (const auto* set = std::get_if<SetField>(&action)) return set->field;
+    if (const auto* erase = std::get_if<EraseField>(&action)) return erase->field;
+    return {};
+}
+
 // What an edit that was executed did to the namespace.
 void record(NamespaceLog& log, Revision revision, const Edit& edit) {
     if (std::holds_alternative<DeleteSpec>(edit.action))
@@ -86,6 +98,7 @@ public:
             }
             executed_.dropped.push_back({index, done.error().error.code, edit});
         }
+        eraseMisfits();
         return std::move(executed_);
     }
 
@@ -122,7 +135,9 @@ private:
         if (const auto* move = std::get_if<MoveSpec>(&edit.action)) return checkPath(move->parent);
         const bool root = !edit.address.creation && edit.address.path == "/";
         if (const auto* set = std::get_if<SetField>(&edit.action))
-            return checkAuthored(*set).and_then([&] { return checkSet(root, *set); });
+            return checkAuthored(*set).and_then([&] { return checkSet(root, *set); }).and_then([&] {
+                return checkDictionary(*set);
+            });
         if (const auto* erase = std::get_if<EraseField>(&edit.action)) return checkErase(*erase);
         return {};
     }
@@ -139,8 +154,94 @@ private:
         return transaction_.edits.size() > 1 &&
                std::any_of(transaction_.edits.begin(), transaction_.edits.end(),
                            [](const Edit& edit) {
-                               return !isValueEdit(edit.action) || edit.address.creation;
+                               return !isValueEdit(edit.action) || edit.address.creation ||
+                                      fieldOf(edit.action) == kTypeName;
                            });
+    }
+
+    // ED8-ED10: refuses what no file can hold, drops what was meant for another type, and makes an
+    // erase of what says nothing.
+    Attempt<void> mindFiles(const Address& submitted, Edit& edit) {
+        const std::string_view field = fieldOf(edit.action);
+        if (field.empty()) return {};
+        const LayerDoc& doc = layers_.find(edit.layer)->second;
+        const std::string& path = edit.address.path;
+        const auto kind = field == kTypeName ? doc.kind(path) : std::nullopt;
+        if (kind)
+            if (auto proper = checkTypeName(*kind, edit.action); !proper)
+                return refuse(proper.error());
+        if (auto* set = std::get_if<SetField>(&edit.action)) {
+            const std::string_view type =
+                dependsOnType(field) ? attributeType(doc, path) : std::string_view();
+            if (!fitsType(type, *set) &&
+                !fitsType(laterType(edit.layer, submitted).value_or(type), *set))
+                return drop(ErrorCode::SpecKindConflict,
+                            inQuotes(path) + " is of type " + inQuotes(type));
+            if (std::holds_alternative<std::monostate>(set->part) && saysNothing(field, set->value))
+                edit.action = EraseField{set->field, {}};
+        } else if (const auto& erase = std::get<EraseField>(edit.action);
+                   field == "variantSetNames" && std::holds_alternative<ListItem>(erase.part)) {
+            const FieldValue* present = doc.field(path, field);
+            if (!present || !holdsPart(*present, erase.part)) return {};
+            FieldValue left = *present;
+            if (erasePart(left, erase.part) && saysNothing(field, left))
+                edit.action = EraseField{erase.field, {}};
+        }
+        return {};
+    }
+
+    // The type that this transaction gives the attribute at last. Edits of one spec may come in any
+    // order.
+    [[nodiscard]] std::optional<std::string_view> laterType(const LayerId& layer,
+                                                            const Address& address) {
+        if (!laterTypes_) {
+            laterTypes_.emplace();
+            for (const Edit& edit : transaction_.edits) {
+                const auto* set = std::get_if<SetField>(&edit.action);
+                const auto* name = set ? set->value.as<Value>() : nullptr;
+                if (set && name && set->field == kTypeName)
+                    (*laterTypes_)[{edit.layer, edit.address.path, edit.address.creation}] =
+                        textOf(*name).value_or("");
+            }
+        }
+        const auto found = laterTypes_->find({layer, address.path, address.creation});
+        return found == laterTypes_->end() ? std::nullopt : std::optional(found->second);
+    }
+
+    // ED9: values that were there before an attribute got another type. These edits follow all that
+    // were submitted, whose numbers they leave as they are.
+    void eraseMisfits() {
+        for (const auto& [layer, from, mark] : retyped_) {
+            const auto path = log_.translateFrom(layer, from, mark);
+            if (!path) continue;
+            LayerDoc& doc = layers_.find(layer)->second;
+            for (const char* field : {"default", "spline", "timeSamples"}) {
+                const FieldValue* content = doc.field(*path, field);
+                if (!content || fitsType(attributeType(doc, *path), field, *content)) continue;
+                ExecutedEdit done{{layer, {*path, {}}, EraseField{field, {}}}, {}};
+                if (auto applied = doc.apply(*path, done.edit.action)) {
+                    done.applied = *std::move(applied);
+                    executed_.edits.push_back(std::move(done));
+                }
+            }
+        }
+    }
+
+    // M13: the author created the spec, and so did somebody else meanwhile. The field becomes what
+    // both have written, and the commit says what that is.
+    void mergeWithWhatWasThere(const Address& submitted, Edit& edit) {
+        auto* set = std::get_if<SetField>(&edit.action);
+        if (merged_.empty() || !set || !std::holds_alternative<std::monostate>(set->part)) return;
+        const LayerDoc& doc = layers_.find(edit.layer)->second;
+        const FieldValue* present = doc.field(edit.address.path, set->field);
+        if (!present || !merged_.contains({edit.layer, doc.idsAlong(edit.address.path).back()}))
+            return;
+        // An `over` is created for each prim that is missing on the way to an edit.
+        if (makesOver(*set))
+            set->value = *present;
+        else if (fitsType(laterType(edit.layer, submitted).value_or(std::string_view()), set->field,
+                          *present))
+            set->value = unitedParts(set->field, *present, set->value);
     }
 
     Attempt<void> executeEdit(const Edit& edit, std::uint32_t index) {
@@ -154,6 +255,8 @@ private:
             if (!parent) return tl::unexpected(parent.error());
             move->parent = {*std::move(parent), {}};
         }
+        if (auto proper = mindFiles(edit.address, done.edit); !proper) return proper;
+        mergeWithWhatWasThere(edit.address, done.edit);
         auto applied =
             layers_.find(edit.layer)
                 ->second.apply(done.edit.address.path, done.edit.action, LayerDoc::By::Author);
@@ -161,6 +264,9 @@ private:
         done.applied = *std::move(applied);
         if (done.applied.changed) record(log_, revision_, done.edit);
         if (creates) created_[index] = {edit.layer, done.edit.address.path, log_.mark()};
+        if (done.applied.changed && fieldOf(edit.action) == kTypeName)
+            retyped_.push_back({edit.layer, done.edit.address.path, log_.mark()});
+        if (creates && !done.applied.changed) merged_.insert({edit.layer, done.applied.node});
         executed_.edits.push_back(std::move(done));
         return {};
     }
@@ -242,6 +348,10 @@ private:
     Executed executed_;
     std::map<std::uint32_t, OwnCreations::Entry> created_;  // by this transaction's edits
     LayerDocs copies_;                                      // as they were before
+    std::set<std::pair<LayerId, NodeId>> merged_;           // found there by a Create (M2)
+    std::vector<OwnCreations::Entry> retyped_;              // specs with another type name
+    using Register = std::tuple<LayerId, std::string_view, std::optional<Creation>>;
+    std::optional<std::map<Register, std::string_view>> laterTypes_;
 };
 
 }  // namespace

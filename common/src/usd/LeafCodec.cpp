@@ -671,6 +671,30 @@ Result<pxr::SdfPath> parsePath(std::string_view text) {
     return path;
 }
 
+namespace {
+
+// Do the bytes make the same value everywhere? Sdf lets one build what its own text does not give
+// again: a path expression with -0.0 or a line break in it.
+bool readsBack(const LeafCodec& codec, ByteView bytes) {
+    switch (ValueType(std::uint16_t(codec.type) & 0xFF)) {
+        case ValueType::PathExpression:
+        case ValueType::Asset:
+        case ValueType::Path:
+        case ValueType::Spline:
+        case ValueType::Reference:
+        case ValueType::Payload:
+        case ValueType::Unregistered:
+            break;
+        default:
+            return true;
+    }
+    const auto value = codec.read(bytes, nullptr);
+    Bytes again;
+    return value && codec.write(*value, again) && std::ranges::equal(bytes, again);
+}
+
+}  // namespace
+
 Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
     const LeafCodec* codec = value.IsEmpty() ? nullptr : codecFor(value);
     if (!codec) return unsupported(value, "");
@@ -678,6 +702,8 @@ Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
     if (!codec->write(value, bytes)) return unsupported(value, ": it has a part that cannot");
     if (auto valid = validateValue(codec->type, bytes); !valid)
         return unsupported(value, ": " + valid.error().message);
+    if (!readsBack(*codec, bytes))
+        return unsupported(value, ": what OpenUSD writes of it is not what it reads");
     if (bytes.size() < kBigValueBytes || !canBeBlob(codec->type))
         return Value(codec->type, std::move(bytes));
     const Hash hash = sha256(bytes);
@@ -719,7 +745,8 @@ Result<std::vector<Value>> encodeItems(const std::vector<T>& items) {
     for (const T& item : items) {
         Bytes bytes;
         const bool written = Element<T>::write(bytes, item);
-        if (!written || !validateValue(Element<T>::kType, bytes))
+        if (!written || !validateValue(Element<T>::kType, bytes) ||
+            !readsBack(*codecFor(Element<T>::kType), bytes))
             return fail(ErrorCode::UnsupportedValue, "an item of the list cannot be carried");
         values.emplace_back(Element<T>::kType, std::move(bytes));
     }

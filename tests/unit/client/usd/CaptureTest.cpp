@@ -1,6 +1,7 @@
 #include "usdlive/client/usd/Capture.h"
 
 #include <gtest/gtest.h>
+#include <pxr/base/gf/vec3f.h>
 #include <pxr/base/tf/errorMark.h>
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/dictionary.h>
@@ -9,7 +10,9 @@
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/layerOffset.h>
+#include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/namespaceEdit.h>
+#include <pxr/usd/sdf/pathExpression.h>
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/relationshipSpec.h>
 #include <pxr/usd/sdf/schema.h>
@@ -259,6 +262,80 @@ TEST_F(CaptureTest, AForbiddenValueIsToldAndUndone) {
     ASSERT_EQ(lost.size(), 1u);
     EXPECT_EQ(lost[0].reason.code, ErrorCode::ForbiddenValue);
     EXPECT_EQ(layer->GetTimeCodesPerSecond(), 30);
+    expectSame();
+}
+
+TEST_F(CaptureTest, ED8ATypeNameThatNoTextHoldsIsToldAndUndone) {
+    const auto a = prim("A");
+    const auto x = attribute(a);
+    seal();
+    a->SetTypeName("My Type");
+    layer->SetField(x->GetPath(), pxr::SdfFieldKeys->TypeName, pxr::TfToken("None"));
+    const auto y = attribute(prim("B"));
+    layer->SetField(y->GetPath(), pxr::SdfFieldKeys->TypeName, pxr::TfToken("My Type"));
+    seal();
+    ASSERT_EQ(lost.size(), 3u);
+    for (const auto& write : lost) EXPECT_EQ(write.reason.code, ErrorCode::InvalidValue);
+    EXPECT_EQ(a->GetTypeName(), pxr::TfToken());
+    EXPECT_EQ(x->GetTypeName(), pxr::SdfValueTypeNames->Double);
+    EXPECT_TRUE(layer->GetPrimAtPath(pxr::SdfPath("/B")));
+    EXPECT_FALSE(layer->GetAttributeAtPath(pxr::SdfPath("/B.x")))
+        << "there is no attribute without a type";
+    expectSame();
+}
+
+TEST_F(CaptureTest, ED9AValueOfAnotherTypeIsToldAndUndone) {
+    const auto x = attribute(prim("A"));
+    x->SetDefaultValue(pxr::VtValue(1.0));
+    seal();
+    layer->SetField(x->GetPath(), pxr::SdfFieldKeys->Default, std::string("text"));
+    layer->SetField(x->GetPath(), pxr::SdfFieldKeys->TimeSamples,
+                    pxr::SdfTimeSampleMap{{1, pxr::VtValue(pxr::GfVec3f(1))}});
+    EXPECT_TRUE(seal().empty());
+    ASSERT_EQ(lost.size(), 2u);
+    EXPECT_NE(lost[0].reason.message.find("double"), std::string::npos) << lost[0].reason.message;
+    EXPECT_EQ(x->GetDefaultValue(), pxr::VtValue(1.0));
+    expectSame();
+    // With its type it fits.
+    layer->SetField(x->GetPath(), pxr::SdfFieldKeys->Default, std::string("text"));
+    layer->SetField(x->GetPath(), pxr::SdfFieldKeys->TypeName, pxr::TfToken("string"));
+    EXPECT_EQ(seal().size(), 2u);
+    EXPECT_TRUE(lost.empty());
+    expectSame();
+}
+
+TEST_F(CaptureTest, ED10WhatSaysNothingIsNoField) {
+    const auto a = prim("A");
+    seal();
+    layer->SetField(a->GetPath(), pxr::SdfFieldKeys->VariantSetNames,
+                    pxr::SdfStringListOp::CreateExplicit());
+    layer->SetField(a->GetPath(), pxr::SdfFieldKeys->InheritPaths, pxr::SdfPathListOp());
+    layer->SetField(a->GetPath(), pxr::SdfFieldKeys->VariantSelection,
+                    pxr::SdfVariantSelectionMap());
+    EXPECT_TRUE(seal().empty());
+    EXPECT_TRUE(lost.empty());
+    expectSame();
+}
+
+TEST_F(CaptureTest, WhatOpenUsdReadsOtherwiseIsToldAndUndone) {
+    const auto a = prim("A");
+    const auto e = pxr::SdfAttributeSpec::New(a, "e", pxr::SdfValueTypeNames->PathExpression);
+    seal();
+    const auto set = [&](const char* text) {
+        e->SetDefaultValue(pxr::VtValue(pxr::SdfPathExpression(text)));
+        return seal().size();
+    };
+    EXPECT_EQ(set("/a{x(-0.0)}"), 0u);
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].reason.code, ErrorCode::UnsupportedValue);
+    EXPECT_FALSE(e->HasDefaultValue());
+    EXPECT_EQ(set("/a{x(0.5)}"), 1u);
+    // ED11. Sdf itself refuses it only of some callers.
+    layer->SetFieldDictValueByKey(a->GetPath(), pxr::SdfFieldKeys->CustomData, pxr::TfToken("path"),
+                                  pxr::VtValue(pxr::SdfPath("/A")));
+    EXPECT_TRUE(seal().empty());
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].reason.code, ErrorCode::InvalidValue);
     expectSame();
 }
 

@@ -5,9 +5,13 @@
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/reference.h>
+#include <pxr/usd/sdf/relationshipSpec.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
@@ -163,6 +167,103 @@ TEST_F(ClientTest, EditsGoBothWays) {
     EXPECT_EQ(text(hers), text(his));
     EXPECT_EQ(text(hers), serverText(kRoot));
     EXPECT_EQ(ada->pendingTransactions(), 0u);
+}
+
+// M1: parts are sent also of a field that was not there before.
+TEST_F(ClientTest, M1TwoWhoWriteTheFirstPartsOfAFieldBothKeepTheirs) {
+    server.files[kRoot] = docOf("def \"World\" {\n double x\n rel r\n rel e\n}\n");
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    const SdfPath world("/World"), x("/World.x"), r("/World.r"), e("/World.e");
+    const auto write = [&](const pxr::SdfLayerRefPtr& layer, const std::string& name, double time) {
+        const pxr::VtDictionary inner{{name, pxr::VtValue(1)}, {name + "2", pxr::VtValue(2)}};
+        const pxr::VtDictionary whole{{"omni_layer", pxr::VtValue(inner)}};
+        layer->SetCustomLayerData(whole);
+        layer->SetFieldDictValueByKey(world, pxr::SdfFieldKeys->CustomData, pxr::TfToken("a:b"),
+                                      pxr::VtValue(inner));
+        layer->SetField(
+            x, pxr::SdfFieldKeys->TimeSamples,
+            pxr::SdfTimeSampleMap{{time, pxr::VtValue(1.0)}, {time + 1, pxr::VtValue(2.0)}});
+        layer->SetField(x, pxr::SdfFieldKeys->CustomData, pxr::VtValue(inner));
+        const SdfPath first("/" + name), second("/" + name + "2");
+        layer->SetField(r, pxr::SdfFieldKeys->TargetPaths,
+                        pxr::SdfPathListOp::Create({first, second}));
+        layer->SetField(e, pxr::SdfFieldKeys->TargetPaths,
+                        pxr::SdfPathListOp::CreateExplicit({first, second}));
+        layer->SetSubLayerPaths({"./" + name + ".usda", "./" + name + "2.usda"});
+        layer->SetField(world, pxr::SdfFieldKeys->VariantSelection,
+                        pxr::SdfVariantSelectionMap{{name, "1"}, {name + "2", "2"}});
+        layer->SetField(SdfPath::AbsoluteRootPath(), pxr::SdfFieldKeys->LayerRelocates,
+                        pxr::SdfRelocates{{world.AppendChild(pxr::TfToken(name)), first},
+                                          {world.AppendChild(pxr::TfToken(name + "2")), second}});
+    };
+    write(hers, "ada", 1);
+    write(his, "bo", 11);
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(text(hers), text(his));
+    EXPECT_EQ(text(hers), serverText(kRoot));
+    for (const std::string name : {"ada", "ada2", "bo", "bo2"}) {
+        const auto hasKey = [&](const pxr::VtDictionary& dictionary, const std::string& keys) {
+            return dictionary.GetValueAtPath(keys + name) != nullptr;
+        };
+        EXPECT_TRUE(hasKey(hers->GetCustomLayerData(), "omni_layer:")) << name;
+        const auto dataOf = [&](const SdfPath& path) {
+            return hers->GetFieldAs<pxr::VtDictionary>(path, pxr::SdfFieldKeys->CustomData);
+        };
+        EXPECT_TRUE(hasKey(dataOf(world), "a:b:")) << name;
+        EXPECT_TRUE(hasKey(dataOf(x), "")) << name;
+        for (const SdfPath& path : {r, e})
+            EXPECT_TRUE(hers->GetFieldAs<pxr::SdfPathListOp>(path, pxr::SdfFieldKeys->TargetPaths)
+                            .HasItem(SdfPath("/" + name)))
+                << path << " " << name;
+        EXPECT_TRUE(hers->GetFieldAs<pxr::SdfVariantSelectionMap>(
+                            world, pxr::SdfFieldKeys->VariantSelection)
+                        .contains(name));
+        EXPECT_EQ(std::ranges::count(std::vector<std::string>(hers->GetSubLayerPaths()),
+                                     "./" + name + ".usda"),
+                  1);
+        EXPECT_EQ(std::ranges::count_if(
+                      hers->GetRelocates(),
+                      [&](const auto& relocate) { return relocate.second == SdfPath("/" + name); }),
+                  1);
+    }
+    EXPECT_EQ(hers->GetNumTimeSamplesForPath(x), 4u);
+}
+
+// M13: what was created by both at once has the parts of both.
+TEST_F(ClientTest, M13TwoWhoCreateOneSpecBothKeepWhatTheyWriteThere) {
+    const auto ada = connect("ada"), bo = connect("bo");
+    const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
+    const auto write = [](const pxr::SdfLayerRefPtr& layer, const std::string& name, double time,
+                          pxr::SdfSpecifier specifier) {
+        const auto prim = pxr::SdfPrimSpec::New(layer, "New", specifier);
+        const auto attribute =
+            pxr::SdfAttributeSpec::New(prim, "a", pxr::SdfValueTypeNames->Double);
+        layer->SetTimeSample(attribute->GetPath(), time, 1.0);
+        layer->SetTimeSample(attribute->GetPath(), time + 1, 1.0);
+        prim->SetCustomData(name, pxr::VtValue(1));
+        prim->SetCustomData("shared", pxr::VtValue(name));
+        prim->GetReferenceList().Prepend(pxr::SdfReference("./" + name + ".usda"));
+    };
+    write(hers, "ada", 1, pxr::SdfSpecifierDef);
+    write(his, "bo", 11, pxr::SdfSpecifierOver);
+    tick({ada.get(), bo.get()});
+    EXPECT_EQ(text(hers), text(his));
+    EXPECT_EQ(text(hers), serverText(kRoot));
+    const auto prim = his->GetPrimAtPath(SdfPath("/New"));
+    EXPECT_EQ(prim->GetSpecifier(), pxr::SdfSpecifierDef);
+    const auto data =
+        his->GetFieldAs<pxr::VtDictionary>(prim->GetPath(), pxr::SdfFieldKeys->CustomData);
+    EXPECT_EQ(data.size(), 3u);
+    EXPECT_EQ(*data.GetValueAtPath("shared"), pxr::VtValue(std::string("bo")));
+    EXPECT_EQ(prim->GetReferenceList().GetPrependedItems().size(), 2u);
+    EXPECT_EQ(his->GetNumTimeSamplesForPath(SdfPath("/New.a")), 4u);
+
+    // Only an explicit change makes a def an over.
+    his->GetPrimAtPath(SdfPath("/New"))->SetSpecifier(pxr::SdfSpecifierOver);
+    tick({bo.get(), ada.get()});
+    EXPECT_EQ(hers->GetPrimAtPath(SdfPath("/New"))->GetSpecifier(), pxr::SdfSpecifierOver);
+    EXPECT_EQ(text(hers), serverText(kRoot));
 }
 
 TEST_F(ClientTest, OneFrameIsOneTransactionOverAllLayers) {

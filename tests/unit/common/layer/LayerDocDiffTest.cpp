@@ -43,8 +43,11 @@ void checkFieldDifference(const FieldValue* from, const FieldValue* to) {
     LayerDoc after = before;
     if (from) mustApply(before, "/A", SetField{"f", {}, *from, ValueType::None});
     if (to) mustApply(after, "/A", SetField{"f", {}, *to, ValueType::None});
+    LayerDoc authored = before;
     for (const auto& action : fieldDifference("f", from, to)) mustApply(before, "/A", action);
     EXPECT_EQ(before.dump(), after.dump());
+    for (const auto& action : authoredParts("f", from, to)) mustApply(authored, "/A", action);
+    EXPECT_EQ(authored.dump(), after.dump());
 }
 
 ListOp tokens(const std::string& items) {
@@ -246,6 +249,70 @@ TEST(FieldDifference, SaysTheWholeWhenAListHasDuplicates) {
     EXPECT_EQ(fieldDifference("f", &from, &to), expected);
     checkFieldDifference(&from, &to);
     checkFieldDifference(&to, &from);
+}
+
+TEST(FieldDifference, M1AnAuthorSendsPartsAlsoWhereTheWholeIsShorter) {
+    const auto partsOf = [](const FieldValue* from, const FieldValue& to) {
+        std::vector<FieldPart> parts;
+        for (const auto& action : authoredParts("f", from, &to))
+            parts.push_back(std::visit(
+                [](const auto& edit) {
+                    if constexpr (requires { edit.part; }) return FieldPart(edit.part);
+                    return FieldPart();
+                },
+                action));
+        return parts;
+    };
+    Dictionary links, inner;
+    inner.entries["x"] = inner.entries["y"] = intValue(1);
+    links.entries["a"] = inner;
+    const std::vector<FieldPart> keys{DictionaryKey{{"a", "x"}}, DictionaryKey{{"a", "y"}}};
+    const FieldValue other = intValue(1);
+    EXPECT_EQ(partsOf(nullptr, links), keys);
+    EXPECT_EQ(partsOf(&other, links), keys);
+    EXPECT_EQ(
+        partsOf(nullptr, tokens("ab")),
+        (std::vector<FieldPart>{ListItem{ListName::Explicit, tokenValue("b"), {}},
+                                ListItem{ListName::Explicit, tokenValue("a"), tokenValue("b")}}));
+    ListOp prepended{ValueType::Token, false, {}};
+    prepended[ListName::Prepended] = {tokenValue("a")};
+    const FieldValue explicitly = tokens("a");
+    EXPECT_EQ(partsOf(&explicitly, prepended),
+              (std::vector<FieldPart>{ListItem{ListName::Prepended, tokenValue("a"), {}}}));
+    EXPECT_EQ(partsOf(nullptr, TimeSamples{{{1, intValue(1)}, {2, intValue(1)}}}),
+              (std::vector<FieldPart>{SampleTime{1}, SampleTime{2}}));
+    EXPECT_EQ(partsOf(nullptr, Map{ValueType::String, {{stringValue("s"), stringValue("v")}}}),
+              (std::vector<FieldPart>{MapKey{stringValue("s")}}));
+    // There is no part to send.
+    const std::vector<FieldPart> whole(1);
+    EXPECT_EQ(partsOf(nullptr, Dictionary{}), whole);
+    EXPECT_EQ(partsOf(&explicitly, tokens("")), whole);
+    EXPECT_EQ(partsOf(nullptr, tokens("aa")), whole);
+    // Each of so many would cost everybody as much as the whole.
+    TimeSamples many;
+    for (int time = 0; time < 5000; ++time) many.samples.emplace_back(time, intValue(1));
+    EXPECT_EQ(partsOf(nullptr, many), whole);
+}
+
+TEST(FieldDifference, M13UnitesThePartsOfTwo) {
+    RandomEdits random{11};
+    for (int step = 0; step < 2000; ++step) {
+        SCOPED_TRACE(step);
+        const FieldValue present = random.content(), added = random.content();
+        const FieldValue united = unitedParts("f", present, added);
+        if (present.type() != added.type()) {
+            EXPECT_EQ(united, added);
+        }
+        // Whoever adds his parts to that changes nothing.
+        const auto* list = added.as<ListOp>();
+        if (!list) {
+            EXPECT_EQ(unitedParts("f", united, added), united);
+        }
+        const auto* both = united.as<Dictionary>();
+        if (!both || !present.as<Dictionary>() || added.as<Dictionary>()->entries.empty()) continue;
+        for (const auto* from : {present.as<Dictionary>(), added.as<Dictionary>()})
+            for (const auto& [key, entry] : from->entries) EXPECT_TRUE(both->entries.contains(key));
+    }
 }
 
 TEST(FieldDifference, IsExactForAnyContents) {

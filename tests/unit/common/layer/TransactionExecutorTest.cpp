@@ -509,3 +509,59 @@ TEST(TransactionExecutor, M3ToM6HoldForTwoAuthorsWithOldBases) {
     EXPECT_GT(dropped, 10 * kSeeds);
     EXPECT_GT(refused, kSeeds);
 }
+
+// --- M13: a spec that two authors create at once ----------------------------------------------
+
+namespace {
+
+SetField specifierIs(std::uint8_t number) {
+    return {"specifier", {}, Value(ValueType::Specifier, Bytes{number}), {}};
+}
+constexpr std::uint8_t kDef = 0, kOver = 1, kClass = 2;
+
+}  // namespace
+
+TEST(TransactionExecutor, M13AnOverMadeOnTheWayDemotesNothing) {
+    for (const std::uint8_t theirs : {kDef, kClass}) {
+        Server server;
+        server.foreign({on("/A", kPrim), on("", specifierIs(theirs), Creation{1, 0})});
+        const auto executed = server.accepted(
+            0, {on("/A", kPrim), on("", specifierIs(kOver), Creation{1, 0}),
+                on("/B", kPrim, Creation{1, 0}), on("", specifierIs(kOver), Creation{1, 2})});
+        EXPECT_EQ(*server.doc().field("/A", "specifier"), specifierIs(theirs).value);
+        EXPECT_EQ(*server.doc().field("/A/B", "specifier"), specifierIs(kOver).value);
+        // The commit says what became of it, so that everybody else needs to know nothing of this.
+        ASSERT_EQ(executed.edits.size(), 4u);
+        EXPECT_EQ(executed.edits[1].edit.action, EditAction(specifierIs(theirs)));
+        EXPECT_FALSE(executed.edits[1].applied.changed);
+    }
+}
+
+TEST(TransactionExecutor, M13AnExplicitSpecifierIsSet) {
+    Server server;
+    server.foreign({on("/A", kPrim), on("", specifierIs(kDef), Creation{1, 0})});
+    server.accepted(0, {on("/A", kPrim), on("", specifierIs(kClass), Creation{1, 0})});
+    EXPECT_EQ(*server.doc().field("/A", "specifier"), specifierIs(kClass).value);
+    server.accepted(0, {on("", specifierIs(kOver), Creation{1, 0})});
+    EXPECT_EQ(*server.doc().field("/A", "specifier"), specifierIs(kOver).value);
+    // Deleted and created anew is another spec.
+    server.accepted(0, {on("", specifierIs(kDef), Creation{1, 0})});
+    server.accepted(
+        2, {on("/A", DeleteSpec{}), on("/A", kPrim), on("", specifierIs(kOver), Creation{4, 1})});
+    EXPECT_EQ(*server.doc().field("/A", "specifier"), specifierIs(kOver).value);
+}
+
+TEST(TransactionExecutor, M13PartsOfBothAreKept) {
+    const auto samples = [](double time, double value) {
+        return SetField{"timeSamples",
+                        {},
+                        TimeSamples{{{0, doubleValue(value)}, {time, doubleValue(value)}}},
+                        {}};
+    };
+    Server server;
+    server.foreign({on("/A", kPrim), on("/A.x", kAttribute), on("/A.x", samples(1, 1))});
+    server.accepted(0, {on("/A", kPrim), on(".x", kAttribute, Creation{1, 0}),
+                        on("", samples(2, 2), Creation{1, 1})});
+    const TimeSamples both{{{0, doubleValue(2)}, {1, doubleValue(1)}, {2, doubleValue(2)}}};
+    EXPECT_EQ(*server.doc().field("/A.x", "timeSamples"), FieldValue(both));
+}

@@ -75,6 +75,7 @@ private:
     class Sealing;
 
     void begin();
+    [[nodiscard]] Result<void> check(std::string_view path, const EditAction& action) const;
     Result<void> record(std::string_view path, EditAction action);
     bool dropBelow(std::string_view path);
     void forgetBelow(const pxr::SdfPath& path);
@@ -85,6 +86,7 @@ private:
     const std::function<const LayerDoc*()> view_;
     // The session's view with edits_ applied to it; there from the first write to the seal.
     std::optional<LayerDoc> working_;
+    NodeId firstNew_ = 0;  // of working_: specs from here on were created since the last seal
     std::vector<AuthoredEdit> edits_;
     // Where to look at the seal. By SdfPath, which sorts a spec right before all that is below it.
     std::map<pxr::SdfPath, DirtySpec> dirty_;

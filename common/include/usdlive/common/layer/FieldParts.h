@@ -19,6 +19,9 @@ namespace usdlive {
 /// metadata.
 [[nodiscard]] bool canHave(SpecKind kind, const SetField& set);
 
+/// Does it make a prim an `over`, which states nothing about the prim?
+[[nodiscard]] bool makesOver(const SetField& set);
+
 // The following take edits that have passed the checks.
 
 /// Would the edit leave the field as it is? nullptr is "absent".

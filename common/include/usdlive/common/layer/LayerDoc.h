@@ -153,4 +153,14 @@ private:
 [[nodiscard]] std::vector<EditAction> fieldDifference(std::string_view field,
                                                       const FieldValue* from, const FieldValue* to);
 
+/// The same as an author sends it (M1): part by part also where the whole would be shorter, so that
+/// others who write other parts at the same time keep theirs. Whole are only a value, a composite
+/// that parts cannot say, and one that changes in more than 1,000 parts and would be shorter.
+[[nodiscard]] std::vector<EditAction> authoredParts(std::string_view field, const FieldValue* from,
+                                                    const FieldValue* to);
+
+/// `present` with the parts of `added`, which win; `added` where they are not of one form.
+[[nodiscard]] FieldValue unitedParts(std::string_view field, const FieldValue& present,
+                                     const FieldValue& added);
+
 }  // namespace usdlive
