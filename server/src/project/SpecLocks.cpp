@@ -3,19 +3,21 @@
 #include <utility>
 
 #include "ProjectImpl.h"
+#include "usdlive/common/layer/FieldParts.h"
 #include "usdlive/common/layer/SpecPath.h"
 
 namespace usdlive::server {
 
 namespace {
 
-const std::string kSpecifier = "specifier";
-
-/// An `over` says nothing: it may be made so that specs below can be edited.
-bool isHarmless(const EditAction& action) {
-    if (std::holds_alternative<CreateSpec>(action)) return true;
-    const auto* set = std::get_if<SetField>(&action);
-    return set && set->field == kSpecifier;
+/// An `over` says nothing: it may be created so that specs below can be edited. An over of a spec
+/// that was there is an edit.
+bool isHarmless(const ExecutedEdit& executed, const LayerDoc& before) {
+    const auto& [edit, applied] = executed;
+    if (std::holds_alternative<CreateSpec>(edit.action)) return true;
+    const auto* set = std::get_if<SetField>(&edit.action);
+    if (!set || set->field != "specifier") return false;
+    return !applied.changed || (makesOver(*set) && !before.has(edit.address.path));
 }
 
 bool takesWithAllBelow(const EditAction& action) {
@@ -79,7 +81,9 @@ std::optional<std::pair<std::size_t, Error>> Project::Impl::specLockObjection(
         const auto [entry, added] = known.try_emplace(edit.layer);
         if (added) entry->second = specLocksIn(edit.layer, before);
         const SpecLocks& locks = entry->second;
-        if (locks.empty() || edit.address.path == "/" || isHarmless(edit.action)) continue;
+        if (locks.empty() || edit.address.path == "/" ||
+            isHarmless(executed[index], before.at(edit.layer)))
+            continue;
         const std::string path = withoutVariants(edit.address.path);
         if (const auto lock = locks.find(path); lock != locks.end() && foreign(lock->second))
             return std::pair(index, lockedError(path, lock->second));

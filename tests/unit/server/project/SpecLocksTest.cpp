@@ -92,6 +92,27 @@ TEST_F(ProjectSpecLocks, LK5HoldsForWhatOnesOwnEditCreates) {
     EXPECT_EQ(refusal(2, {create("/A", kSub)}), "") << "an over says nothing";
 }
 
+TEST_F(ProjectSpecLocks, LK5OnlyAnOverOfASpecThatWasNotThereIsFree) {
+    const auto specifier = [](std::uint8_t number) {
+        return SetField{"specifier", {}, Value(ValueType::Specifier, Bytes{number}), {}};
+    };
+    constexpr std::uint8_t kDef = 0, kOver = 1;
+    EXPECT_EQ(refusal(1, {{kSub, {"/A", {}}, specifier(kDef)}, lock("/A", {"user1"})}), "");
+    EXPECT_EQ(refusal(2, {{kSub, {"/A", {}}, specifier(kOver)}}), "/A is locked by user1");
+    EXPECT_EQ(refusal(2, {{kSub, {"/A", {}}, usdlive::EraseField{"specifier", {}}}}),
+              "/A is locked by user1");
+    const auto with = [&](std::uint8_t number) {
+        return std::vector{create("/A", kSub),
+                           inCreated(sequences[2] + 1, 0, "", specifier(number), kSub)};
+    };
+    EXPECT_EQ(refusal(2, with(kOver)), "") << "as the parent of something that was made meanwhile";
+    EXPECT_EQ(*world.project->layer(kSub)->field("/A", "specifier"),
+              FieldValue(Value(ValueType::Specifier, Bytes{kDef})));
+    EXPECT_EQ(refusal(1, {erase("/A", kSub)}), "");
+    EXPECT_EQ(refusal(2, with(kDef)), "/A is locked by user1");
+    EXPECT_EQ(refusal(2, with(kOver)), "");
+}
+
 TEST_F(ProjectSpecLocks, LK5ALockIsItsOwnersToTakeAndEnd) {
     EXPECT_EQ(refusal(2, {unlock("/A.x")}), "/A.x is locked by user1");
     EXPECT_EQ(refusal(2, {{kRoot, {"/", {}}, usdlive::EraseField{"customLayerData", {}}}}),
