@@ -11,6 +11,7 @@
 #include <unordered_set>
 
 #include "LeafCodec.h"
+#include "RegisteredMetadata.h"
 #include "usdlive/common/core/ByteStream.h"
 
 namespace usdlive::usd {
@@ -158,7 +159,13 @@ Result<std::optional<FieldValue>> readField(const pxr::SdfAbstractData& data,
         if (!list) return tl::unexpected(within(list.error(), path, field));
         return FieldValue(*std::move(list));
     }
-    auto content = encodeValue(value, blobs);
+    // A dictionary is one, so that its keys merge, whether or not a plug-in declares the field
+    // here.
+    const auto* unregistered = value.IsHolding<pxr::SdfUnregisteredValue>()
+                                   ? &value.UncheckedGet<pxr::SdfUnregisteredValue>().GetValue()
+                                   : nullptr;
+    const bool dictionary = unregistered && unregistered->IsHolding<pxr::VtDictionary>();
+    auto content = encodeValue(dictionary ? *unregistered : value, blobs);
     if (!content) return tl::unexpected(within(content.error(), path, field));
     return *std::move(content);
 }
@@ -168,6 +175,7 @@ Result<DecodedField> decodeField(const pxr::SdfPath& path, const pxr::TfToken& f
     if (isSubLayers(path, field)) return decodeSubLayers(value);
     auto decoded = decodeValue(field, value, blobs);
     if (!decoded) return tl::unexpected(within(decoded.error(), path, field));
+    *decoded = asRegistered(path, field, *std::move(decoded));
     if (auto proper = checkType(path, field, decoded->GetTypeid()); !proper)
         return tl::unexpected(proper.error());
     return DecodedField{*std::move(decoded), std::nullopt};

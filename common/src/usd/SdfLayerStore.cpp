@@ -258,6 +258,11 @@ private:
     [[nodiscard]] std::optional<pxr::VtDictionary> dictionary(const TfToken& field) const {
         VtValue value;
         if (!delegate_.data().Has(path_, field, &value)) return pxr::VtDictionary();
+        // As a layer was read that is not from us, in a field that no plug-in declares here.
+        if (value.IsHolding<pxr::SdfUnregisteredValue>()) {
+            value = VtValue(value.UncheckedGet<pxr::SdfUnregisteredValue>().GetValue());
+            if (value.IsHolding<pxr::VtDictionary>()) delegate_.SetField(path_, field, value);
+        }
         if (!value.IsHolding<pxr::VtDictionary>()) return std::nullopt;
         return value.UncheckedGet<pxr::VtDictionary>();
     }
