@@ -1,19 +1,28 @@
 // What does it cost an editor to follow others?
 //
-//   --edits=10000  --rounds=5
+//   --edits=10000  --rounds=5  --prims=20000
 //
 // One client's tick() applies what another one has authored and what has arrived already: as one
 // transaction, and as one for each edit. `ratio` is to as many SdfLayer::SetField calls in one
 // change block. Medians of the rounds.
+//
+// `override` is the first opinion on a deep prim in an empty sublayer, and its removal, on a stage
+// of so many prims that both editors have composed. `ratio` is of the follower's tick to what the
+// edit cost its author, both with what they compose again.
 #include <pxr/base/gf/vec3d.h>
 #include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/primSpec.h>
 
 #include <chrono>
+#include <fstream>
+#include <functional>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stdexcept>
 #include <thread>
 #include <vector>
 
+#include "support/ComposedPrims.h"
 #include "support/Figures.h"
 #include "support/LiveClient.h"
 #include "support/Server.h"
@@ -81,6 +90,106 @@ void measure(LiveClient& writer, LiveClient& follower, const Paths& paths, int r
               .dump());
 }
 
+// ---- a first override
+
+const usdlive::LayerId kOverrides{"overrides.usda"};
+constexpr int kPrimsPerGroup = 100;
+
+void writeStage(const std::filesystem::path& folder, int prims) {
+    std::ofstream(folder / kOverrides.value) << "#usda 1.0\n";
+    std::ofstream(folder / kLayer.value)
+        << "#usda 1.0\n(\n    subLayers = [@./overrides.usda@, @./set.usda@]\n)\n";
+    std::ofstream set(folder / "set.usda");
+    set << "#usda 1.0\n\ndef Xform \"World\"\n{\n";
+    for (int prim = 0; prim < prims; ++prim) {
+        if (prim % kPrimsPerGroup == 0)
+            set << "def Xform \"g" << prim / kPrimsPerGroup << "\"\n{\n";
+        set << "def Xform \"p" << prim << "\"\n{\n}\n";
+        if (prim % kPrimsPerGroup == kPrimsPerGroup - 1 || prim == prims - 1) set << "}\n";
+    }
+    set << "}\n";
+}
+
+// What one editor has of the stage.
+struct Editor {
+    explicit Editor(const std::string& url) : client(url) {
+        client.open();
+        overrides = client.client->openLayer(kOverrides).value();
+        stage.emplace(client.layer);
+    }
+
+    LiveClient client;
+    pxr::SdfLayerRefPtr overrides;
+    std::optional<ComposedPrims> stage;
+};
+
+struct Cost {
+    double ms = 0;
+    std::size_t composed = 0;
+};
+
+template <class Work>
+Cost costOf(Editor& editor, Work work) {
+    (void)editor.stage->takeComposed();
+    const auto begin = Clock::now();
+    work();
+    return {millisecondsSince(begin), editor.stage->takeComposed()};
+}
+
+template <class Edit>
+void measureOverride(const char* what, Editor& author, Editor& follower, int rounds, Edit edit,
+                     Edit undo) {
+    std::vector<float> own, others;
+    std::size_t composed = 0;
+    const auto follow = [&] {
+        if (!author.client.client->flush(60'000))
+            throw std::runtime_error("the edits were not committed");
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
+        return costOf(follower, [&] {
+            do follower.client.client->tick(1e9);
+            while (follower.client.client->revision() < author.client.client->revision());
+        });
+    };
+    for (int i = 0; i < rounds; ++i) {
+        const Cost wrote = costOf(author, edit);
+        const Cost followed = follow();
+        own.push_back(float(wrote.ms));
+        others.push_back(float(followed.ms));
+        composed = std::max(composed, followed.composed);
+        undo();
+        (void)follow();
+    }
+    const double tick = percentile(others, 0.5), wrote = percentile(own, 0.5);
+    print(nlohmann::ordered_json{{"bench", "tick"},
+                                 {"override", what},
+                                 {"tickMs", tick},
+                                 {"authorMs", wrote},
+                                 {"ratio", tick / wrote},
+                                 {"primsComposed", composed}}
+              .dump());
+}
+
+void measureOverrides(int prims, int rounds) {
+    const TemporaryFolder folder;
+    writeStage(folder.path(), prims);
+    const ServerProcess server(folder.path(), {"--min-free-mib=1"}, {});
+    Editor author(server.url()), follower(server.url());
+    const pxr::SdfPath path("/World/g0/p" + std::to_string(std::min(prims, kPrimsPerGroup) / 2));
+    const std::function write = [&] {
+        const pxr::SdfChangeBlock block;
+        pxr::SdfCreatePrimInLayer(author.overrides, path);
+        author.overrides->SetField(path, pxr::SdfFieldKeys->Comment, std::string("here"));
+    };
+    const std::function remove = [&] {
+        const pxr::SdfChangeBlock block;
+        author.overrides->EraseField(path, pxr::SdfFieldKeys->Comment);
+        author.overrides->ScheduleRemoveIfInert(author.overrides->GetPrimAtPath(path).GetSpec());
+    };
+    measureOverride("set", author, follower, rounds, write, remove);
+    write();
+    measureOverride("removed", author, follower, rounds, remove, write);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -88,7 +197,9 @@ int main(int argc, char** argv) {
         Arguments arguments(argc, argv);
         const int edits = arguments.number("--edits", 10'000);
         const int rounds = arguments.number("--rounds", 5);
+        const int prims = arguments.number("--prims", 20'000);
         arguments.finish();
+        measureOverrides(prims, rounds);
         const TemporaryFolder folder;
         writeLayer(folder.path(), edits);
         const ServerProcess server(folder.path(), {"--min-free-mib=1"}, {});

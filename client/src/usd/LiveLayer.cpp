@@ -94,10 +94,11 @@ void LiveLayer::fill() {
         return;
     }
     open();
-    if (!store_)
+    const bool wasFilled = bool(store_);
+    if (!wasFilled)
         store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
     // Sdf does not compare what streams with what it becomes, and tells that all is replaced.
-    expectsReplacement_ = layer_->StreamsData() && !layer_->GetRootPrims().empty();
+    expectsReplacement_ = !wasFilled && layer_->StreamsData() && !layer_->GetRootPrims().empty();
     namesLayers_ = fill_->namesLayers();
     const auto filled = fill_->into(*store_);
     fill_.reset();

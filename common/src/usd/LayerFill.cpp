@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <deque>
 #include <functional>
+#include <set>
 #include <unordered_map>
 
 #include "StoreDelegate.h"
@@ -30,6 +31,9 @@ std::size_t listNumber(SpecKind kind) {
     while (number < kChildLists.size() && !belongsIn(kind, kChildLists[number])) ++number;
     return number;
 }
+
+// Up to so many specs of overrides are merged into an empty layer one by one.
+constexpr std::size_t kMergedSpecs = 10'000;
 
 // Of the kind that the layer has: what `.usd` begins with is for binary files, where the layer may
 // have been read from a text.
@@ -81,6 +85,7 @@ struct LayerFill::State {
         while (!above.empty() && above.back().node != parent) leave();
         if (above.empty() || !startChild(above.back(), order, kind))
             return fail(ErrorCode::InvalidEdit, "the spec " + inQuotes(name) + " is out of order");
+        ++specs;
         const TfToken token = specNames(name);
         above.back().names.push_back(token);
         SdfPath path = childOf(above.back().path, kChildLists[above.back().list], token);
@@ -160,6 +165,16 @@ struct LayerFill::State {
         }
     }
 
+    // A prim that is defined is composed with all below it anyway.
+    [[nodiscard]] bool definesRootPrims() const {
+        return !rootPrims.empty() && std::ranges::all_of(rootPrims, [](const RootPrim& prim) {
+            return std::ranges::any_of(prim.fields, [](const auto& field) {
+                return field.first == pxr::SdfFieldKeys->Specifier &&
+                       field.second != pxr::SdfSpecifierOver;
+            });
+        });
+    }
+
     // Into a layer without prims: a change notice for each root prim says all, so the rest is put
     // there behind the layer's back.
     void writeQuietly(SdfLayerStore::Delegate& delegate) {
@@ -175,15 +190,76 @@ struct LayerFill::State {
                 std::ranges::none_of(rootFields,
                                      [&](const auto& field) { return field.first == present; }))
                 delegate.SetField(root, present, VtValue());
-        for (const auto& [field, value] : rootFields) delegate.SetField(root, field, value);
+        for (const auto& [field, value] : rootFields)
+            if (delegate.data().Get(root, field) != value) delegate.SetField(root, field, value);
     }
 
-    // Sdf compares, and tells of what differs.
+    // Writes what differs, spec by spec and field by field, as edits would have done it.
+    void merge(SdfLayerStore::Delegate& delegate) {
+        complete();
+        const auto present = specsOf(delegate.data());
+        const auto wanted = specsOf(*data);
+        const auto kept = [&](const SdfPath& path) {
+            return data->GetSpecType(path) == delegate.data().GetSpecType(path);
+        };
+        for (const SdfPath& path : present)
+            if (delegate.data().HasSpec(path) && !kept(path)) remove(delegate, path);
+        for (const SdfPath& path : wanted)
+            if (!delegate.data().HasSpec(path)) {
+                delegate.CreateSpec(path, data->GetSpecType(path), true);
+                delegate.added.insert(path);
+            }
+        for (const SdfPath& path : wanted) mergeFields(delegate, path);
+    }
+
+    static void remove(SdfLayerStore::Delegate& delegate, const SdfPath& path) {
+        if (path.IsTargetPath()) return delegate.DeleteSpec(path, true);
+        delegate.deleteBelow(path);
+    }
+
+    void mergeFields(SdfLayerStore::Delegate& delegate, const SdfPath& path) {
+        const TfToken& offsets = pxr::SdfFieldKeys->SubLayerOffsets;
+        const auto mergeField = [&](const TfToken& field) {
+            VtValue value = data->Get(path, field);
+            if (delegate.data().Get(path, field) == value) return;
+            const auto list = std::ranges::find(kChildLists, field, childrenField);
+            if (list != kChildLists.end())
+                delegate.setChildren(path, *list, value.GetWithDefault<pxr::TfTokenVector>());
+            else
+                delegate.SetField(path, field, value);
+        };
+        auto fields = data->List(path);
+        for (const TfToken& field : delegate.data().List(path))
+            if (!data->Has(path, field)) fields.push_back(field);
+        // Sdf compares the offsets with the layers, which have to be there.
+        std::ranges::partition(fields, [&](const TfToken& field) { return field != offsets; });
+        std::ranges::for_each(fields, mergeField);
+    }
+
+    // All specs, each after its parent.
+    static std::set<SdfPath> specsOf(const pxr::SdfAbstractData& data) {
+        struct Visitor final : pxr::SdfAbstractDataSpecVisitor {
+            bool VisitSpec(const pxr::SdfAbstractData&, const SdfPath& path) override {
+                paths.insert(path);
+                return true;
+            }
+            void Done(const pxr::SdfAbstractData&) override {}
+            std::set<SdfPath> paths;
+        } visitor;
+        data.VisitSpecs(&visitor);
+        return std::move(visitor.paths);
+    }
+
+    // A file is not read to compare it with what the layer becomes: all is replaced.
     void replace(SdfLayerStore::Delegate& delegate) {
+        complete();
+        setLayerData(delegate.layer(), data);
+    }
+
+    void complete() {
         setRootPrims([&](const SdfPath& path) { data->CreateSpec(path, pxr::SdfSpecTypePrim); });
         for (const auto& [field, value] : rootFields)
             data->Set(SdfPath::AbsoluteRootPath(), field, value);
-        setLayerData(delegate.layer(), data);
     }
 
     const pxr::SdfAbstractDataRefPtr data;  // all but the pseudo-root's fields and the root prims
@@ -195,6 +271,7 @@ struct LayerFill::State {
     std::vector<Waiting> waiting;
     std::vector<Error> leftOut;
     bool namesLayers = false;
+    std::size_t specs = 0;
     Tokens fieldNames, specNames;
 };
 
@@ -231,10 +308,15 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
         // A layer that was read from a file without prims has an empty list of them.
         const auto prims = delegate.data().GetAs<pxr::TfTokenVector>(
             SdfPath::AbsoluteRootPath(), pxr::SdfChildrenKeys->PrimChildren);
-        if (prims.empty())
+        const bool isFile =
+            !std::exchange(delegate.filled, true) && delegate.layer()->StreamsData();
+        const bool asWhole = state_->definesRootPrims() || state_->specs > kMergedSpecs;
+        if (prims.empty() && asWhole)
             state_->writeQuietly(delegate);
-        else
+        else if (!prims.empty() && isFile)
             state_->replace(delegate);
+        else
+            state_->merge(delegate);
         // What was not here when it was looked for may be here now.
         for (const auto& [path, field, value] : state_->waiting)
             if (auto set = delegate.set(path, field, value); !set)

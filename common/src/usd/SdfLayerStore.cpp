@@ -73,7 +73,9 @@ public:
             return fail(ErrorCode::SpecKindConflict,
                         "there is a spec of another kind at " + inQuotes(text_));
         }
-        delegate_.CreateSpec(path_, pxr::SdfSpecType(create.kind), false);
+        // Inert, as Sdf's own functions create specs: that a prim is defined is what its fields
+        // say, and Sdf sends a notice for each of those.
+        delegate_.CreateSpec(path_, pxr::SdfSpecType(create.kind), true);
         append(parent, list(), path_.GetNameToken());
         return {};
     }
@@ -82,7 +84,7 @@ public:
         if (elements_.empty()) return rootStays();
         if (!delegate_.kind(path_)) return noSpec(text_);
         const SdfPath parent = parentOf(path_);
-        delegate_.DeleteSpec(path_, false);
+        delegate_.deleteBelow(path_);
         remove(parent, list(), nameOf(elements_));
         return {};
     }
@@ -112,7 +114,7 @@ public:
         if (place.before == name.GetString()) return {};
         std::erase(names, name);
         names.insert(std::ranges::find(names, TfToken(place.before)), name);
-        setChildren(parent, list(), std::move(names));
+        delegate_.setChildren(parent, list(), names);
         return {};
     }
 
@@ -164,6 +166,7 @@ private:
     }
 
     void append(const SdfPath& parent, ChildList list, const TfToken& name) {
+        delegate_.added.insert(childOf(parent, list, name));
         if (delegate_.data().Has(parent, childrenField(list)))
             delegate_.PushChild(parent, childrenField(list), name);
         else
@@ -218,6 +221,7 @@ private:
             delegate_.DeleteSpec(to, false);
         }
         moveSpecs(to);
+        delegate_.added.insert(to);
         setChildren(parent, list(), std::move(names));
     }
 

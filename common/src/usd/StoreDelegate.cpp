@@ -74,7 +74,7 @@ void SdfLayerStore::Delegate::write(const Path& path, const Token& field,
                                     const DecodedField& value) {
     waiting.remove(path, field);
     SetField(path, field, value.value);
-    if (value.offsets)
+    if (value.offsets && data().Get(path, pxr::SdfFieldKeys->SubLayerOffsets) != *value.offsets)
         SetField(path, pxr::SdfFieldKeys->SubLayerOffsets, pxr::VtValue(*value.offsets));
     if (const auto targets = targetsOf(path, field)) renewTargets(path, *targets, value.value);
 }
@@ -87,6 +87,60 @@ void SdfLayerStore::Delegate::erase(const Path& path, const Token& field) {
         data().Has(path, pxr::SdfFieldKeys->SubLayerOffsets))
         SetField(path, pxr::SdfFieldKeys->SubLayerOffsets, pxr::VtValue());
     if (const auto targets = targetsOf(path, field)) renewTargets(path, *targets, {});
+}
+
+void SdfLayerStore::Delegate::deleteBelow(const Path& path) {
+    const auto& keys = pxr::SdfFieldKeys;
+    const auto type = data().GetSpecType(path);
+    const auto* definition = layer_->GetSchema().GetSpecDefinition(type);
+    const auto isOpinion = [&](const Token& field) {
+        return !isStructural(field) && !(definition && definition->IsRequiredField(field));
+    };
+    const auto fields = data().List(path);
+    if (path.IsPropertyPath()) {
+        const bool isCustom = data().GetAs<bool>(path, keys->Custom, false);
+        return DeleteSpec(path, !isCustom && std::ranges::none_of(fields, isOpinion));
+    }
+    const auto specifier =
+        data().GetAs<pxr::SdfSpecifier>(path, keys->Specifier, pxr::SdfSpecifierOver);
+    if (type == pxr::SdfSpecTypePrim && pxr::SdfIsDefiningSpecifier(specifier))
+        return DeleteSpec(path, false);
+    for (const ChildList list : kChildLists) {
+        const Token& field = childrenField(list);
+        const auto names = data().GetAs<pxr::TfTokenVector>(path, field);
+        for (const Token& name : names) deleteBelow(childOf(path, list, name));
+        if (!names.empty()) SetField(path, field, pxr::VtValue());
+    }
+    for (const Token& field : fields)
+        if (isOpinion(field)) erase(path, field);
+    DeleteSpec(path, true);
+}
+
+// Sdf reports a reordering when a list is replaced by one of the same names in another order.
+void SdfLayerStore::Delegate::setChildren(const Path& parent, ChildList list,
+                                          const pxr::TfTokenVector& names) {
+    const Token& field = childrenField(list);
+    const auto before = data().GetAs<pxr::TfTokenVector>(parent, field);
+    if (names == before) return;
+    using TokenSet = std::unordered_set<Token, Token::HashFunctor>;
+    const TokenSet old(before.begin(), before.end()), now(names.begin(), names.end());
+    const auto isNew = [&](const Token& name) {
+        return !old.contains(name) || added.contains(childOf(parent, list, name));
+    };
+    const auto kept = [&](pxr::TfTokenVector some) {
+        std::erase_if(some, [&](const Token& name) { return !now.contains(name) || isNew(name); });
+        return some;
+    };
+    auto between = kept(before);
+    const bool reordered = between != kept(names);
+    if (reordered && old != now)
+        std::ranges::copy_if(names, std::back_inserter(between), isNew);
+    else if (!reordered && old == now)
+        between = pxr::TfTokenVector(names.begin() + 1, names.end());
+    else
+        between = before;
+    if (between != before) SetField(parent, field, pxr::VtValue(between));
+    SetField(parent, field, names.empty() ? pxr::VtValue() : pxr::VtValue(names));
 }
 
 Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,
@@ -145,6 +199,10 @@ void SdfLayerStore::Delegate::tellChildren(const Path& parent, const Token& fiel
 void SdfLayerStore::Delegate::_OnSetLayer(const pxr::SdfLayerHandle& layer) {
     Base::_OnSetLayer(layer);
     layer_ = layer;
+    pxr::TfNotice::Revoke(changedKey_);
+    if (layer)
+        changedKey_ =
+            pxr::TfNotice::Register(pxr::TfCreateWeakPtr(this), &Delegate::onLayerChanged, layer);
 }
 
 void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,

@@ -3,10 +3,12 @@
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/layerStateDelegate.h>
+#include <pxr/usd/sdf/notice.h>
 
 #include <map>
 #include <set>
 #include <unordered_map>
+#include <unordered_set>
 
 #include "LayerAccess.h"
 #include "Tokens.h"
@@ -74,6 +76,12 @@ public:
     /// Sets a field and what follows from it.
     void write(const pxr::SdfPath& path, const pxr::TfToken& field, const DecodedField& value);
     void erase(const pxr::SdfPath& path, const pxr::TfToken& field);
+    /// Deletes a spec and all below it. Overrides lose their opinions first, so that a stage
+    /// composes only what those were about.
+    void deleteBelow(const pxr::SdfPath& path);
+    /// Writes the names of children. A stage composes the parent and all below it only if children
+    /// that were there before the change block have changed their order.
+    void setChildren(const pxr::SdfPath& parent, ChildList list, const pxr::TfTokenVector& names);
     /// Sets it, or remembers that a blob is missing.
     Result<void> set(const pxr::SdfPath& path, const pxr::TfToken& field, const FieldValue& value);
 
@@ -81,6 +89,9 @@ public:
     WaitingFields waiting;
     Tokens tokens;
     RecentPaths paths{tokens};
+    /// Specs that were created or moved here since the last change notice of the layer.
+    std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> added;
+    bool filled = false;                            ///< with what is not in the layer's file
     pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< whom the layer had before
 
 protected:
@@ -115,9 +126,11 @@ private:
     void tellChildren(const Path& parent, const Token& field, bool appended);
     [[nodiscard]] std::optional<TargetFields> targetsOf(const Path& path, const Token& field) const;
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);
+    void onLayerChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&) { added.clear(); }
 
     LayerWriteObserver* observer_;
     pxr::SdfLayerHandle layer_;
+    pxr::TfNotice::Key changedKey_;
     int applying_ = 0;
 };
 
