@@ -3,6 +3,7 @@ reported of them: a viewport rebuilds what was edited, and nothing else."""
 
 import os
 import random
+import time
 
 import pytest
 from conftest import connect, wait
@@ -552,3 +553,24 @@ def test_a_layer_that_is_joined_again_reports_what_others_reported(two, seed):
         for name in LAYERS:
             two.follower.open_layer(name)
         two.check(edits.log)
+
+
+def test_a_frame_gets_no_more_events_than_it_has_time_for(two):
+    seen = []
+
+    def slow(event):
+        seen.append(event)
+        time.sleep(0.004)
+
+    def revisions():
+        return [event.revision for event in seen if isinstance(event, events.Committed)]
+
+    two.follower.add_handler(slow)
+    layer = two.layer("anim.usda")
+    for number in range(20):
+        override(layer, "/World/Set", number)
+        assert two.author.flush()
+    time.sleep(0.3)
+    assert two.follower.tick(5.0) and 0 < len(seen) < 20
+    wait(lambda: len(revisions()) == 20, two.follower)
+    assert revisions() == sorted(revisions())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import collections
 import contextlib
 import os
 import time
@@ -54,6 +55,7 @@ class Live:
         self._client = client
         self._handlers: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
+        self._untold: collections.deque[dict] = collections.deque()  # events that handlers have not seen
 
     # -- layers and stages
 
@@ -121,12 +123,12 @@ class Live:
 
     def tick(self, budget_ms: float = 4.0) -> bool:
         """Sends what was authored, applies what has arrived within about `budget_ms`, calls the
-        handlers. True when more has arrived than could be applied. The content of a big layer is made
-        beside, and comes with a later tick."""
+        handlers. True when there is more to apply, or to call the handlers for, than fitted in. The
+        content of a big layer is made beside, and comes with a later tick."""
+        start = time.perf_counter()
         _, more, happened = self._client.tick(budget_ms)
         self._follow_muteness()
-        self._tell(happened)
-        return more
+        return self._tell(happened, start + budget_ms / 1000) or more
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Ticks until all that was authored is committed; False when `timeout` seconds were not enough."""
@@ -314,10 +316,16 @@ class Live:
                 time.sleep(0.002)
         return True
 
-    def _tell(self, happened: list[dict]) -> None:
-        for event in map(events._from_dictionary, happened):
+    def _tell(self, happened: list[dict], end: float = float("inf")) -> bool:
+        """Calls the handlers for one event at least, and until `end`. True when events are left for the next time."""
+        self._untold.extend(happened)
+        while self._untold:
+            event = events._from_dictionary(self._untold.popleft())
             for handler in tuple(self._handlers):
                 handler(event)
+            if time.perf_counter() >= end:
+                break
+        return bool(self._untold)
 
     # -- state
 

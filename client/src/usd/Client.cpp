@@ -11,6 +11,7 @@
 #include <deque>
 #include <map>
 #include <set>
+#include <unordered_set>
 
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/client/transport/SystemUser.h"
@@ -424,21 +425,30 @@ private:
     }
 
     // Layers that the editor's composition has opened meanwhile become live.
-    void adoptLoaded() {
+    void adoptLoaded(double budgetMs) {
+        const auto start = Clock::now();
         bool due = Clock::now() >= nextLook_;
         for (const auto& [id, live] : live_) due = live->takeUsesChanged() || due;
         if (!due || !session_.welcome()) return;
         nextLook_ = Clock::now() + kLookForLayersEvery;
-        for (const auto& [id, layer] : loadedLayers())
-            if (!find(id) && projectLayers_.contains(id) && !failed_.contains(id) &&
-                !closed_.contains(id))
-                join(id, layer);
+        for (const auto& [id, layer] : loadedLayers()) {
+            if (find(id) || !projectLayers_.contains(id) || failed_.contains(id) ||
+                closed_.contains(id))
+                continue;
+            join(id, layer);
+            if (msSince(start) < budgetMs) continue;
+            nextLook_ = Clock::now();
+            return;
+        }
     }
 
-    // All layers in this process that stand where a layer of the project does.
+    // Layers in this process that are not live and stand where a layer of the project does.
     [[nodiscard]] std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> loadedLayers() const {
+        std::unordered_set<const pxr::SdfLayer*> known;
+        for (const auto& [id, live] : live_) known.insert(get_pointer(live->layer()));
         std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> layers;
         for (const auto& layer : pxr::SdfLayer::GetLoadedLayers()) {
+            if (known.contains(get_pointer(layer))) continue;
             // One with file format arguments is another view of its file, never the file itself.
             if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
                 continue;
@@ -462,15 +472,15 @@ private:
     void work(double budgetMs, TickResult& result) {
         const Raised ticking(ticking_);
         const auto start = Clock::now();
-        adoptLoaded();
+        const auto left = [&] { return std::max(budgetMs - msSince(start), 0.1); };
+        adoptLoaded(left());
         {
             const pxr::SdfChangeBlock block;
             seal();
             hearConnection();
-            const double left = std::max(budgetMs - msSince(start), 0.1);
-            result.more = !session_.advance(left, nowMs());
+            result.more = !session_.advance(left(), nowMs());
             bringBlobs();
-            result.filling = fillLayers();
+            result.filling = fillLayers(left());
         }
         takeEvents(result);
         // Lost work is to be had with its values (M12).
@@ -533,11 +543,12 @@ private:
             if (awaitedBlobs_.insert(hash).second) session_.requestBlob(hash);
     }
 
-    // How many are not made yet.
-    std::size_t fillLayers() {
+    // How many are not made yet, or have to wait for the next tick.
+    std::size_t fillLayers(double budgetMs) {
+        const auto start = Clock::now();
         std::size_t filling = 0;
         for (const auto& [id, live] : live_) {
-            live->fill();
+            if (live->isFilling() && msSince(start) < budgetMs) live->fill();
             filling += live->isFilling() ? 1 : 0;
         }
         requestMissing();
