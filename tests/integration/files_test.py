@@ -196,3 +196,47 @@ def test_a_muted_layer_is_muted_on_every_stage(project, serve):
         stage = dan.open_stage("shot.usda")
         assert not stage.GetPrimAtPath("/World").GetAttribute("y")
         assert dan.globally_muted("shot.usda") == ["anim.usda"]
+
+
+def test_a_layer_that_the_editor_saves_itself_is_saved_by_the_server(project, serve):
+    """Ctrl-S of most editors is `Usd.Stage.Save()`."""
+    file = project / "shot.usda"
+    file.write_text(SHOT.replace("@./anim.usda@", ""))
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        stage = Usd.Stage.Open(str(file))
+        ada.attach(stage)
+        layer = bob.open_layer("shot.usda")
+        for number in (1.0, 2.0):
+            layer.GetAttributeAtPath("/World.x").default = number
+            assert bob.flush()  # and ada's layer does not have it yet
+            stage.GetPrimAtPath("/World").SetCustomDataByKey("note", number)
+            saved = Told(ada, events.Saved)
+            stage.Save()
+            wait(lambda: saved, ada)
+            assert saved[0].saved == ("shot.usda",) and not saved[0].failed
+            on_disk = Sdf.Layer.CreateAnonymous(".usda")
+            assert on_disk.ImportFromString(file.read_text())
+            assert on_disk.GetAttributeAtPath("/World.x").default == number
+            assert on_disk.GetPrimAtPath("/World").customData["note"] == number
+            wait(lambda: not state(ada).dirty and not state(ada).outdated, ada)
+
+        # Right after it, within the frame, the server is asked, too.
+        stage.GetPrimAtPath("/World").SetCustomDataByKey("note", 3)
+        stage.Save()
+        saved = Told(ada, events.Saved)
+        ada.save()
+        wait(lambda: len(saved) == 2, ada)
+        assert not any(answer.failed for answer in saved), saved
+        assert "int note = 3" in file.read_text()
+
+        # What others have changed behind the server's back is still not overwritten.
+        wait(lambda: not state(ada).outdated, ada)
+        layer.GetAttributeAtPath("/World.x").default = 7.0
+        assert bob.flush()
+        file.write_text(CHANGED)
+        saved = Told(ada, events.Saved)
+        ada.save()
+        wait(lambda: saved, ada)
+        assert [failure[:2] for failure in saved[0].failed] == [("shot.usda", "layerOutdated")]
+        del stage

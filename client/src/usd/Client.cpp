@@ -259,6 +259,14 @@ public:
         }
     }
 
+    void save(std::vector<LayerId> layers, bool force) {
+        // What was written before is saved, too.
+        TickResult ticked;
+        if (!ticking_) work(0, ticked);
+        saveWritten();
+        session_.save(std::move(layers), force);
+    }
+
     // --- SessionHost ---
 
     void send(SharedBytes frames) override { connection_->send(std::move(frames)); }
@@ -479,6 +487,7 @@ private:
             seal();
             hearConnection();
             result.more = !session_.advance(left(), nowMs());
+            if (session_.pendingTransactions() == 0) saveWritten();
             bringBlobs();
             result.filling = fillLayers(left());
         }
@@ -486,6 +495,16 @@ private:
         // Lost work is to be had with its values (M12).
         const bool idle = session_.pendingTransactions() == 0 && !session_.inGesture();
         if (idle && lostWork_.empty()) blobs_.releaseKept();
+    }
+
+    // Layers that the editor has written itself. Their files would count as changed behind the
+    // server, and lack what others have edited: the server writes them again.
+    void saveWritten() {
+        if (!session_.isConnected()) return;
+        std::vector<LayerId> written;
+        for (const auto& [id, live] : live_)
+            if (live->takeSaved()) written.push_back(id);
+        if (!written.empty()) session_.save(std::move(written), true);
     }
 
     [[nodiscard]] bool hasWrites() const {
@@ -707,7 +726,7 @@ void Client::endGesture() {
     impl_->session().endGesture();
 }
 void Client::save(std::vector<LayerId> layers, bool force) {
-    impl_->session().save(std::move(layers), force);
+    impl_->save(std::move(layers), force);
 }
 void Client::reload(std::vector<LayerId> layers) { impl_->session().reload(std::move(layers)); }
 std::uint64_t Client::createCheckpoint(std::string name) {

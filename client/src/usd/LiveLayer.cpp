@@ -28,11 +28,13 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
     replacedKey_ =
         pxr::TfNotice::Register(self, &LiveLayer::onReplaced, pxr::SdfLayerHandle(layer_));
     mutenessKey_ = pxr::TfNotice::Register(self, &LiveLayer::onMuteness);
+    savedKey_ = pxr::TfNotice::Register(self, &LiveLayer::onSaved, pxr::SdfLayerHandle(layer_));
 }
 
 LiveLayer::~LiveLayer() {
     pxr::TfNotice::Revoke(replacedKey_);
     pxr::TfNotice::Revoke(mutenessKey_);
+    pxr::TfNotice::Revoke(savedKey_);
     store_.reset();
     open();
 }

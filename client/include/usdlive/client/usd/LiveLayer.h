@@ -69,6 +69,8 @@ public:
     [[nodiscard]] bool namesLayers() const { return namesLayers_; }
     /// Composition changed what the layer uses, since the last call.
     [[nodiscard]] bool takeUsesChanged() { return std::exchange(usesChanged_, false); }
+    /// The editor itself has written the layer to its file, since the last call.
+    [[nodiscard]] bool takeSaved() { return std::exchange(saved_, false); }
 
 private:
     struct Waiting {
@@ -83,6 +85,7 @@ private:
     void applyNow(const std::string& path, const EditAction& action);
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
+    void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&) { saved_ = true; }
 
     const LayerId id_;
     const pxr::SdfLayerRefPtr layer_;
@@ -102,8 +105,10 @@ private:
         false;  // the layer was reloaded or muted: its content is not the editor's work
     bool usesChanged_ = false;
     bool namesLayers_ = false;
+    bool saved_ = false;
     pxr::TfNotice::Key replacedKey_;
     pxr::TfNotice::Key mutenessKey_;
+    pxr::TfNotice::Key savedKey_;
 };
 
 }  // namespace usdlive::client
