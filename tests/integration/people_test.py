@@ -53,6 +53,33 @@ def test_a_lock_is_enforced_and_told(project, serve):
         assert len(lost) == 1
 
 
+def test_locking_what_is_locked_and_muting_what_is_muted_commits_nothing(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    (project / "anim.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        ada.open_layer("shot.usda")
+
+        def commits(change, *arguments):
+            before = ada.revision
+            change(*arguments)
+            assert ada.flush()
+            return ada.revision - before
+
+        assert commits(ada.unlock, "shot.usda") == 0
+        assert commits(ada.lock, "shot.usda") == 1
+        assert commits(ada.lock, "shot.usda") == 0
+        assert commits(ada.unlock, "shot.usda") == 1
+        assert commits(ada.unlock, "shot.usda") == 0
+        for change, wanted in ((ada.mute, 1), (ada.mute, 0), (ada.unmute, 1)):
+            assert commits(change, "shot.usda", "anim.usda") == wanted
+        run("lock", f"{server.url}/shot.usda")
+        wait(lambda: ada.layer_states()["shot.usda"].locked, ada)
+        revision = ada.revision
+        run("lock", f"{server.url}/shot.usda")
+        assert ada.flush() and ada.revision == revision
+
+
 def test_a_lock_from_the_command_line(project, serve):
     (project / "shot.usda").write_text(ROOT)
     server = serve(project)

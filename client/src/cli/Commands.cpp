@@ -464,10 +464,7 @@ Result<void> setLocked(const Common& options, bool locked) {
     Report report(options.json);
     for (const LayerId& layer : options.target.layers) {
         const auto changed = editRoot(**link, layer, [&](const LayerDoc& doc) {
-            const LayerLock present = lockOf(doc);
-            const bool mine = present.locked && present.holder == user;
-            if (locked ? mine : !present.locked) return std::vector<EditAction>();
-            return lockEdits(locked ? LayerLock{true, user, wallClockMs()} : LayerLock{});
+            return lockEdits(doc, locked ? LayerLock{true, user, wallClockMs()} : LayerLock{});
         });
         if (!changed) return tl::unexpected(changed.error());
         if (locked)

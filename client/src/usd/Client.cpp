@@ -216,7 +216,7 @@ public:
                             "locked: it cannot be locked itself");
         LayerLock lock;
         if (locked) lock = {true, {options_.user}, wallClockMs()};
-        authorOfRoot(*live, [&] { return lockEdits(lock); });
+        authorOfRoot(*live, [&] { return lockEdits(*session_.view(id), lock); });
         return {};
     }
 

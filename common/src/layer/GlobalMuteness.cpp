@@ -44,11 +44,15 @@ std::set<LayerId> globallyMuted(const LayerId& root, const LayerDoc& doc) {
 std::vector<EditAction> globalMuteEdits(const LayerId& root, const LayerDoc& doc,
                                         const LayerId& layer, bool muted) {
     std::vector<EditAction> edits;
+    bool found = false;
     if (const Dictionary* muteness = mutenessOf(doc))
-        for (const auto& [key, entry] : muteness->entries)
-            if (layerAt(root, key) == layer)
+        for (const auto& [key, entry] : muteness->entries) {
+            if (layerAt(root, key) != layer) continue;
+            found = true;
+            if (entry != Dictionary::Entry(boolValue(muted)))
                 edits.push_back(omniLayer::keyEdit({kMuteness, key}, boolValue(muted)));
-    if (edits.empty() && muted)
+        }
+    if (!found && muted)
         edits.push_back(omniLayer::keyEdit({kMuteness, keyOf(root, layer)}, boolValue(true)));
     return edits;
 }

@@ -41,6 +41,12 @@ std::vector<EditAction> lockEdits(const LayerLock& lock) {
             keyEdit({kLocked}, boolValue(true))};
 }
 
+std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock) {
+    const LayerLock present = lockOf(doc);
+    if (present.locked == lock.locked && present.holder == lock.holder) return {};
+    return lockEdits(lock);
+}
+
 bool isLockEdit(const EditAction& action) {
     const FieldPart* part = omniLayer::editedPart(action);
     const auto* key = part ? std::get_if<DictionaryKey>(part) : nullptr;

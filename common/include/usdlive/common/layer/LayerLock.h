@@ -24,6 +24,9 @@ struct LayerLock {
 
 /// What makes the layer's lock this one: edits of the pseudo-root.
 [[nodiscard]] std::vector<EditAction> lockEdits(const LayerLock& lock);
+/// The same for a layer with this content: nothing if the user holds the lock already, or if there
+/// is none to release.
+[[nodiscard]] std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock);
 
 /// Does the action, of the pseudo-root, concern nothing but the lock?
 [[nodiscard]] bool isLockEdit(const EditAction& action);
