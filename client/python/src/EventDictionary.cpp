@@ -127,6 +127,7 @@ nb::dict convert(const client::event::Committed& event) {
 nb::dict convert(const client::event::Lost& event) {
     nb::dict d = make("Lost");
     put(d, event.work.reason);
+    d["index"] = event.index;
     d["refused"] = event.work.refused;
     nb::list edits;
     for (const client::AuthoredEdit& edit : event.work.edits)
@@ -144,10 +145,11 @@ nb::dict convert(const client::event::PreviewChanged& event) {
 }
 
 /// What became of layers' files; `verb`: what the event calls those it worked for.
-nb::dict outcome(const char* event, const char* verb, Revision revision,
+nb::dict outcome(const char* event, const char* verb, std::uint64_t request, Revision revision,
                  const std::vector<LayerId>& done,
                  const std::vector<LayersSaved::Failure>& failures) {
     nb::dict d = make(event);
+    d["request"] = request;
     d["revision"] = revision;
     d[verb] = strings(done);
     nb::list failed;
@@ -160,12 +162,12 @@ nb::dict outcome(const char* event, const char* verb, Revision revision,
 
 nb::dict convert(const client::event::Saved& event) {
     const auto& [request, revision, saved, failed] = event.outcome;
-    return outcome("Saved", "saved", revision, saved, failed);
+    return outcome("Saved", "saved", request, revision, saved, failed);
 }
 
 nb::dict convert(const client::event::Reloaded& event) {
     const auto& [request, revision, reloaded, failed] = event.outcome;
-    return outcome("Reloaded", "reloaded", revision, reloaded, failed);
+    return outcome("Reloaded", "reloaded", request, revision, reloaded, failed);
 }
 
 nb::dict toDictionary(const Checkpoint& checkpoint) {
@@ -220,7 +222,28 @@ nb::dict convert(const client::event::PresenceChanged& event) {
     return d;
 }
 
+nb::dict convert(const client::event::UnsentFound& event) {
+    nb::dict d = make("UnsentFound");
+    nb::list work;
+    for (const client::UnsentWork& one : event.work) work.append(usdlive::toDictionary(one));
+    d["work"] = work;
+    return d;
+}
+
 }  // namespace
+
+nb::dict toDictionary(const client::UnsentWork& work) {
+    nb::dict d;
+    d["id"] = text(work.client.value);
+    d["time"] = double(work.timeMs) / 1000.0;
+    d["transactions"] = work.transactions;
+    d["edits"] = work.edits;
+    nb::list layers;
+    for (const LayerId& layer : work.layers) layers.append(text(layer.value));
+    d["layers"] = nb::tuple(layers);
+    d["file"] = text(work.file);
+    return d;
+}
 
 nb::dict toDictionary(const LayerState& state) {
     nb::dict d;

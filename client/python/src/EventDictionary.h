@@ -11,7 +11,8 @@ namespace usdlive {
 
 /// With the event's name under "event".
 [[nodiscard]] nanobind::dict toDictionary(const client::Event& event);
-[[nodiscard]] nanobind::dict toDictionary(const LayerState& state);
+[[nodiscard]] nanobind::dict toDictionary(const client::UnsentWork& work);
+nanobind::dict toDictionary(const LayerState& state);
 [[nodiscard]] nanobind::dict toDictionary(const Presence& presence);
 
 }  // namespace usdlive

@@ -13,10 +13,12 @@
 #include <chrono>
 #include <memory>
 #include <thread>
+#include <type_traits>
 
 #include "EventDictionary.h"
 #include "LayersBinding.h"
 #include "usdlive/client/usd/Client.h"
+#include "usdlive/client/usd/UnsentSender.h"
 #include "usdlive/common/core/LayerPath.h"
 
 namespace nb = nanobind;
@@ -57,34 +59,45 @@ public:
         });
     }
 
-    ~PythonClient() { close(); }
-
-    void close() {
+    // On whatever thread the last reference went.
+    ~PythonClient() {
+        auto client = std::move(client_);
         nb::gil_scoped_release release;
-        client_.reset();
+        client.reset();
     }
+
+    /// Leaves the project: (what was not sent or None, events). From within a call of this
+    /// connection (a notice handler) it is done when that call ends: None.
+    nb::tuple close(double timeoutMs) {
+        if (!client_ || closing_) return nb::make_tuple(nb::none(), nb::list());
+        client("close");
+        if (depth_ > 0) {
+            closing_ = true;
+            closeTimeoutMs_ = timeoutMs;
+            return nb::make_tuple(nb::none(), nb::list());
+        }
+        return closeNow(timeoutMs);
+    }
+
+    [[nodiscard]] bool isClosed() const { return !client_ || closing_; }
 
     std::vector<std::string> layers() {
         std::vector<std::string> names;
-        for (const LayerId& layer : client().layers()) names.push_back(layer.value);
+        for (const LayerId& layer : client("layers").layers()) names.push_back(layer.value);
         return names;
     }
 
     /// The identifier of the live layer; the client keeps the layer alive.
     std::string openLayer(const std::string& name) {
         const LayerId layer = orRaise(parseLayerId(name));
-        return orRaise([&] {
-                   nb::gil_scoped_release release;
-                   return client().openLayer(layer);
-               }())
+        return orRaise(
+                   work("open_layer", true, [&](Client& live) { return live.openLayer(layer); }))
             ->GetIdentifier();
     }
 
     std::vector<std::string> attach(const std::string& projectFolder) {
-        const auto attached = orRaise([&] {
-            nb::gil_scoped_release release;
-            return client().attach(projectFolder);
-        }());
+        const auto attached =
+            orRaise(work("attach", true, [&](Client& live) { return live.attach(projectFolder); }));
         std::vector<std::string> names;
         for (const LayerId& layer : attached) names.push_back(layer.value);
         return names;
@@ -92,60 +105,68 @@ public:
 
     void closeLayer(const std::string& name) {
         const LayerId layer = orRaise(parseLayerId(name));
-        nb::gil_scoped_release release;
-        client().close(layer);
+        work("close_layer", true, [&](Client& live) { live.close(layer); });
     }
 
     /// (commits applied, is there more, events)
     nb::tuple tick(double budgetMs) {
-        const Client::TickResult result = [&] {
-            nb::gil_scoped_release release;
-            return client().tick(budgetMs);
-        }();
+        const auto result = work("tick", false, [&](Client& live) { return live.tick(budgetMs); });
         return nb::make_tuple(result.applied, result.more, takeEvents());
     }
 
     nb::tuple flush(double timeoutMs) {
-        const bool done = [&] {
-            nb::gil_scoped_release release;
-            return client().flush(timeoutMs);
-        }();
+        const bool done = work("flush", true, [&](Client& live) { return live.flush(timeoutMs); });
         return nb::make_tuple(done, takeEvents());
     }
 
-    void save(const std::vector<std::string>& names, bool force) {
-        client().save(layerIds(names), force);
+    /// Raises when the caller may not wait for the server here.
+    void mayWait(const std::string& function) { client(function.c_str(), true); }
+
+    void beginGesture() {
+        work("begin_gesture", false, [](Client& live) { live.beginGesture(); });
+    }
+    void endGesture() {
+        work("end_gesture", false, [](Client& live) { live.endGesture(); });
     }
 
-    void reload(const std::vector<std::string>& names) { client().reload(layerIds(names)); }
-
-    // Each returns the number that the event which answers it has.
+    // These return the number that the event which answers them has.
+    std::uint64_t save(const std::vector<std::string>& names, bool force) {
+        return client("save").save(layerIds(names), force);
+    }
+    std::uint64_t reload(const std::vector<std::string>& names) {
+        return client("reload").reload(layerIds(names));
+    }
     std::uint64_t createCheckpoint(const std::string& name) {
-        return client().createCheckpoint(name);
+        return client("create_checkpoint").createCheckpoint(name);
     }
-    std::uint64_t listCheckpoints() { return client().listCheckpoints(); }
+    std::uint64_t listCheckpoints() { return client("checkpoints").listCheckpoints(); }
 
     void setGloballyMuted(const std::string& root, const std::string& layer, bool muted) {
-        const auto set = client().setGloballyMuted(orRaise(parseLayerId(root)),
-                                                   orRaise(parseLayerId(layer)), muted);
+        const LayerId rootId = orRaise(parseLayerId(root)), layerId = orRaise(parseLayerId(layer));
+        const auto set = work(muted ? "mute" : "unmute", true, [&](Client& live) {
+            return live.setGloballyMuted(rootId, layerId, muted);
+        });
         if (!set) raise(set.error());
     }
 
     std::vector<std::string> globallyMuted(const std::string& root) {
         std::vector<std::string> names;
-        for (const LayerId& layer : client().globallyMuted(orRaise(parseLayerId(root))))
+        for (const LayerId& layer :
+             client("globally_muted").globallyMuted(orRaise(parseLayerId(root))))
             names.push_back(layer.value);
         return names;
     }
 
     void setLocked(const std::string& name, bool locked) {
-        const auto set = client().setLocked(orRaise(parseLayerId(name)), locked);
+        const LayerId layer = orRaise(parseLayerId(name));
+        const auto set = work(locked ? "lock" : "unlock", true,
+                              [&](Client& live) { return live.setLocked(layer, locked); });
         if (!set) raise(set.error());
     }
 
     nb::list layerStates() {
         nb::list states;
-        for (const auto& [layer, state] : client().layerStates())
+        for (const auto& [layer, state] : client("layer_states").layerStates())
             states.append(toDictionary(state));
         return states;
     }
@@ -159,36 +180,106 @@ public:
         presence.time = time;
         presence.editTarget = editTarget;
         presence.data = data;
-        client().showPresence(std::move(presence));
+        client("show_presence").showPresence(std::move(presence));
     }
 
     nb::list presences() {
         nb::list presences;
-        for (const auto& [id, presence] : client().presences())
+        for (const auto& [id, presence] : client("presences").presences())
             presences.append(toDictionary(presence));
         return presences;
     }
 
-    std::string lostWorkAsLayer(std::size_t index, const std::string& name) {
-        lostLayers_.push_back(
-            orRaise(client().lostWorkAsLayer(index, orRaise(parseLayerId(name)))));
+    std::string lostWorkAsLayer(std::uint64_t index, const std::string& name) {
+        lostLayers_.push_back(orRaise(
+            client("lost_work_as_layer").lostWorkAsLayer(index, orRaise(parseLayerId(name)))));
         return lostLayers_.back()->GetIdentifier();
     }
 
+    nb::list unsentWork() {
+        nb::list all;
+        for (const auto& one : client("unsent_work").unsentWork()) all.append(toDictionary(one));
+        return all;
+    }
+    /// (committed now, committed before, lost)
+    nb::tuple sendUnsent(const std::string& id, double timeoutMs) {
+        const auto sent = orRaise(work(
+            "send", true, [&](Client& live) { return live.sendUnsent(ClientId{id}, timeoutMs); }));
+        return nb::make_tuple(sent.committed, sent.before, sent.lost.size());
+    }
+    std::string unsentAsLayer(const std::string& id, const std::string& name) {
+        lostLayers_.push_back(
+            orRaise(client("as_layer").unsentAsLayer(ClientId{id}, orRaise(parseLayerId(name)))));
+        return lostLayers_.back()->GetIdentifier();
+    }
+    void discardUnsent(const std::string& id) {
+        if (const auto done = client("discard").discardUnsent(ClientId{id}); !done)
+            raise(done.error());
+    }
+
     std::optional<std::string> layerName(const std::string& identifier) {
+        Client& live = client("layer_name");
         const auto layer = pxr::SdfLayer::Find(identifier);
-        const auto name = layer ? client().layerId(layer) : std::nullopt;
+        const auto name = layer ? live.layerId(layer) : std::nullopt;
         return name ? std::optional(name->value) : std::nullopt;
     }
 
     Client* clientOrNull() { return client_.get(); }
 
-    Client& client() {
-        if (!client_) raise({ErrorCode::NotConnected, "this connection was closed"});
+    /// The client, for a call that is possible now and here; raises otherwise. `blocks`: it waits
+    /// for the server.
+    Client& client(const char* function, bool blocks = false) {
+        if (isClosed())
+            raise({ErrorCode::NotConnected, std::string(function) +
+                                                "(): this connection was closed. Make another "
+                                                "with usdlive.connect()"});
+        if (const auto error = client_->misuse(function, blocks)) raise(*error);
         return *client_;
     }
 
 private:
+    /// Calls `function` with the interpreter's lock let go. A close() within it is done at its end.
+    template <class Function>
+    std::invoke_result_t<Function, Client&> work(const char* name, bool blocks, Function function) {
+        Client& live = client(name, blocks);
+        ++depth_;
+        const Ended ended{*this};
+        nb::gil_scoped_release release;
+        return function(live);
+    }
+    struct Ended {
+        PythonClient& self;
+        ~Ended() {
+            if (--self.depth_ == 0 && self.closing_) self.closeDeferred();
+        }
+    };
+
+    nb::tuple closeNow(double timeoutMs) {
+        std::optional<client::UnsentWork> unsent;
+        auto client = std::move(client_);
+        {
+            nb::gil_scoped_release release;
+            unsent = client->leave(timeoutMs);
+            client.reset();
+        }
+        closing_ = false;
+        return nb::make_tuple(unsent ? nb::object(toDictionary(*unsent)) : nb::object(nb::none()),
+                              takeEvents());
+    }
+
+    // What was not sent is told as an event: whoever called close() has gone on.
+    void closeDeferred() {
+        const nb::tuple closed = closeNow(closeTimeoutMs_);
+        for (const nb::handle event : nb::list(closed[1])) events_.append(event);
+        if (closed[0].is_none()) return;
+        nb::list work;
+        work.append(closed[0]);
+        nb::dict event;
+        event["event"] = "UnsentFound";
+        event["work"] = work;
+        events_.append(event);
+    }
+
     static std::vector<LayerId> layerIds(const std::vector<std::string>& names) {
         std::vector<LayerId> layers;
         for (const std::string& name : names) layers.push_back(orRaise(parseLayerId(name)));
@@ -202,6 +293,9 @@ private:
     }
 
     std::unique_ptr<Client> client_;
+    int depth_ = 0;  // calls of this connection within one another
+    bool closing_ = false;
+    double closeTimeoutMs_ = 0;
     nb::list events_;
     std::vector<pxr::SdfLayerRefPtr> lostLayers_;
 };
@@ -219,6 +313,8 @@ NB_MODULE(_usdlive, module) {
              nb::arg("url"), nb::arg("user"), nb::arg("application"), nb::arg("cache_folder"),
              nb::arg("timeout_ms"))
         .def("close", &PythonClient::close)
+        .def("may_wait", &PythonClient::mayWait)
+        .def_prop_ro("closed", &PythonClient::isClosed)
         .def("layers", &PythonClient::layers)
         .def("open_layer", &PythonClient::openLayer)
         .def("attach", &PythonClient::attach)
@@ -231,22 +327,31 @@ NB_MODULE(_usdlive, module) {
         .def("list_checkpoints", &PythonClient::listCheckpoints)
         .def("set_globally_muted", &PythonClient::setGloballyMuted)
         .def("globally_muted", &PythonClient::globallyMuted)
-        .def("begin_gesture", [](PythonClient& self) { self.client().beginGesture(); })
-        .def("end_gesture", [](PythonClient& self) { self.client().endGesture(); })
+        .def("begin_gesture", &PythonClient::beginGesture)
+        .def("end_gesture", &PythonClient::endGesture)
         .def("set_locked", &PythonClient::setLocked)
         .def("layer_states", &PythonClient::layerStates)
         .def("show_presence", &PythonClient::showPresence, nb::arg("selection"), nb::arg("camera"),
              nb::arg("time").none(), nb::arg("edit_target"), nb::arg("data"))
-        .def("hide_presence", [](PythonClient& self) { self.client().hidePresence(); })
+        .def("hide_presence",
+             [](PythonClient& self) { self.client("hide_presence").hidePresence(); })
         .def("presences", &PythonClient::presences)
         .def("lost_work_as_layer", &PythonClient::lostWorkAsLayer)
+        .def("unsent_work", &PythonClient::unsentWork)
+        .def("send_unsent", &PythonClient::sendUnsent)
+        .def("unsent_as_layer", &PythonClient::unsentAsLayer)
+        .def("discard_unsent", &PythonClient::discardUnsent)
         .def("layer_name", &PythonClient::layerName)
-        .def_prop_ro("connected", [](PythonClient& self) { return self.client().isConnected(); })
-        .def_prop_ro("revision", [](PythonClient& self) { return self.client().revision(); })
-        .def_prop_ro("pending",
-                     [](PythonClient& self) { return self.client().pendingTransactions(); })
-        .def_prop_ro("id", [](PythonClient& self) { return self.client().id().value; })
-        .def_prop_ro("cache_folder",
-                     [](PythonClient& self) { return self.client().cacheFolder().string(); });
+        .def_prop_ro("connected",
+                     [](PythonClient& self) { return self.client("connected").isConnected(); })
+        .def_prop_ro("revision",
+                     [](PythonClient& self) { return self.client("revision").revision(); })
+        .def_prop_ro(
+            "pending",
+            [](PythonClient& self) { return self.client("pending").pendingTransactions(); })
+        .def_prop_ro("id", [](PythonClient& self) { return self.client("id").id().value; })
+        .def_prop_ro("cache_folder", [](PythonClient& self) {
+            return self.client("cache_folder").cacheFolder().string();
+        });
     bindLayers(module);
 }

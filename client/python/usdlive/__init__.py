@@ -32,6 +32,6 @@ from pxr import Sdf as _Sdf  # noqa: E402,F401 - loads usd-core's library, which
 
 from . import events  # noqa: E402
 from ._errors import Error  # noqa: E402
-from ._live import Live, connect  # noqa: E402
+from ._live import Live, UnsentWork, connect  # noqa: E402
 
-__all__ = ["Error", "Live", "connect", "events"]
+__all__ = ["Error", "Live", "UnsentWork", "connect", "events"]

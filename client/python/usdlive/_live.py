@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import atexit
 import collections
 import contextlib
 import os
 import time
 import typing
+import warnings
 import weakref
 
 from pxr import Sdf, Usd
@@ -22,6 +24,18 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     answers; a server that cannot be reached at all is an error after a second. `user` is shown to others; empty is the system's user name. Layers stand below
     `cache_folder`; empty is a temporary folder that goes with the connection."""
     return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0))
+
+
+_open: "weakref.WeakSet[Live]" = weakref.WeakSet()
+
+
+class Sent(typing.NamedTuple):
+    """What became of unsent work, in transactions: committed now, committed before (only the
+    acknowledgement had been lost), and pieces of work that were refused or dropped."""
+
+    committed: int
+    before: int
+    lost: int
 
 
 class _MutenessOfStage:
@@ -53,6 +67,7 @@ class Live:
 
     def __init__(self, client: "_usdlive.Client"):
         self._client = client
+        _open.add(self)
         self._handlers: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
         self._untold: collections.deque[dict] = collections.deque()  # events that handlers have not seen
@@ -96,6 +111,8 @@ class Live:
         self._followed = [one for one in self._followed if one.stage() != stage]
 
     def _follow_muteness(self) -> None:
+        if self._client.closed:  # by a notice handler
+            return
         self._followed = [one for one in self._followed if one.update(self._client)]
 
     def _project_folder(self, root: Sdf.Layer) -> str:
@@ -153,16 +170,32 @@ class Live:
         finally:
             self.end_gesture()
 
-    def save(self, *layers: str, force: bool = False) -> None:
-        """Asks the server to write these layers (none: all that changed) to their files. The answer is
-        an `events.Saved`. A file that somebody else has changed meanwhile is left as it is, and the layer
-        fails with `layerOutdated`, unless `force`."""
-        self._client.save(list(layers), force)
+    def save(self, *layers: str, force: bool = False, timeout: float = 60.0) -> events.Saved:
+        """Writes these layers (none: all that changed) to their files, with all that was authored here, and
+        returns what was written. A file that somebody else has changed meanwhile is left as it is, and the
+        layer is among the `failed` with `layerOutdated`, unless `force`. Raises an Error when nothing was
+        written, or when the server did not say within `timeout` seconds that it was."""
+        self._client.may_wait("save")
+        end = time.monotonic() + timeout
+        if not self.flush(timeout):
+            raise Error("notConnected", f"nothing was saved: {self._unconfirmed(timeout)}")
+        left = max(0.0, end - time.monotonic())
+        return self._answer(self.request_save(*layers, force=force), events.Saved, left)
 
-    def reload(self, *layers: str) -> None:
+    def request_save(self, *layers: str, force: bool = False) -> int:
+        """Without waiting: writes what is confirmed. The answer is an `events.Saved`, or an
+        `events.ServerError`, whose `request` is the number that this returns."""
+        return self._client.save(list(layers), force)
+
+    def reload(self, *layers: str) -> int:
         """Asks the server to take the files of these layers (none: of all that are outdated) as commits:
-        everybody has then what is in them. The answer is an `events.Reloaded`."""
-        self._client.reload(list(layers))
+        everybody has then what is in them. The answer is an `events.Reloaded` with the number that this
+        returns."""
+        return self._client.reload(list(layers))
+
+    def _unconfirmed(self, timeout: float) -> str:
+        why = "" if self.connected else ", and there is no connection to the server"
+        return f"{self.pending} transactions were not confirmed within {timeout:g} s{why}"
 
     # -- checkpoints
 
@@ -170,7 +203,7 @@ class Live:
         """Names what the project is now, with all that was authored here, and waits until that is stored.
         Raises an Error: `checkpointExists` when another has the name."""
         if not self.flush(timeout):
-            raise Error("notConnected", f"what was authored was not confirmed within {timeout:g} s")
+            raise Error("notConnected", self._unconfirmed(timeout))
         return self._answer(self.request_checkpoint(name), events.CheckpointMade, timeout).checkpoint
 
     def checkpoints(self, timeout: float = 10.0) -> list[events.Checkpoint]:
@@ -275,9 +308,14 @@ class Live:
         self.add_handler(happened)
         return lambda: self.remove_handler(happened)
 
+    def unsent_work(self) -> list["UnsentWork"]:
+        """Work that earlier connections of this user to this project could not send, because their process,
+        the server or the network ended first; the oldest first. It is kept until it is sent or discarded."""
+        return [UnsentWork(self._client, events.Unsent(**one)) for one in self._client.unsent_work()]
+
     def lost_work_as_layer(self, index: int, layer: str) -> Sdf.Layer:
-        """The refused or dropped work number `index` (in the order of the `events.Lost`) on `layer`, as
-        an anonymous layer (M12)."""
+        """The refused or dropped work number `index` (that of its `events.Lost`) on `layer`, as an
+        anonymous layer (M12)."""
         return Sdf.Layer.Find(self._client.lost_work_as_layer(index, layer))
 
     # -- what happens
@@ -352,12 +390,63 @@ class Live:
     def cache_folder(self) -> str:
         return self._client.cache_folder
 
-    def close(self) -> None:
-        """Leaves the project. Layers stay, with their content, no longer live."""
-        self._client.close()
+    @property
+    def closed(self) -> bool:
+        return self._client.closed
+
+    def close(self, timeout: float = 5.0) -> events.Unsent | None:
+        """Leaves the project when all that was authored is committed, or `timeout` seconds are over. Returns
+        None, or what was not sent and where it is kept, with a RuntimeWarning: `unsent_work()` of a later
+        connection sends it. Layers stay, with their content, no longer live. Called by a notice handler
+        within `tick()`, it is done when the tick ends."""
+        unsent, happened = self._client.close(timeout * 1000.0)
+        self._tell(happened)
+        if unsent is None:
+            return None
+        left = events.Unsent(**unsent)
+        warnings.warn(str(left), RuntimeWarning, stacklevel=2)
+        return left
 
     def __enter__(self) -> "Live":
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, raised: type | None, *_: object) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore" if raised is None else "default", RuntimeWarning)
+            unsent = self.close()
+        if unsent is not None and raised is None:
+            raise Error("notConnected", str(unsent))
+
+
+class UnsentWork:
+    """Work of an earlier connection that was not sent; `str()` of it is a sentence for its user."""
+
+    def __init__(self, client: "_usdlive.Client", about: events.Unsent):
+        self._client = client
+        self.about = about
+
+    def __str__(self) -> str:
+        return str(self.about)
+
+    def send(self, timeout: float = 60.0) -> Sent:
+        """Commits it, where its specs stand now. Each edit is committed once, also when only its
+        acknowledgement had been lost, and when this is called again after an Error. What is refused or
+        dropped is told by `events.Lost` with the next tick."""
+        return Sent(*self._client.send_unsent(self.about.id, timeout * 1000.0))
+
+    def as_layer(self, layer: str) -> Sdf.Layer:
+        """What it does to `layer`, as an anonymous layer; the work is still there afterwards."""
+        return Sdf.Layer.Find(self._client.unsent_as_layer(self.about.id, layer))
+
+    def discard(self) -> None:
+        """Deletes it for good."""
+        self._client.discard_unsent(self.about.id)
+
+
+@atexit.register
+def _close_all() -> None:
+    """What is open when the interpreter exits says what it leaves unsent, too."""
+    for live in list(_open):
+        if not live.closed:
+            with contextlib.suppress(Error):  # it belongs to another thread: the journal has its work
+                live.close(timeout=2.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +66,28 @@ class JoinFailed:
 
 
 @dataclasses.dataclass(frozen=True)
+class Unsent:
+    """Edits that the server has not acknowledged. `time` of the newest, in seconds since 1970; `file`: the
+    journal that keeps them."""
+
+    id: str
+    time: float
+    transactions: int
+    edits: int
+    layers: tuple[str, ...]
+    file: str
+
+    def __str__(self) -> str:
+        ago = max(0.0, time.time() - self.time)
+        for unit, seconds in (("days", 86400), ("hours", 3600), ("minutes", 60), ("seconds", 1)):
+            if ago >= 2 * seconds or seconds == 1:
+                break
+        edits = f"{self.edits} edit" + ("" if self.edits == 1 else "s")
+        kept = f"; they are kept in {self.file}" if self.file else ""
+        return f"{edits} of {ago / seconds:.0f} {unit} ago, on {', '.join(self.layers)}, were not sent{kept}"
+
+
+@dataclasses.dataclass(frozen=True)
 class Committed:
     """Somebody's edits (also one's own, by `client`) are in the project. `time` in seconds since 1970.
     `conflated`: so many commits before this one are in it, too, because this client fell behind: the edits
@@ -80,12 +103,14 @@ class Committed:
 
 @dataclasses.dataclass(frozen=True)
 class Lost:
-    """Work of one's own that is not in the project, and why (M12). `refused`: a whole transaction."""
+    """Work of one's own that is not in the project, and why (M12). `refused`: a whole transaction.
+    `index`: for `Live.lost_work_as_layer()`; it never changes."""
 
     code: str
     message: str
     refused: bool
     edits: tuple[Edit, ...]
+    index: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,11 +122,13 @@ class PreviewChanged:
 
 @dataclasses.dataclass(frozen=True)
 class Saved:
-    """Layers are in their files; `failed` has (layer, code, message)."""
+    """Layers are in their files; `failed` has (layer, code, message). `request`: the number that
+    `Live.request_save()` returned."""
 
     revision: int
     saved: tuple[str, ...]
     failed: tuple[tuple[str, str, str], ...]
+    request: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,6 +138,7 @@ class Reloaded:
     revision: int
     reloaded: tuple[str, ...]
     failed: tuple[tuple[str, str, str], ...]
+    request: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,17 +223,25 @@ class PresenceChanged:
     gone: tuple[str, ...]
 
 
+@dataclasses.dataclass(frozen=True)
+class UnsentFound:
+    """There is work that an earlier connection (or this one, which was closed meanwhile) could not send. It is
+    kept on this machine: see `Live.unsent_work()`."""
+
+    work: tuple[Unsent, ...]
+
+
 Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
     | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
-    | LayerStatesChanged | PresenceChanged
+    | LayerStatesChanged | PresenceChanged | UnsentFound
 )
 
 _TYPES = {
     kind.__name__: kind
     for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed,
                  Lost, PreviewChanged, Saved, Reloaded, CheckpointMade, CheckpointsListed, ServerError,
-                 LayerStatesChanged, PresenceChanged)
+                 LayerStatesChanged, PresenceChanged, UnsentFound)
 }
 
 
@@ -220,6 +256,8 @@ def _from_dictionary(values: dict) -> Event:
         values["checkpoint"] = Checkpoint(**values["checkpoint"])
     if kind is CheckpointsListed:
         values["checkpoints"] = [Checkpoint(**one) for one in values["checkpoints"]]
+    if kind is UnsentFound:
+        values["work"] = [Unsent(**one) for one in values["work"]]
     if kind is PresenceChanged:
         values["shown"] = [Presence(**presence) for presence in values["shown"]]
     return kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})

@@ -59,7 +59,7 @@ Edit* replaced(std::vector<Edit>& edits, const Edit& later) {
 }  // namespace
 
 bool Gesture::add(Edit edit, AuthoredEdit authored) {
-    changed = true;
+    changed = untold = true;
     auto& edits = pending.transaction.edits;
     if (Edit* earlier = replaced(edits, edit)) {
         pending.authored[std::size_t(earlier - edits.data())] = std::move(authored);
@@ -72,7 +72,7 @@ bool Gesture::add(Edit edit, AuthoredEdit authored) {
 }
 
 AuthoredEdit Gesture::remove(std::uint32_t index) {
-    changed = true;
+    changed = untold = true;
     auto& edits = pending.transaction.edits;
     edits.erase(edits.begin() + index);
     AuthoredEdit removed = std::move(pending.authored[index]);

@@ -12,6 +12,7 @@ namespace usdlive::client {
 /// An open gesture (M11): the transaction that will end it, so far.
 struct Gesture {
     Pending pending;        ///< base and addresses always as of the session's revision
+    bool untold = false;    ///< changed since the host was told of it
     bool changed = false;   ///< since the last preview
     bool shown = false;     ///< others may have a preview of it
     std::size_t bytes = 0;  ///< of the last preview

@@ -33,7 +33,9 @@ bool holdsBack(const Pending& pending) { return !pending.blobs.empty(); }
 }  // namespace
 
 Pending& PendingTransactions::add(Pending pending) {
-    return pending_.emplace_back(std::move(pending));
+    Pending& added = pending_.emplace_back(std::move(pending));
+    if (onAdd) onAdd(added);
+    return added;
 }
 
 Pending* PendingTransactions::find(std::uint64_t sequence) {
@@ -50,6 +52,7 @@ std::optional<Pending> PendingTransactions::take(std::uint64_t sequence) {
     if (found == pending_.end()) return std::nullopt;
     Pending taken = std::move(*found);
     pending_.erase(found);
+    if (onTake) onTake(sequence);
     return taken;
 }
 

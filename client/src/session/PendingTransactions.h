@@ -20,6 +20,7 @@ public:
     static constexpr std::size_t kMaxBytesOnTheirWay = 64 * 1024 * 1024;
 
     [[nodiscard]] std::uint64_t nextSequence() { return ++lastSequence_; }
+    void setNextSequence(std::uint64_t sequence) { lastSequence_ = sequence - 1; }
 
     Pending& add(Pending pending);
     [[nodiscard]] Pending* find(std::uint64_t sequence);
@@ -45,6 +46,10 @@ public:
     /// all on the server) waits. Every later one that touches a spec above or below one of the
     /// specs of one that waits, or that names big values and is not answered, waits, too.
     [[nodiscard]] std::vector<Pending*> sendable(const std::function<bool(const Pending&)>& ready);
+
+    /// Called with each that is added, and with the number of each that is taken.
+    std::function<void(const Pending&)> onAdd;
+    std::function<void(std::uint64_t)> onTake;
 
 private:
     std::deque<Pending> pending_;

@@ -22,7 +22,14 @@ Session::Options withClock(Session::Options options) {
 }  // namespace
 
 Session::Impl::Impl(Options options, SessionHost& host, LayerView& editor)
-    : options_(withClock(std::move(options))), host_(host), editor_(editor), uploads_(host) {}
+    : options_(withClock(std::move(options))), host_(host), editor_(editor), uploads_(host) {
+    pending_.onAdd = [this](const Pending& pending) { tellPending(pending); };
+    pending_.onTake = [this](std::uint64_t sequence) { host_.answered(sequence); };
+}
+
+void Session::Impl::tellPending(const Pending& pending) {
+    host_.pending({pending.transaction.id.sequence, revision_, hash_, pending.authored});
+}
 
 void Session::Impl::report(Error error, ErrorMessage about) {
     about.code = errorName(error.code);
@@ -97,12 +104,12 @@ std::uint64_t Session::Impl::request(Request message) {
     return message.request;
 }
 
-void Session::Impl::save(std::vector<LayerId> layers, bool force) {
-    request(SaveLayers{0, std::move(layers), force ? std::optional(true) : std::nullopt});
+std::uint64_t Session::Impl::save(std::vector<LayerId> layers, bool force) {
+    return request(SaveLayers{0, std::move(layers), force ? std::optional(true) : std::nullopt});
 }
 
-void Session::Impl::reload(std::vector<LayerId> layers) {
-    request(ReloadLayers{0, std::move(layers)});
+std::uint64_t Session::Impl::reload(std::vector<LayerId> layers) {
+    return request(ReloadLayers{0, std::move(layers)});
 }
 
 std::uint64_t Session::Impl::createCheckpoint(std::string name) {
@@ -138,10 +145,12 @@ void Session::requestLog(Revision from, Revision to, std::function<void(const Co
                          std::function<void(Result<void>)> done) {
     impl_->requestLog(from, to, std::move(each), std::move(done));
 }
-void Session::save(std::vector<LayerId> layers, bool force) {
-    impl_->save(std::move(layers), force);
+std::uint64_t Session::save(std::vector<LayerId> layers, bool force) {
+    return impl_->save(std::move(layers), force);
 }
-void Session::reload(std::vector<LayerId> layers) { impl_->reload(std::move(layers)); }
+std::uint64_t Session::reload(std::vector<LayerId> layers) {
+    return impl_->reload(std::move(layers));
+}
 
 std::uint64_t Session::createCheckpoint(std::string name) {
     return impl_->createCheckpoint(std::move(name));
@@ -149,6 +158,7 @@ std::uint64_t Session::createCheckpoint(std::string name) {
 std::uint64_t Session::listCheckpoints() { return impl_->listCheckpoints(); }
 
 void Session::author(std::vector<AuthoredEdit> edits) { impl_->author(std::move(edits)); }
+void Session::setNextSequence(std::uint64_t sequence) { impl_->pending_.setNextSequence(sequence); }
 void Session::beginGesture() { impl_->beginGesture(); }
 void Session::endGesture() { impl_->endGesture(); }
 bool Session::inGesture() const { return impl_->gesture_.has_value(); }

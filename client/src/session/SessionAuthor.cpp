@@ -137,10 +137,12 @@ void Session::Impl::endGesture() {
     // Only what it ended with has to be stored.
     for (const Edit& edit : ended.pending.transaction.edits)
         collectBlobs(edit.action, ended.pending.blobs);
-    if (!ended.pending.authored.empty())
+    if (!ended.pending.authored.empty()) {
         pending_.add(std::move(ended.pending));
-    else if (ended.isKnown())
-        withdrawPreview(ended.pending.transaction.gesture);
+        return;
+    }
+    host_.answered(ended.pending.transaction.id.sequence);
+    if (ended.isKnown()) withdrawPreview(ended.pending.transaction.gesture);
 }
 
 }  // namespace usdlive::client

@@ -125,6 +125,7 @@ void Session::Impl::reportDropped(const Pending& pending, const Commit& commit) 
 }
 
 void Session::Impl::lose(Pending pending, Error reason) {
+    host_.answered(pending.transaction.id.sequence);
     withdrawPreview(pending.transaction.gesture);
     events_.push_back(event::Lost{{.sequence = pending.transaction.id.sequence,
                                    .gesture = pending.transaction.gesture,

@@ -8,6 +8,7 @@ namespace {
 
 // Small frames are joined to messages of about this size.
 constexpr std::size_t kMessageBytes = 256 * 1024;
+constexpr std::int64_t kTellGestureEveryMs = 400;
 
 constexpr std::string_view kPreviewValues = "previewValues";
 
@@ -87,6 +88,7 @@ bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     completePeeks();
     settle();
     sendAll();
+    tellGesture();
     checkPrediction();
     return inbox_.empty();
 }
@@ -511,6 +513,14 @@ bool Session::Impl::sendPreviewValues() {
         offset = 0;
     }
     return true;
+}
+
+// An open gesture is work, too; its host hears of it from time to time.
+void Session::Impl::tellGesture() {
+    if (!gesture_ || !gesture_->untold || nowMs_ - gestureToldMs_ < kTellGestureEveryMs) return;
+    gestureToldMs_ = nowMs_;
+    gesture_->untold = false;
+    tellPending(gesture_->pending);
 }
 
 void Session::Impl::withdrawPreview(std::uint64_t gesture) {

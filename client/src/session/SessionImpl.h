@@ -67,8 +67,8 @@ public:
               std::function<void(Result<LayerDoc>, Revision)> done);
     void requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
                     std::function<void(Result<void>)> done);
-    void save(std::vector<LayerId> layers, bool force);
-    void reload(std::vector<LayerId> layers);
+    std::uint64_t save(std::vector<LayerId> layers, bool force);
+    std::uint64_t reload(std::vector<LayerId> layers);
     std::uint64_t createCheckpoint(std::string name);
     std::uint64_t listCheckpoints();
     void requestBlob(const Hash& hash);
@@ -189,6 +189,8 @@ private:
     [[nodiscard]] std::set<Hash> missingOf(const PreviewFrame& frame);
     void forgetOthers();
     void withdrawPreview(std::uint64_t gesture);
+    void tellPending(const Pending& pending);
+    void tellGesture();
     void ask(Incoming& snapshot, const LayerId& layer, Revision revision);
 
     // SessionCommits.cpp
@@ -242,6 +244,7 @@ private:
     bool resealWhenCaughtUp_ = false;
     bool takesPreviewValues_ = false;  // the server does (B3)
     std::int64_t nowMs_ = 0;
+    std::int64_t gestureToldMs_ = 0;
 
     // One's own presence.
     std::optional<Presence> presence_;

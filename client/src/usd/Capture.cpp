@@ -1,5 +1,6 @@
 #include "usdlive/client/usd/Capture.h"
 
+#include <pxr/base/tf/stringUtils.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
@@ -110,8 +111,6 @@ public:
     Sealing(Capture& capture, usd::SdfLayerStore& store, usd::BlobSink& blobs)
         : capture_(capture), store_(store), blobs_(blobs), layer_(store.layer()) {}
 
-    void compareAll() { compareSpec(SdfPath::AbsoluteRootPath()); }
-
     void compareDirty() {
         for (const SdfPath& path : capture_.unclear_) compareSpec(path);
         // Lists at last: a spec met on the way may have been created by comparing.
@@ -125,6 +124,25 @@ public:
                     compareOrder(path, list);
     }
 
+    // What other threads wrote can be of any moment: all that is still different is theirs.
+    void refuseForeign() {
+        const Error reason{ErrorCode::InvalidArgument,
+                           "was edited by another thread than the one that uses the connection. "
+                           "The edits are taken back; make them on that thread"};
+        const auto present = usd::readLayer(layer_, blobs_);
+        if (!present) {
+            lose(SdfPath::AbsoluteRootPath(), {}, present.error(), {});
+            return;
+        }
+        std::vector<AuthoredEdit> edits;
+        for (auto& [path, action] : difference(doc(), *present))
+            edits.push_back({capture_.layer_, path, std::move(action)});
+        if (edits.empty()) return;
+        for (const auto& [path, action] : difference(*present, doc()))
+            static_cast<void>(store_.apply(path, action));
+        lose(SdfPath::AbsoluteRootPath(), {}, reason, std::move(edits));
+    }
+
 private:
     [[nodiscard]] LayerDoc& doc() { return *capture_.working_; }
     [[nodiscard]] SdfSpecType typeInLayer(const SdfPath& path) const {
@@ -136,23 +154,66 @@ private:
         return capture_.working_->idsAlong(path.GetString()).back() >= capture_.firstNew_;
     }
 
-    void lose(const SdfPath& path, const std::string& field, const Error& reason) {
+    void lose(const SdfPath& path, const std::string& field, const Error& reason,
+              std::vector<AuthoredEdit> edits) {
         std::string message = capture_.layer_.value + " <" + path.GetString() + ">";
         if (!field.empty()) message += " " + field;
         message += ": " + reason.message;
-        capture_.lost_.push_back({path.GetString(), field, {reason.code, std::move(message)}});
+        capture_.lost_.push_back(
+            {path.GetString(), field, {reason.code, std::move(message)}, std::move(edits)});
+    }
+    [[nodiscard]] AuthoredEdit authored(const SdfPath& path, EditAction action) const {
+        return {capture_.layer_, path.GetString(), std::move(action)};
+    }
+    // The field as it is in the layer; nothing when it cannot be expressed.
+    [[nodiscard]] std::vector<AuthoredEdit> written(const SdfPath& path, const TfToken& field) {
+        std::vector<AuthoredEdit> edits;
+        const auto present = store_.read(path, field, blobs_);
+        if (!present) return edits;
+        const FieldValue* wanted = *present ? &**present : nullptr;
+        const FieldValue* held = doc().field(path.GetString(), field.GetString());
+        for (auto& action : fieldDifference(field.GetString(), held, wanted))
+            edits.push_back(authored(path, std::move(action)));
+        return edits;
+    }
+    void collect(const SdfPath& path, std::vector<AuthoredEdit>& edits) {
+        const auto kind = kindOf(typeInLayer(path));
+        if (!kind) return;
+        edits.push_back(authored(path, CreateSpec{*kind}));
+        for (const TfToken& field : layer_->ListFields(path))
+            if (!usd::isStructural(field))
+                for (auto& edit : written(path, field)) edits.push_back(std::move(edit));
+        for (const ChildList list : kLists)
+            for (const auto& name : childrenInLayer(path, list))
+                collect(childPath(path, list, name), edits);
     }
 
     // Sets the layer's field, or the part of it, back to what the working copy has.
-    void giveUp(const SdfPath& path, const TfToken& field, const Error& reason) {
-        lose(path, field.GetString(), reason);
+    void giveUp(const SdfPath& path, const TfToken& field, Error reason) {
+        auto edits = written(path, field);
+        if (edits.empty()) reason.message += textOf(path, field);
+        lose(path, field.GetString(), reason, std::move(edits));
         const FieldValue* held = doc().field(path.GetString(), field.GetString());
         const EditAction back = held ? EditAction(SetField{field, {}, *held, ValueType::None})
                                      : EditAction(EraseField{field, {}});
         static_cast<void>(store_.apply(path.GetString(), back));
     }
+    // Of a value that no edit can hold.
+    [[nodiscard]] std::string textOf(const SdfPath& path, const TfToken& field) const {
+        constexpr std::size_t kMostText = 1'000;
+        std::string text = pxr::TfStringify(layer_->GetField(path, field));
+        if (text.size() > kMostText) text = text.substr(0, kMostText) + "...";
+        return ". It was: " + text;
+    }
     void giveUpSample(const SdfPath& path, double time, const Error& reason) {
-        lose(path, std::string(kTimeSamples) + " at " + std::to_string(time), reason);
+        pxr::VtValue present;
+        std::vector<AuthoredEdit> edits;
+        if (layer_->QueryTimeSample(path, time, &present))
+            if (auto value = usd::encodeLeaf(present, blobs_))
+                edits.push_back(authored(path, SetField{std::string(kTimeSamples), SampleTime{time},
+                                                        std::move(*value), ValueType::None}));
+        lose(path, std::string(kTimeSamples) + " at " + std::to_string(time), reason,
+             std::move(edits));
         const Value* held = sampleAt(doc().field(path.GetString(), kTimeSamples), time);
         const std::string field(kTimeSamples);
         const EditAction back =
@@ -161,7 +222,9 @@ private:
         static_cast<void>(store_.apply(path.GetString(), back));
     }
     void giveUpSpec(const SdfPath& path, const Error& reason) {
-        lose(path, {}, reason);
+        std::vector<AuthoredEdit> edits;
+        collect(path, edits);
+        lose(path, {}, reason, std::move(edits));
         static_cast<void>(store_.apply(path.GetString(), DeleteSpec{}));
     }
 
@@ -291,7 +354,9 @@ private:
         for (const auto& [name, before] : placements(held, wanted)) {
             const auto path = specpath::child(parent.GetString(), list, name);
             const auto recorded = capture_.record(path, PlaceSpec{before});
-            if (!recorded) lose(parent, fieldOf(list), recorded.error());
+            if (!recorded)
+                lose(parent, fieldOf(list), recorded.error(),
+                     {{capture_.layer_, path, PlaceSpec{before}}});
         }
     }
 
@@ -378,11 +443,14 @@ private:
 Capture::Capture(LayerId layer, std::function<const LayerDoc*()> view)
     : layer_(std::move(layer)), view_(std::move(view)) {}
 
-bool Capture::hasWrites() const { return working_.has_value(); }
+bool Capture::hasWrites() const { return working_.has_value() || foreign_; }
 
 Capture::Sealed Capture::seal(usd::SdfLayerStore& store, usd::BlobSink& blobs) {
     if (!hasWrites()) return {};
-    Sealing(*this, store, blobs).compareDirty();
+    begin();
+    Sealing sealing(*this, store, blobs);
+    sealing.compareDirty();
+    if (foreign_.exchange(false)) sealing.refuseForeign();
     Sealed sealed{std::move(edits_), std::move(lost_)};
     discard();
     return sealed;
@@ -437,8 +505,15 @@ Result<void> Capture::record(std::string_view path, EditAction action) {
     return {};
 }
 
+// Nothing else of this object is for other threads.
+bool Capture::isForeign() {
+    if (std::this_thread::get_id() == thread_) return false;
+    foreign_ = true;
+    return true;
+}
+
 void Capture::specCreated(const SdfPath& path, SdfSpecType type) {
-    if (isTarget(path)) return;
+    if (isTarget(path) || isForeign()) return;
     begin();
     const auto kind = kindOf(type);
     if (!kind || path.ContainsTargetPath()) {
@@ -450,7 +525,7 @@ void Capture::specCreated(const SdfPath& path, SdfSpecType type) {
 }
 
 void Capture::specDeleted(const SdfPath& path) {
-    if (path.ContainsTargetPath()) return;
+    if (path.ContainsTargetPath() || isForeign()) return;
     begin();
     forgetBelow(path);
     const std::string text = path.GetString();
@@ -480,7 +555,7 @@ bool Capture::dropBelow(std::string_view path) {
 }
 
 void Capture::specMoved(const SdfPath& from, const SdfPath& to) {
-    if (from.ContainsTargetPath() || to.ContainsTargetPath()) return;
+    if (from.ContainsTargetPath() || to.ContainsTargetPath() || isForeign()) return;
     begin();
     carry(from, to);
     const MoveSpec move{{to.GetParentPath().GetString(), std::nullopt}, to.GetName()};
@@ -491,13 +566,13 @@ void Capture::specMoved(const SdfPath& from, const SdfPath& to) {
 
 void Capture::childrenChanged(const SdfPath& parent, const TfToken& field, bool appended) {
     const auto list = listOf(field);
-    if (!list || appended || parent.ContainsTargetPath()) return;
+    if (!list || appended || parent.ContainsTargetPath() || isForeign()) return;
     begin();
     dirty_[parent].lists[std::size_t(*list)] = true;
 }
 
 void Capture::fieldChanged(const SdfPath& path, const TfToken& field) {
-    if (usd::isStructural(field)) return;
+    if (usd::isStructural(field) || isForeign()) return;
     begin();
     if (path.ContainsTargetPath()) {
         noteForeign(path, field, "a field of a target");
@@ -514,6 +589,7 @@ void Capture::dictionaryKeyChanged(const SdfPath& path, const TfToken& field,
         fieldChanged(path, field);
         return;
     }
+    if (isForeign()) return;
     begin();
     DirtyField& dirty = dirty_[path].fields[field];
     if (!dirty.whole) dirty.keyPaths.insert(keyPath);
@@ -524,6 +600,7 @@ void Capture::timeSampleChanged(const SdfPath& path, double time) {
         fieldChanged(path, timeSamplesToken());
         return;
     }
+    if (isForeign()) return;
     begin();
     DirtyField& dirty = dirty_[path].fields[timeSamplesToken()];
     if (!dirty.whole) dirty.times.insert(time);
@@ -534,7 +611,8 @@ void Capture::noteForeign(const SdfPath& path, const std::string& field, const s
                               (field.empty() ? std::string() : " " + field);
     lost_.push_back({path.GetString(),
                      field,
-                     {ErrorCode::UnsupportedValue, where + ": " + what + " cannot be shared"}});
+                     {ErrorCode::UnsupportedValue, where + ": " + what + " cannot be shared"},
+                     {}});
 }
 
 void Capture::forgetBelow(const SdfPath& path) {

@@ -7,18 +7,24 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <deque>
 #include <map>
 #include <set>
+#include <thread>
 #include <unordered_set>
 
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/client/transport/SystemUser.h"
 #include "usdlive/client/usd/BlobCache.h"
+#include "usdlive/client/usd/Journal.h"
+#include "usdlive/client/usd/LayerClaims.h"
 #include "usdlive/client/usd/LayerFolders.h"
 #include "usdlive/client/usd/LiveLayer.h"
 #include "usdlive/client/usd/LostWorkLayer.h"
+#include "usdlive/client/usd/LostWorkStore.h"
+#include "usdlive/client/usd/UnsentSender.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/usd/LayerFill.h"
@@ -27,6 +33,7 @@ namespace usdlive {
 
 using client::BlobCache;
 using client::Connection;
+using client::LayerClaims;
 using client::LayerFolders;
 using client::LiveLayer;
 using client::LostWork;
@@ -58,8 +65,6 @@ constexpr std::uint64_t kMaxCacheBytes = std::uint64_t(4) << 30;
 constexpr std::size_t kMaxCacheMemory = std::size_t(256) << 20;
 // What a blocking call gives one tick.
 constexpr double kBlockingBudgetMs = 50;
-// Work that was lost is kept for lostWork(), the latest of it.
-constexpr std::size_t kMaxLostWork = 10'000;
 
 double msSince(Clock::time_point start) {
     return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
@@ -103,6 +108,7 @@ public:
           folders_(std::move(folders)),
           blobs_(folders_.cacheFolder() / ".usdlive-blobs", kMaxCacheMemory, kMaxCacheBytes),
           connection_(std::move(connection)),
+          lost_(folders_.cacheFolder() / ".usdlive-lost"),
           session_(sessionOptions(options_, std::move(id)), *this, *this) {
         session_.showPresence({});
     }
@@ -110,8 +116,37 @@ public:
     ~Impl() override {
         const pxr::SdfChangeBlock block;
         seal();
+        session_.endGesture();
         session_.advance(kBlockingBudgetMs, nowMs());
-        live_.clear();
+        while (!live_.empty()) leave(live_.begin()->first);
+    }
+
+    // --- misuse ---
+
+    [[nodiscard]] std::optional<Error> misuse(const std::string& function, bool blocks) const {
+        const auto self = std::this_thread::get_id();
+        std::thread::id none;
+        if (!owner_.compare_exchange_strong(none, self) && none != self)
+            return Error{ErrorCode::InvalidArgument,
+                         function +
+                             "() was called on another thread than the one that uses this "
+                             "connection. Layers belong to one thread: call it there"};
+        if (blocks && ticking_)
+            return Error{ErrorCode::InvalidArgument,
+                         function +
+                             "() waits for the server and was called by a notice handler while "
+                             "tick() applies edits. Call it after tick() has returned"};
+        return std::nullopt;
+    }
+    void require(const std::string& function) const {
+        if (const auto error = misuse(function, false)) throw Client::Misuse(*error);
+    }
+    // A notice handler that throws would end the process.
+    bool mayBlock(const std::string& function) {
+        require(function);
+        const auto error = misuse(function, true);
+        if (error) report(*error);
+        return !error;
     }
 
     // What the callbacks do is the editor's own.
@@ -130,6 +165,85 @@ public:
         return {};
     }
 
+    // --- unsent work ---
+
+    void startJournal(std::function<Result<std::unique_ptr<Connection>>()> connector) {
+        connector_ = std::move(connector);
+        if (options_.stateFolder.empty()) return;
+        journalFolder_ = client::journalFolder(options_.stateFolder, session_.welcome()->project,
+                                               UserName{options_.user});
+        journal_ = std::make_unique<client::Journal>(journalFolder_, session_.id(), blobs_);
+        if (auto found = unsentWork(); !found.empty())
+            events_.push_back(event::UnsentFound{std::move(found)});
+    }
+
+    [[nodiscard]] std::vector<client::UnsentWork> unsentWork() {
+        if (journalFolder_.empty()) return {};
+        std::vector<Error> damaged;
+        auto found = client::LeftJournal::list(journalFolder_, damaged);
+        for (Error& error : damaged) report(std::move(error));
+        return found;
+    }
+
+    Result<client::SentWork> sendUnsent(const ClientId& id, double timeoutMs) {
+        auto journal = client::LeftJournal::open(journalFolder_, id);
+        if (!journal) return tl::unexpected(journal.error());
+        if (!connector_)
+            return fail(ErrorCode::InvalidConfiguration,
+                        "this connection cannot make a second one to the server");
+        auto connection = connector_();
+        if (!connection) return tl::unexpected(connection.error());
+        auto options = sessionOptions(options_, id);
+        options.features = {"history", "log"};
+        client::UnsentSender sender(**connection, std::move(options), *journal, blobs_);
+        auto sent = sender.send(timeoutMs);
+        if (!sent) return sent;
+        for (const LostWork& work : sent->lost) lose(work);
+        journal->remove();
+        return sent;
+    }
+
+    Result<pxr::SdfLayerRefPtr> unsentAsLayer(const ClientId& id, const LayerId& layer) {
+        const auto journal = client::LeftJournal::open(journalFolder_, id);
+        if (!journal) return tl::unexpected(journal.error());
+        LostWork work;
+        for (const auto& [sequence, one] : journal->works())
+            work.edits.insert(work.edits.end(), one.edits.begin(), one.edits.end());
+        BlobCache kept(journal->blobFolder());
+        EitherSource source(kept, blobs_);
+        const auto doc = client::lostWorkDoc(work, layer, session_.confirmed(layer), source);
+        return usd::makeLayer(doc, source, "usda");
+    }
+
+    Result<void> discardUnsent(const ClientId& id) {
+        auto journal = client::LeftJournal::open(journalFolder_, id);
+        if (!journal) return tl::unexpected(journal.error());
+        journal->remove();
+        return {};
+    }
+
+    std::optional<client::UnsentWork> leave(double timeoutMs) {
+        if (!mayBlock("leave")) return std::nullopt;
+        tick(0);
+        session_.endGesture();
+        if (flush(timeoutMs)) return std::nullopt;
+        return unsent();
+    }
+
+    // What is pending, as it is kept now.
+    [[nodiscard]] std::optional<client::UnsentWork> unsent() {
+        if (journal_) {
+            journal_->flush();
+            if (const auto error = journal_->takeError()) report(*error);
+            return journal_->summary();
+        }
+        if (session_.pendingTransactions() == 0) return std::nullopt;
+        client::UnsentWork work;
+        work.client = session_.id();
+        work.transactions = session_.pendingTransactions();
+        return work;
+    }
+
     // --- layers ---
 
     Result<pxr::SdfLayerRefPtr> openLayer(const LayerId& id) {
@@ -142,7 +256,7 @@ public:
         auto layer = pxr::SdfLayer::FindOrOpen(folders_.placeOf(id).string());
         if (!layer)
             return fail(ErrorCode::LayerUnreadable, "cannot open " + folders_.placeOf(id).string());
-        join(id, layer);
+        if (!join(id, layer)) return tl::unexpected(liveElsewhere(id));
         auto opened = waitForJoins({id});
         if (!opened && *made && !projectLayers_.contains(id)) folders_.removePlaceholder(id);
         if (!opened) return tl::unexpected(opened.error());
@@ -158,7 +272,9 @@ public:
         std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> found;
         for (auto& [id, layer] : loadedLayers()) {
             if (find(id) || !projectLayers_.contains(id)) continue;
-            if (layer->IsDirty())
+            if (LayerClaims::ofProcess().isLiveElsewhere(layer, this))
+                return tl::unexpected(liveElsewhere(id));
+            if (const auto work = workOf(layer); !work || !work->empty())
                 return fail(ErrorCode::InvalidArgument,
                             id.value + " has unsaved edits; save or reload it first");
             found.emplace_back(id, layer);
@@ -168,7 +284,7 @@ public:
         std::vector<LayerId> ids;
         for (const auto& [id, layer] : found) {
             failed_.erase(id);
-            join(id, layer);
+            if (!join(id, layer)) return tl::unexpected(liveElsewhere(id));
             ids.push_back(id);
         }
         if (auto joined = waitForJoins(ids); !joined) return tl::unexpected(joined.error());
@@ -176,15 +292,16 @@ public:
     }
 
     void close(const LayerId& id) {
-        if (!find(id)) return;
+        if (!find(id) || !mayBlock("close")) return;
         flush(options_.connectTimeoutMs);
         // The layer keeps its content: also one that has just been reloaded, and is to get it back.
         for (auto* live = find(id); live && live->isRefilling(); live = find(id)) {
             connection_->wait(milliseconds(1));
             tick(kBlockingBudgetMs);
         }
+        if (!find(id)) return;
         session_.closeLayer(id);
-        live_.erase(id);
+        leave(id);
         closed_.insert(id);
     }
 
@@ -192,7 +309,7 @@ public:
 
     TickResult tick(double budgetMs) {
         TickResult result;
-        if (ticking_) return result;  // from within a notice of ours
+        if (ticking_) return result;  // from within a notice of ours: the tick goes on after it
         work(budgetMs, result);
         dispatch();
         return result;
@@ -250,6 +367,7 @@ public:
     }
 
     bool flush(double timeoutMs) {
+        if (!mayBlock("flush")) return false;
         const auto start = Clock::now();
         for (;;) {
             tick(kBlockingBudgetMs);
@@ -259,12 +377,36 @@ public:
         }
     }
 
-    void save(std::vector<LayerId> layers, bool force) {
+    std::uint64_t save(std::vector<LayerId> layers, bool force) {
         // What was written before is saved, too.
         TickResult ticked;
         if (!ticking_) work(0, ticked);
         saveWritten();
-        session_.save(std::move(layers), force);
+        return session_.save(std::move(layers), force);
+    }
+
+    Result<LayersSaved> saveAndWait(std::vector<LayerId> layers, bool force, double timeoutMs) {
+        if (const auto error = misuse("saveAndWait", true)) return tl::unexpected(*error);
+        const auto start = Clock::now();
+        if (!flush(timeoutMs)) return tl::unexpected(notConfirmed(timeoutMs));
+        awaited_ = {save(std::move(layers), force), std::nullopt};
+        while (!awaited_->answer && msSince(start) < timeoutMs) {
+            tick(kBlockingBudgetMs);
+            if (!awaited_->answer) connection_->wait(milliseconds(5));
+        }
+        const auto answer = std::exchange(awaited_, std::nullopt)->answer;
+        if (!answer)
+            return fail(ErrorCode::NotConnected,
+                        "the server did not say in time that it has "
+                        "saved; it may still do it");
+        return *answer;
+    }
+    [[nodiscard]] Error notConfirmed(double timeoutMs) const {
+        return {ErrorCode::NotConnected,
+                std::to_string(session_.pendingTransactions()) +
+                    " transactions were not confirmed within " +
+                    std::to_string(std::int64_t(timeoutMs)) + " ms" +
+                    (session_.isConnected() ? "" : ": there is no connection to the server")};
     }
 
     // --- SessionHost ---
@@ -272,6 +414,12 @@ public:
     void send(SharedBytes frames) override { connection_->send(std::move(frames)); }
     bool takesMore() override { return connection_->queuedBytes() < kMaxQueuedBytes; }
     SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
+    void pending(const client::PendingWork& work) override {
+        if (journal_) journal_->pending(work);
+    }
+    void answered(std::uint64_t sequence) override {
+        if (journal_) journal_->answered(sequence);
+    }
     bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
         if (lasting)
@@ -305,12 +453,13 @@ public:
     [[nodiscard]] std::vector<LayerId> layers() const {
         return {projectLayers_.begin(), projectLayers_.end()};
     }
-    [[nodiscard]] const std::vector<LostWork>& lostWork() const { return lostWork_; }
-    [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::size_t index,
+    [[nodiscard]] std::uint64_t lostWorkCount() const { return lost_.size(); }
+    [[nodiscard]] Result<LostWork> lostWork(std::uint64_t index) const { return lost_.at(index); }
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
                                                               const LayerId& id) {
-        if (index >= lostWork_.size())
-            return fail(ErrorCode::InvalidArgument, "no lost work number " + std::to_string(index));
-        const auto doc = client::lostWorkDoc(lostWork_[index], id, session_.confirmed(id), blobs_);
+        const auto work = lost_.at(index);
+        if (!work) return tl::unexpected(work.error());
+        const auto doc = client::lostWorkDoc(*work, id, session_.confirmed(id), blobs_);
         return usd::makeLayer(doc, blobs_, "usda");
     }
     [[nodiscard]] std::optional<LayerId> layerId(const pxr::SdfLayerHandle& layer) const {
@@ -339,6 +488,20 @@ private:
         Impl& impl_;
     };
 
+    class EitherSource final : public usd::BlobSource {
+    public:
+        EitherSource(usd::BlobSource& first, usd::BlobSource& second)
+            : first_(first), second_(second) {}
+        SharedBytes blob(const Hash& hash) override {
+            auto bytes = first_.blob(hash);
+            return bytes ? bytes : second_.blob(hash);
+        }
+
+    private:
+        usd::BlobSource& first_;
+        usd::BlobSource& second_;
+    };
+
     static Session::Options sessionOptions(const Options& options, ClientId id) {
         Session::Options session;
         session.client = std::move(id);
@@ -358,30 +521,76 @@ private:
 
     // --- joining ---
 
-    void join(const LayerId& id, const pxr::SdfLayerRefPtr& layer) {
-        if (find(id)) return;
+    // False: the layer is live through another connection of this process.
+    bool join(const LayerId& id, const pxr::SdfLayerRefPtr& layer) {
+        if (find(id)) return true;
+        if (!LayerClaims::ofProcess().claim(layer, this)) {
+            failed_[id] = liveElsewhere(id);
+            return false;
+        }
         closed_.erase(id);
-        if (layer->IsDirty()) keepEarlyWork(id, layer);
+        keepEarlyWork(id, layer);
         live_[id] = std::make_unique<LiveLayer>(
             id, layer,
             LiveLayer::Surroundings{source_, blobs_, blobs_, worker_,
                                     [this, id] { return session_.view(id); },
                                     [this](Error error) { report(std::move(error)); }});
         session_.openLayer(id);
+        return true;
+    }
+
+    static Error liveElsewhere(const LayerId& id) {
+        return {ErrorCode::InvalidArgument,
+                id.value +
+                    " is already live through another connection of this process. Use that one, "
+                    "or open a copy with another cache folder"};
+    }
+
+    // The layer stops being live; it keeps its content.
+    void leave(const LayerId& id) {
+        const auto found = live_.find(id);
+        if (found == live_.end()) return;
+        const pxr::SdfLayerRefPtr layer = found->second->layer();
+        const LayerDoc* view = found->second->isFilled() ? session_.view(id) : nullptr;
+        auto left = view ? std::optional(*view) : std::nullopt;
+        live_.erase(found);
+        LayerClaims::ofProcess().release(layer, this, std::move(left));
+    }
+
+    // What was written into a layer that is not live, and is not in its file.
+    [[nodiscard]] Result<std::vector<std::pair<std::string, EditAction>>> workOf(
+        const pxr::SdfLayerRefPtr& layer) {
+        if (!layer->IsDirty()) return {};
+        const auto written = usd::readLayer(layer, blobs_);
+        if (!written) return tl::unexpected(written.error());
+        return difference(LayerClaims::ofProcess().left(layer).value_or(LayerDoc()), *written);
     }
 
     // Written before the layer was live, and about to be replaced (M12).
     void keepEarlyWork(const LayerId& id, const pxr::SdfLayerRefPtr& layer) {
-        const auto written = usd::readLayer(layer, blobs_);
-        if (!written) return;
+        auto written = workOf(layer);
         LostWork work;
         work.refused = true;
         work.reason = {
             ErrorCode::LayerNotOpen,
             id.value + " was edited before it was live; its content is the project's now"};
-        for (auto& [path, action] : difference(LayerDoc(), *written))
-            work.edits.push_back({id, path, std::move(action)});
+        if (!written) return keepUnreadable(id, layer, written.error());
+        for (auto& [path, action] : *written) work.edits.push_back({id, path, std::move(action)});
         if (!work.edits.empty()) lose(std::move(work));
+    }
+
+    // Work that cannot be edits is kept as a file.
+    void keepUnreadable(const LayerId& id, const pxr::SdfLayerRefPtr& layer, const Error& reason) {
+        LostWork work;
+        work.refused = true;
+        const fs::path file = lost_.fileFor(id);
+        const bool kept = layer->Export(file.string());
+        work.reason = {reason.code,
+                       id.value +
+                           " was edited before it was live and cannot be read: " + reason.message +
+                           (kept ? ". What it held is in " + file.string()
+                                 : ". What it held could not be written to " + file.string())};
+        lose(std::move(work));
     }
 
     // Until these and the layers they use, all the way down, are filled, with their big values.
@@ -426,7 +635,8 @@ private:
             const auto id = folders_.layerAt(fs::path(path).lexically_normal().string());
             if (!id || !projectLayers_.contains(*id)) continue;
             if (!find(*id) && !failed_.contains(*id) && !closed_.contains(*id))
-                if (auto used = pxr::SdfLayer::FindOrOpen(path)) join(*id, used);
+                if (auto used = pxr::SdfLayer::FindOrOpen(path); used && !join(*id, used))
+                    events_.push_back(event::JoinFailed{*id, liveElsewhere(*id)});
             if (find(*id)) joining.push_back(*id);
         }
         return joining;
@@ -441,9 +651,9 @@ private:
         nextLook_ = Clock::now() + kLookForLayersEvery;
         for (const auto& [id, layer] : loadedLayers()) {
             if (find(id) || !projectLayers_.contains(id) || failed_.contains(id) ||
-                closed_.contains(id))
+                closed_.contains(id) || LayerClaims::ofProcess().isLiveElsewhere(layer, this))
                 continue;
-            join(id, layer);
+            static_cast<void>(join(id, layer));
             if (msSince(start) < budgetMs) continue;
             nextLook_ = Clock::now();
             return;
@@ -492,9 +702,11 @@ private:
             result.filling = fillLayers(left());
         }
         takeEvents(result);
+        if (journal_)
+            if (auto error = journal_->takeError()) report(std::move(*error));
         // Lost work is to be had with its values (M12).
         const bool idle = session_.pendingTransactions() == 0 && !session_.inGesture();
-        if (idle && lostWork_.empty()) blobs_.releaseKept();
+        if (idle && lost_.size() == 0) blobs_.releaseKept();
     }
 
     // Layers that the editor has written itself. Their files would count as changed behind the
@@ -521,6 +733,7 @@ private:
             for (auto& write : sealed.lost) {
                 LostWork work;
                 work.reason = std::move(write.reason);
+                work.edits = std::move(write.edits);
                 lose(std::move(work));
             }
         }
@@ -584,9 +797,8 @@ private:
     }
 
     void lose(LostWork work) {
-        if (lostWork_.size() == kMaxLostWork) lostWork_.erase(lostWork_.begin());
-        lostWork_.push_back(work);
-        events_.push_back(event::Lost{std::move(work)});
+        if (const auto kept = lost_.add(work); !kept) report(kept.error());
+        events_.push_back(event::Lost{std::move(work), lost_.size() - 1});
     }
 
     void takeEvents(TickResult& result) {
@@ -619,20 +831,29 @@ private:
             return false;
         } else if (const auto* failed = std::get_if<event::JoinFailed>(&one)) {
             failed_[failed->layer] = failed->reason;
-            live_.erase(failed->layer);
+            leave(failed->layer);
         } else if (auto* lost = std::get_if<event::Lost>(&one)) {
             lose(std::move(lost->work));
             return false;
+        } else if (const auto* saved = std::get_if<event::Saved>(&one)) {
+            if (awaited_ && awaited_->request == saved->outcome.request)
+                awaited_->answer = saved->outcome;
         } else if (const auto* error = std::get_if<event::ServerError>(&one)) {
+            if (awaited_ && awaited_->request == error->message.request)
+                awaited_->answer = tl::unexpected(toError(error->message));
             if (error->message.blob) awaitedBlobs_.erase(*error->message.blob);
             if (error->message.closing) lastWords(error->message);
         }
         return true;
     }
 
+    static Error toError(const ErrorMessage& message) {
+        return {errorFromName(message.code).value_or(ErrorCode::Internal), message.message};
+    }
+
     // Of the server, or of the session that saw nonsense: either way this connection is over.
     void lastWords(const ErrorMessage& message) {
-        Error error{errorFromName(message.code).value_or(ErrorCode::Internal), message.message};
+        Error error = toError(message);
         if (!session_.welcome()) fatal_ = error;
         hangUp(std::move(error));
     }
@@ -651,10 +872,14 @@ private:
     const Options options_;
     const CacheFolder cacheFolder_;
     LayerFolders folders_;
+    fs::path journalFolder_;
+    std::function<Result<std::unique_ptr<Connection>>()> connector_;
     BlobCache blobs_;
     client::Worker worker_;  // makes what the layers hold
     Source source_{*this};
     const std::unique_ptr<Connection> connection_;
+    client::LostWorkStore lost_;
+    std::unique_ptr<client::Journal> journal_;  // once the project is known
     Session session_;
     std::map<LayerId, std::unique_ptr<LiveLayer>> live_;
 
@@ -673,10 +898,16 @@ private:
 
     std::vector<event::Joined> joined_;
     std::deque<client::Event> events_;
-    std::vector<LostWork> lostWork_;
     EventHandler handler_;
+    // A save that somebody waits for.
+    struct Awaited {
+        std::uint64_t request = 0;
+        std::optional<Result<LayersSaved>> answer;
+    };
+    std::optional<Awaited> awaited_;
     bool ticking_ = false;
     bool dispatching_ = false;
+    mutable std::atomic<std::thread::id> owner_{};  // the first that used it
 };
 
 Client::Client() = default;
@@ -685,13 +916,26 @@ Client::~Client() = default;
 Result<std::unique_ptr<Client>> Client::connect(const std::string& url, Options options) {
     const auto address = client::parseServerAddress(url);
     if (!address) return tl::unexpected(address.error());
-    auto connection = client::createConnection(*address);
-    if (!connection) return tl::unexpected(connection.error());
-    return connectBy(std::move(*connection), std::move(options));
+    return connectBy([address = *address] { return client::createConnection(address); },
+                     std::move(options));
 }
 
 Result<std::unique_ptr<Client>> Client::connectBy(std::unique_ptr<Connection> connection,
                                                   Options options) {
+    return make(std::move(connection), {}, std::move(options));
+}
+
+Result<std::unique_ptr<Client>> Client::connectBy(Connector connector, Options options) {
+    auto connection = connector();
+    if (!connection) return tl::unexpected(connection.error());
+    if (options.stateFolder.empty() && !options.cacheFolder.empty())
+        options.stateFolder = options.cacheFolder / ".usdlive-unsent";
+    if (options.stateFolder.empty()) options.stateFolder = client::stateFolder();
+    return make(std::move(*connection), std::move(connector), std::move(options));
+}
+
+Result<std::unique_ptr<Client>> Client::make(std::unique_ptr<Connection> connection,
+                                             Connector connector, Options options) {
     if (options.user.empty()) options.user = client::systemUser().value;
     auto id = client::newClientId();
     const bool own = options.cacheFolder.empty();
@@ -704,42 +948,57 @@ Result<std::unique_ptr<Client>> Client::connectBy(std::unique_ptr<Connection> co
     made->impl_ = std::make_unique<Impl>(std::move(connection), std::move(options), std::move(id),
                                          std::move(*folders), own);
     if (auto greeted = made->impl_->greet(); !greeted) return tl::unexpected(greeted.error());
+    made->impl_->startJournal(std::move(connector));
     return made;
 }
 
 std::vector<LayerId> Client::layers() const { return impl_->layers(); }
 Result<pxr::SdfLayerRefPtr> Client::openLayer(const LayerId& layer) {
+    if (const auto error = impl_->misuse("openLayer", true)) return tl::unexpected(*error);
     return impl_->openLayer(layer);
 }
 Result<std::vector<LayerId>> Client::attach(const fs::path& projectFolder) {
+    if (const auto error = impl_->misuse("attach", true)) return tl::unexpected(*error);
     return impl_->attach(projectFolder);
 }
 void Client::close(const LayerId& layer) { impl_->close(layer); }
-Client::TickResult Client::tick(double budgetMs) { return impl_->tick(budgetMs); }
+Client::TickResult Client::tick(double budgetMs) {
+    impl_->require("tick");
+    return impl_->tick(budgetMs);
+}
 void Client::beginGesture() {
+    impl_->require("beginGesture");
     // What was written before is not part of it.
     impl_->tick(0);
     impl_->session().beginGesture();
 }
 void Client::endGesture() {
+    impl_->require("endGesture");
     impl_->tick(0);
     impl_->session().endGesture();
 }
-void Client::save(std::vector<LayerId> layers, bool force) {
-    impl_->save(std::move(layers), force);
+std::uint64_t Client::save(std::vector<LayerId> layers, bool force) {
+    return impl_->save(std::move(layers), force);
 }
-void Client::reload(std::vector<LayerId> layers) { impl_->session().reload(std::move(layers)); }
+Result<LayersSaved> Client::saveAndWait(std::vector<LayerId> layers, bool force, double timeoutMs) {
+    return impl_->saveAndWait(std::move(layers), force, timeoutMs);
+}
+std::uint64_t Client::reload(std::vector<LayerId> layers) {
+    return impl_->session().reload(std::move(layers));
+}
 std::uint64_t Client::createCheckpoint(std::string name) {
     return impl_->session().createCheckpoint(std::move(name));
 }
 std::uint64_t Client::listCheckpoints() { return impl_->session().listCheckpoints(); }
 Result<void> Client::setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted) {
+    if (const auto error = impl_->misuse("setGloballyMuted", true)) return tl::unexpected(*error);
     return impl_->setGloballyMuted(root, layer, muted);
 }
 std::set<LayerId> Client::globallyMuted(const LayerId& root) const {
     return impl_->globallyMuted(root);
 }
 Result<void> Client::setLocked(const LayerId& layer, bool locked) {
+    if (const auto error = impl_->misuse("setLocked", true)) return tl::unexpected(*error);
     return impl_->setLocked(layer, locked);
 }
 const std::map<LayerId, LayerState>& Client::layerStates() const {
@@ -752,11 +1011,28 @@ const std::map<ClientId, Presence>& Client::presences() const {
 }
 bool Client::flush(double timeoutMs) { return impl_->flush(timeoutMs); }
 void Client::setEventHandler(EventHandler handler) { impl_->setEventHandler(std::move(handler)); }
-const std::vector<LostWork>& Client::lostWork() const { return impl_->lostWork(); }
-Result<pxr::SdfLayerRefPtr> Client::lostWorkAsLayer(std::size_t index, const LayerId& layer) const {
+std::uint64_t Client::lostWorkCount() const { return impl_->lostWorkCount(); }
+Result<LostWork> Client::lostWork(std::uint64_t index) const { return impl_->lostWork(index); }
+Result<pxr::SdfLayerRefPtr> Client::lostWorkAsLayer(std::uint64_t index,
+                                                    const LayerId& layer) const {
     return impl_->lostWorkAsLayer(index, layer);
 }
 bool Client::isApplying() const { return impl_->isApplying(); }
+std::optional<client::UnsentWork> Client::leave(double timeoutMs) {
+    return impl_->leave(timeoutMs);
+}
+std::vector<client::UnsentWork> Client::unsentWork() { return impl_->unsentWork(); }
+Result<client::SentWork> Client::sendUnsent(const ClientId& id, double timeoutMs) {
+    if (const auto error = impl_->misuse("sendUnsent", true)) return tl::unexpected(*error);
+    return impl_->sendUnsent(id, timeoutMs);
+}
+Result<pxr::SdfLayerRefPtr> Client::unsentAsLayer(const ClientId& id, const LayerId& layer) {
+    return impl_->unsentAsLayer(id, layer);
+}
+Result<void> Client::discardUnsent(const ClientId& id) { return impl_->discardUnsent(id); }
+std::optional<Error> Client::misuse(const std::string& function, bool blocks) const {
+    return impl_->misuse(function, blocks);
+}
 bool Client::isConnected() const { return impl_->session().isConnected(); }
 Revision Client::revision() const { return impl_->session().revision(); }
 std::size_t Client::pendingTransactions() const { return impl_->session().pendingTransactions(); }

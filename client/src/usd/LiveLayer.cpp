@@ -22,7 +22,7 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
       layer_(std::move(layer)),
       surroundings_(std::move(surroundings)),
       capture_(id_, surroundings_.view),
-      permitted_(layer_->PermissionToEdit()) {
+      permitted_(true) {
     close();
     const auto self = pxr::TfCreateWeakPtr(this);
     replacedKey_ =
@@ -41,7 +41,8 @@ LiveLayer::~LiveLayer() {
 
 void LiveLayer::close() {
     if (closed_) return;
-    permitted_ = layer_->PermissionToEdit();
+    // A muted layer says no, whatever was set: what was before is not known.
+    permitted_ = layer_->IsMuted() || layer_->PermissionToEdit();
     layer_->SetPermissionToEdit(false);
     closed_ = true;
 }
@@ -129,6 +130,7 @@ bool LiveLayer::hasWrites() const { return isFilled() && capture_.hasWrites(); }
 Capture::Sealed LiveLayer::seal() {
     if (!isFilled()) return {};
     expectsReplacement_ = false;
+    if (writtenBeforeMuted_ && layer_->IsMuted()) return sealMuted();
     if (startOver_) startOver();
     if (!hasWrites()) return {};
     auto sealed = capture_.seal(*store_, surroundings_.sink);
@@ -137,7 +139,21 @@ Capture::Sealed LiveLayer::seal() {
     return sealed;
 }
 
-// What a reload or a muting did to the layer was nobody's edit; the content is the project's again.
+// A muting or a reload replaced the content; that is no edit. Sdf keeps what a muted layer held:
+// what was written before, in the same frame, is read there.
+Capture::Sealed LiveLayer::sealMuted() {
+    const std::string path = layer_->GetIdentifier();
+    pxr::SdfLayer::RemoveFromMutedLayers(path);
+    capture_.discard();
+    capture_.contentReplaced();
+    auto sealed = capture_.seal(*store_, surroundings_.sink);
+    pxr::SdfLayer::AddToMutedLayers(path);
+    writtenBeforeMuted_ = false;
+    startOver_ = true;
+    return sealed;
+}
+
+// Replaces the content by the project's.
 void LiveLayer::startOver() {
     capture_.discard();
     if (layer_->IsMuted()) return;
@@ -162,7 +178,9 @@ void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice)
 }
 
 void LiveLayer::onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice) {
-    if (notice.GetLayerPath() == layer_->GetIdentifier()) startOver_ = true;
+    if (notice.GetLayerPath() != layer_->GetIdentifier()) return;
+    writtenBeforeMuted_ = notice.WasMuted() && isFilled() && !startOver_ && capture_.hasWrites();
+    startOver_ = true;
 }
 
 }  // namespace usdlive::client

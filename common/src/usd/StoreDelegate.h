@@ -7,6 +7,7 @@
 
 #include <map>
 #include <set>
+#include <thread>
 #include <unordered_map>
 #include <unordered_set>
 
@@ -120,7 +121,8 @@ protected:
 private:
     /// Who is told of a write to this path, if anyone. What is below targets follows from list ops.
     [[nodiscard]] LayerWriteObserver* told(const Path& path) const {
-        return applying_ || path.ContainsTargetPath() ? nullptr : observer_;
+        if (!observer_ || path.ContainsTargetPath()) return nullptr;
+        return applying_ && std::this_thread::get_id() == thread_ ? nullptr : observer_;
     }
     void tellField(const Path& path, const Token& field);
     void tellChildren(const Path& parent, const Token& field, bool appended);
@@ -132,6 +134,7 @@ private:
     pxr::SdfLayerHandle layer_;
     pxr::TfNotice::Key changedKey_;
     int applying_ = 0;
+    const std::thread::id thread_ = std::this_thread::get_id();  // whose writes `applying_` hides
 };
 
 }  // namespace usdlive::usd

@@ -305,7 +305,7 @@ TEST_F(ClientTest, M12WorkOfBeforeALayerWasLiveIsKept) {
     pxr::SdfCreatePrimInLayer(layer, SdfPath("/Early"));
     open(*ada, kLook);
     EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/Early")));
-    ASSERT_EQ(ada->lostWork().size(), 1u);
+    ASSERT_EQ(ada->lostWorkCount(), 1u);
     const auto kept = ada->lostWorkAsLayer(0, kLook);
     ASSERT_TRUE(kept) << kept.error().message;
     EXPECT_TRUE((*kept)->GetPrimAtPath(SdfPath("/Early")));
@@ -349,7 +349,74 @@ TEST_F(ClientTest, AValueThatCannotBeSharedIsToldAndUndone) {
     ASSERT_EQ(lost.size(), 1u);
     EXPECT_NE(lost[0].find("root.usda </> timeCodesPerSecond"), std::string::npos);
     EXPECT_FALSE(layer->HasTimeCodesPerSecond());
-    EXPECT_EQ(ada->lostWork().size(), 1u);
+    EXPECT_EQ(ada->lostWorkCount(), 1u);
+}
+
+// M12 means the content: what capture gives up, too.
+TEST_F(ClientTest, M12AWriteThatIsGivenUpKeepsItsContent) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kRoot);
+    layer->SetTimeCodesPerSecond(0);
+    tick({ada.get()});
+    const auto work = ada->lostWork(0);
+    ASSERT_TRUE(work);
+    ASSERT_EQ(work->edits.size(), 1u);
+    EXPECT_EQ(std::get<SetField>(work->edits[0].action).field, "timeCodesPerSecond");
+}
+
+TEST_F(ClientTest, WhatIsWrittenInTheFrameOfAMutingIsCommitted) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kRoot);
+    layer->SetComment("before the muting");
+    pxr::SdfCreatePrimInLayer(layer, SdfPath("/World/Before"));
+    SdfLayer::AddToMutedLayers(layer->GetIdentifier());
+    EXPECT_TRUE(ada->flush(1000));
+    EXPECT_TRUE(layer->IsMuted());
+    EXPECT_NE(serverText(kRoot).find("before the muting"), std::string::npos);
+    EXPECT_NE(serverText(kRoot).find("Before"), std::string::npos);
+    SdfLayer::RemoveFromMutedLayers(layer->GetIdentifier());
+    tick({ada.get()});
+    EXPECT_EQ(text(layer), serverText(kRoot));
+}
+
+TEST_F(ClientTest, ALayerThatIsMutedWhileItIsJoinedCanBeEditedLater) {
+    const auto ada = connect("ada");
+    const auto path = (ada->cacheFolder() / kLook.value).string();
+    const auto layer = SdfLayer::FindOrOpen(path);
+    SdfLayer::AddToMutedLayers(layer->GetIdentifier());
+    open(*ada, kLook);
+    SdfLayer::RemoveFromMutedLayers(layer->GetIdentifier());
+    tick({ada.get()});
+    EXPECT_TRUE(layer->PermissionToEdit());
+    layer->SetComment("mine");
+    EXPECT_TRUE(ada->flush(1000));
+    EXPECT_NE(serverText(kLook).find("mine"), std::string::npos);
+}
+
+TEST_F(ClientTest, ClosingAndOpeningAgainLosesOnlyWhatWasWrittenBetween) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kLook);
+    layer->SetComment("mine");
+    ada->close(kLook);
+    open(*ada, kLook);
+    EXPECT_EQ(ada->lostWorkCount(), 0u);
+    ada->close(kLook);
+    pxr::SdfCreatePrimInLayer(layer, SdfPath("/Between"));
+    open(*ada, kLook);
+    ASSERT_EQ(ada->lostWorkCount(), 1u);
+    for (const auto& edit : ada->lostWork(0)->edits)
+        EXPECT_TRUE(edit.path == "/Between" || edit.path == "/") << edit.path;
+}
+
+TEST_F(ClientTest, ALayerIsLiveThroughOneConnection) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kLook);
+    const auto bo = connect("bo", ada->cacheFolder());
+    const auto refused = bo->openLayer(kLook);
+    ASSERT_FALSE(refused);
+    EXPECT_NE(refused.error().message.find("already live through another"), std::string::npos);
+    ada->close(kLook);
+    EXPECT_TRUE(bo->openLayer(kLook));
 }
 
 TEST_F(ClientTest, BigValuesTravelBesideTheStream) {

@@ -18,6 +18,22 @@
 
 namespace usdlive::client {
 
+/// An edit as the editor made it: absolute path in the layer as the editor sees it, each valid
+/// after the ones before.
+struct AuthoredEdit {
+    LayerId layer;
+    std::string path;
+    EditAction action;  ///< MoveSpec::parent absolute, likewise
+};
+
+/// One's own transaction, for whoever keeps it until it is acknowledged.
+struct PendingWork {
+    std::uint64_t sequence = 0;
+    Revision revision = 0;  ///< that the confirmed layers had when it was made
+    Hash hash;              ///< the chain hash of that revision
+    const std::vector<AuthoredEdit>& edits;
+};
+
 /// What a session asks of the process around it. Called from within Session's functions.
 class SessionHost {
 public:
@@ -36,6 +52,11 @@ public:
     virtual void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) = 0;
     /// A download has failed: is the value still needed, and to be asked for again?
     [[nodiscard]] virtual bool needsBlob(const Hash&) { return true; }
+    /// A transaction is pending from now on; what it holds, as its author made it. Called again
+    /// with the same sequence number when its content has changed (an open gesture).
+    virtual void pending(const PendingWork& /*work*/) {}
+    /// It was acknowledged, refused, or given another number: it is pending no longer.
+    virtual void answered(std::uint64_t /*sequence*/) {}
 };
 
 /// Where what the editor shall see goes: the stores of its layers. Called from Session::advance()
@@ -56,14 +77,6 @@ public:
     virtual void apply(const LayerId& layer, const std::string& path, const EditAction& action) = 0;
 };
 
-/// An edit as the editor made it: absolute path in the layer as the editor sees it, each valid
-/// after the ones before.
-struct AuthoredEdit {
-    LayerId layer;
-    std::string path;
-    EditAction action;  ///< MoveSpec::parent absolute, likewise
-};
-
 /// Why work of one's own is not in the project (M12).
 struct LostWork {
     std::uint64_t sequence = 0;
@@ -71,6 +84,16 @@ struct LostWork {
     Error reason;
     bool refused = false;  ///< the whole transaction; otherwise single edits were dropped
     std::vector<AuthoredEdit> edits;  ///< as the editor made them
+};
+
+/// Work of an earlier connection of the same user that the server has not acknowledged. It is kept
+/// in a journal on this machine.
+struct UnsentWork {
+    ClientId client;          ///< of that connection; names the work
+    std::int64_t timeMs = 0;  ///< of the newest of it, milliseconds since 1970
+    std::size_t transactions = 0, edits = 0;
+    std::vector<LayerId> layers;
+    std::string file;  ///< the journal
 };
 
 struct JoinProgress {
@@ -107,6 +130,7 @@ struct Committed {
 };  ///< anybody's, own ones too, after it was applied
 struct Lost {
     LostWork work;
+    std::uint64_t index = 0;  ///< for Client::lostWork(); set by the client, not by the session
 };  ///< refused or dropped work of one's own
 struct PreviewChanged {
     ClientId author;
@@ -128,6 +152,10 @@ struct CheckpointsListed {
 struct ServerError {
     ErrorMessage message;
 };
+/// There is unsent work of earlier connections: see Client::sendUnsent() and what follows it.
+struct UnsentFound {
+    std::vector<UnsentWork> work;
+};
 /// These layers are in another state than before; Session::layerStates() has all.
 struct LayerStatesChanged {
     std::vector<LayerState> layers;
@@ -142,7 +170,7 @@ using Event = std::variant<event::Connected, event::Disconnected, event::LayersC
                            event::Joining, event::Joined, event::JoinFailed, event::Committed,
                            event::Lost, event::PreviewChanged, event::Saved, event::Reloaded,
                            event::CheckpointMade, event::CheckpointsListed, event::ServerError,
-                           event::LayerStatesChanged, event::PresenceChanged>;
+                           event::LayerStatesChanged, event::PresenceChanged, event::UnsentFound>;
 
 /// One client's side of the protocol: the confirmed layers, its pending transactions on top, and
 /// what the editor is to see of both (M7). Decides without I/O, threads or USD; used by one thread.
@@ -191,11 +219,12 @@ public:
               std::function<void(Result<LayerDoc>, Revision)> done);
     void requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
                     std::function<void(Result<void>)> done);
-    /// Answered by event::Saved; `force`: over what somebody else has put into the files, too.
-    void save(std::vector<LayerId> layers, bool force = false);
+    /// Answered by event::Saved, or event::ServerError, with the number that this returns; `force`:
+    /// over what somebody else has put into the files, too.
+    std::uint64_t save(std::vector<LayerId> layers, bool force = false);
     /// Has the server take the layers' files (none: all that are outdated) as commits; answered by
     /// event::Reloaded.
-    void reload(std::vector<LayerId> layers);
+    std::uint64_t reload(std::vector<LayerId> layers);
 
     /// Names what the project is now, with all that was acknowledged to this session. The answer is
     /// event::CheckpointMade, or event::ServerError, with the number that this returns.
@@ -220,6 +249,9 @@ public:
     /// (an edit that cannot be: it is then reported as Lost and undone in the view). During a
     /// gesture it becomes part of the gesture instead.
     void author(std::vector<AuthoredEdit> edits);
+    /// The number that the next transaction gets, for work that is sent again under its own name
+    /// (M9). Precondition: greater than all before.
+    void setNextSequence(std::uint64_t sequence);
     /// M11. Gestures do not nest.
     void beginGesture();
     void endGesture();

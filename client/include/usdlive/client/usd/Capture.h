@@ -5,12 +5,14 @@
 #include <pxr/usd/sdf/types.h>
 
 #include <array>
+#include <atomic>
 #include <functional>
 #include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <vector>
 
 #include "usdlive/client/session/Session.h"
@@ -24,7 +26,8 @@ namespace usdlive::client {
 /// place is noted: seal() reads what stands there in the end, so a value that was set a hundred
 /// times in a frame is one edit, and one that was set back is none.
 ///
-/// Used by the thread that owns the layer. Between two seals nothing but the editor may change it.
+/// Used by the thread that owns the layer. Writes of other threads are refused: seal() takes them
+/// back and returns them as lost. Between two seals nothing but the editor may change it.
 class Capture final : public usd::LayerWriteObserver {
 public:
     /// `view` gives what the session shows of the layer, see Session::view().
@@ -35,8 +38,9 @@ public:
     /// A write that cannot be shared; the layer is back at what the session has there.
     struct LostWrite {
         std::string path;
-        std::string field;  ///< empty: the spec itself
-        Error reason;       ///< names layer, path, field and type
+        std::string field;                ///< empty: the spec itself
+        Error reason;                     ///< names layer, path, field and type
+        std::vector<AuthoredEdit> edits;  ///< what was written, as far as it can be expressed
     };
     struct Sealed {
         std::vector<AuthoredEdit> edits;  ///< each valid after the ones before
@@ -82,8 +86,12 @@ private:
     void carry(const pxr::SdfPath& from, const pxr::SdfPath& to);
     void noteForeign(const pxr::SdfPath& path, const std::string& field, const std::string& what);
 
+    [[nodiscard]] bool isForeign();
+
     const LayerId layer_;
     const std::function<const LayerDoc*()> view_;
+    const std::thread::id thread_ = std::this_thread::get_id();  // that owns the layer
+    std::atomic<bool> foreign_ = false;  // another thread has written since the last seal
     // The session's view with edits_ applied to it; there from the first write to the seal.
     std::optional<LayerDoc> working_;
     NodeId firstNew_ = 0;  // of working_: specs from here on were created since the last seal

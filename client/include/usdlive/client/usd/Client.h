@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <set>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -18,13 +19,16 @@ namespace usdlive {
 
 namespace client {
 class Connection;
-}
+struct SentWork;
+}  // namespace client
 
 /// Edits one project together with others: gives an editor real SdfLayers that are live.
 ///
-/// Used from one thread, the one that owns the editor's stage. Nothing but the functions of this
-/// class touches USD, and only when called: call tick() once per frame. The network has a thread of
-/// its own.
+/// Used from one thread, the one that owns the editor's stage: the first that calls a function
+/// which touches layers. From another one, functions that return a Result fail and others throw
+/// Misuse; see also misuse(). A layer is live through one connection of a process. Nothing but the
+/// functions of this class touches USD, and only when called: call tick() once per frame. The
+/// network has a thread of its own.
 ///
 ///     auto client = usdlive::Client::connect("ws://127.0.0.1:7447", {.user = "ada"});
 ///     auto layer = (*client)->openLayer("shot.usda");
@@ -38,16 +42,51 @@ public:
         /// Empty: a fresh folder below the system's temporary folder, removed when the client goes.
         std::filesystem::path cacheFolder;
         double connectTimeoutMs = 10'000;
+        /// Where work that the server has not acknowledged is kept, by project and user. Empty:
+        /// below the cache folder if one is named, else $XDG_STATE_HOME/usdlive or
+        /// ~/.local/state/usdlive.
+        std::filesystem::path stateFolder = {};
     };
+
+    /// A call that is a mistake of the caller's. Nothing was done.
+    class Misuse : public std::logic_error {
+    public:
+        explicit Misuse(Error error) : std::logic_error(error.message), error(std::move(error)) {}
+        const Error error;
+    };
+    /// Why `function` may not be called here: on another thread, or (one that `blocks`) by a notice
+    /// handler within tick(). Nothing when it may be.
+    [[nodiscard]] std::optional<Error> misuse(const std::string& function, bool blocks) const;
 
     /// Connects and greets; blocks until then or the time is over. Fails after a second where no
     /// server can be reached.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connect(const std::string& url,
                                                                  Options options);
-    /// The same over a connection of another kind.
+    /// The same over connections of another kind.
+    using Connector = std::function<Result<std::unique_ptr<client::Connection>>()>;
+    [[nodiscard]] static Result<std::unique_ptr<Client>> connectBy(Connector connector,
+                                                                   Options options);
+    /// Over one connection, which is all there is: unsent work is kept only in a `stateFolder` that
+    /// is named, and cannot be sent.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connectBy(
         std::unique_ptr<client::Connection> connection, Options options);
+    /// Leaves the project at once. What is not acknowledged stays in the journal; see leave().
     ~Client();
+
+    /// Ends an open gesture and waits until what was authored is committed, at most `timeoutMs`.
+    /// Returns what was not and the journal that keeps it; nothing when all was.
+    std::optional<client::UnsentWork> leave(double timeoutMs = 5'000);
+
+    // Work that earlier connections of this user to this project could not send, because their
+    // process, the server or the network ended first. event::UnsentFound tells of it at the start.
+    [[nodiscard]] std::vector<client::UnsentWork> unsentWork();
+    /// Sends it, each transaction once, however often this is called: what was committed before is
+    /// not committed again. Blocks. What is refused or dropped becomes lost work of this client.
+    Result<client::SentWork> sendUnsent(const ClientId& work, double timeoutMs = 60'000);
+    /// Its edits of one layer as a layer of their own; the journal stays.
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> unsentAsLayer(const ClientId& work,
+                                                            const LayerId& layer);
+    Result<void> discardUnsent(const ClientId& work);
 
     /// What the project has.
     [[nodiscard]] std::vector<LayerId> layers() const;
@@ -60,7 +99,8 @@ public:
     /// server serves, or a copy): each found layer of the project that is loaded in this process.
     /// Returns them sorted. Refuses with InvalidArgument when one of them has unsaved edits.
     Result<std::vector<LayerId>> attach(const std::filesystem::path& projectFolder);
-    /// Ends being live; the layer stays with its content. Pending edits of it are sent first.
+    /// Ends being live; the layer stays with its content. Pending edits of it are sent first. Not
+    /// possible from a notice handler within tick(): an error event says so.
     void close(const LayerId& layer);
 
     struct TickResult {
@@ -101,13 +141,17 @@ public:
     /// Where the others are, by client.
     [[nodiscard]] const std::map<ClientId, Presence>& presences() const;
 
-    /// Asks the server to write layers (none: all changed) to their files; answered by
-    /// event::Saved. One whose file somebody else has changed fails (LayerOutdated), unless
-    /// `force`.
-    void save(std::vector<LayerId> layers = {}, bool force = false);
+    /// Asks the server to write layers (none: all changed) to their files, with what is confirmed.
+    /// Answered by event::Saved, or event::ServerError, with the number that this returns. A layer
+    /// whose file somebody else has changed fails (LayerOutdated), unless `force`.
+    std::uint64_t save(std::vector<LayerId> layers = {}, bool force = false);
+    /// The same with all that was authored here; returns when the files are written. NotConnected
+    /// when the time is over.
+    Result<LayersSaved> saveAndWait(std::vector<LayerId> layers = {}, bool force = false,
+                                    double timeoutMs = 60'000);
     /// Asks the server to take the files of layers (none: of all that are outdated) as commits, so
     /// that everybody has what is in them; answered by event::Reloaded.
-    void reload(std::vector<LayerId> layers = {});
+    std::uint64_t reload(std::vector<LayerId> layers = {});
     /// Has the server name what the project is now; flush() first what has to be in it. Answered by
     /// event::CheckpointMade, or event::ServerError, with the number that this returns.
     std::uint64_t createCheckpoint(std::string name);
@@ -120,10 +164,11 @@ public:
     /// Called from tick(), in order, on its thread.
     void setEventHandler(EventHandler handler);
 
-    /// M12: work that was refused or dropped since the start, newest last, and one of it as a
-    /// layer.
-    [[nodiscard]] const std::vector<client::LostWork>& lostWork() const;
-    [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::size_t index,
+    /// M12: work that was refused or dropped since the start, by the index of its event::Lost, and
+    /// as a layer. Older work is read from the disk.
+    [[nodiscard]] std::uint64_t lostWorkCount() const;
+    [[nodiscard]] Result<client::LostWork> lostWork(std::uint64_t index) const;
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
                                                               const LayerId& layer) const;
 
     [[nodiscard]] bool isConnected() const;
@@ -141,6 +186,8 @@ public:
 
 private:
     Client();
+    static Result<std::unique_ptr<Client>> make(std::unique_ptr<client::Connection> connection,
+                                                Connector connector, Options options);
     class Impl;
     std::unique_ptr<Impl> impl_;
 };

@@ -81,6 +81,7 @@ private:
     void close();
     void open();
     void startOver();
+    [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     void applyNow(const std::string& path, const EditAction& action);
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
@@ -103,6 +104,7 @@ private:
     bool expectsReplacement_ = false;
     bool startOver_ =
         false;  // the layer was reloaded or muted: its content is not the editor's work
+    bool writtenBeforeMuted_ = false;  // and not sealed yet
     bool usesChanged_ = false;
     bool namesLayers_ = false;
     bool saved_ = false;

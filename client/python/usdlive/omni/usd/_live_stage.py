@@ -72,7 +72,7 @@ class LiveStage:
                 if not named:
                     return [], []
             answers.clear()
-            self.live.save(*named)
+            self.live.request_save(*named)
             answered = yield Until(lambda: bool(answers), self.tick, _SAVE_SECONDS)
         finally:
             self.live.remove_handler(hear)
@@ -137,7 +137,7 @@ class LiveStage:
             raise Failure(f"{pending} transactions of yours were not confirmed by the server. The stage stays "
                           "open: wait for the server, write a copy with export_as_stage(), or call "
                           "set_pending_edit(False) and close again to discard them")
-        self.live.close()
+        self.live.close(timeout=0)
         if not pending:
             return ""
         text = f"{pending} transactions were not confirmed by the server and were discarded"

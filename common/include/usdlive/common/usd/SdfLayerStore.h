@@ -16,7 +16,7 @@
 namespace usdlive::usd {
 
 /// What an editor wrote into a layer, in the order it was written. Called from within Sdf, before
-/// the change stands in the layer; must not touch the layer.
+/// the change stands in the layer, on whatever thread writes; must not touch the layer.
 class LayerWriteObserver {
 public:
     virtual ~LayerWriteObserver() = default;

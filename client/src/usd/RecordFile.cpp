@@ -1,0 +1,155 @@
+#include "usdlive/client/usd/RecordFile.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <utility>
+
+#include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/core/Hash.h"
+
+namespace usdlive::client {
+
+namespace {
+
+constexpr std::size_t kCheckBytes = 8;
+constexpr std::size_t kHeaderBytes = sizeof(std::uint32_t) + kCheckBytes;
+
+void appendRecord(Bytes& out, ByteView payload) {
+    appendNumber<std::uint32_t>(out, std::uint32_t(payload.size()));
+    appendBytes(out, ByteView(sha256(payload).bytes).first(kCheckBytes));
+    appendBytes(out, payload);
+}
+
+bool readFully(int file, std::uint8_t* to, std::size_t size, std::uint64_t at) {
+    while (size > 0) {
+        const ssize_t got = ::pread(file, to, size, off_t(at));
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0) return false;
+        to += got;
+        size -= std::size_t(got);
+        at += std::uint64_t(got);
+    }
+    return true;
+}
+
+}  // namespace
+
+RecordFile::RecordFile(RecordFile&& other) noexcept { *this = std::move(other); }
+
+RecordFile& RecordFile::operator=(RecordFile&& other) noexcept {
+    std::swap(path_, other.path_);
+    std::swap(file_, other.file_);
+    std::swap(size_, other.size_);
+    return *this;
+}
+
+RecordFile::~RecordFile() {
+    if (file_ >= 0) ::close(file_);
+}
+
+Error RecordFile::failed(const char* what) const {
+    return {ErrorCode::StorageFailed,
+            "cannot " + std::string(what) + " " + path_.string() + ": " + std::strerror(errno)};
+}
+
+Result<RecordFile> RecordFile::open(const std::filesystem::path& path, Mode mode) {
+    RecordFile opened;
+    opened.path_ = path;
+    const int flags = O_RDWR | O_CLOEXEC | (mode == Mode::New ? O_CREAT | O_EXCL : 0);
+    opened.file_ = ::open(path.c_str(), flags, 0600);
+    if (opened.file_ < 0) return tl::unexpected(opened.failed("open"));
+    if (::flock(opened.file_, LOCK_EX | LOCK_NB) != 0)
+        return fail(ErrorCode::StorageLocked, path.string() + " is in use");
+    struct stat status{};
+    // Its owner may have removed it between the two calls.
+    if (::fstat(opened.file_, &status) != 0 || status.st_nlink == 0)
+        return fail(ErrorCode::StorageLocked, path.string() + " was removed");
+    opened.size_ = std::uint64_t(status.st_size);
+    return opened;
+}
+
+Result<Bytes> RecordFile::read(std::uint64_t at) const {
+    Bytes header(kHeaderBytes);
+    const auto torn = [this, at] {
+        return fail(ErrorCode::StorageCorrupt,
+                    path_.string() + ": the record at byte " + std::to_string(at) + " is damaged");
+    };
+    if (at + kHeaderBytes > size_ || !readFully(file_, header.data(), header.size(), at))
+        return torn();
+    const std::uint32_t size = ByteReader(header).u32();
+    if (size > size_ - at - kHeaderBytes) return torn();
+    Bytes payload(size);
+    if (!readFully(file_, payload.data(), payload.size(), at + kHeaderBytes)) return torn();
+    const Hash hash = sha256(ByteView(payload));
+    if (!std::equal(hash.bytes.begin(), hash.bytes.begin() + kCheckBytes,
+                    header.begin() + sizeof(std::uint32_t)))
+        return torn();
+    return payload;
+}
+
+Result<void> RecordFile::readAll(
+    const std::function<void(std::uint64_t at, ByteView payload)>& each) {
+    std::uint64_t at = 0;
+    while (at < size_) {
+        const auto payload = read(at);
+        if (!payload) break;
+        each(at, *payload);
+        at += kHeaderBytes + payload->size();
+    }
+    return at < size_ ? truncate(at) : Result<void>();
+}
+
+Result<std::vector<std::uint64_t>> RecordFile::append(const std::vector<Bytes>& payloads) {
+    Bytes all;
+    std::vector<std::uint64_t> places;
+    for (const Bytes& payload : payloads) {
+        places.push_back(size_ + all.size());
+        appendRecord(all, payload);
+    }
+    std::size_t written = 0;
+    while (written < all.size()) {
+        const ssize_t put =
+            ::pwrite(file_, all.data() + written, all.size() - written, off_t(size_ + written));
+        if (put < 0 && errno == EINTR) continue;
+        if (put <= 0) {
+            const Error error = failed("write");
+            static_cast<void>(::ftruncate(file_, off_t(size_)));
+            return tl::unexpected(error);
+        }
+        written += std::size_t(put);
+    }
+    size_ += all.size();
+    return places;
+}
+
+Result<void> RecordFile::sync() {
+    if (::fdatasync(file_) != 0) return tl::unexpected(failed("sync"));
+    return {};
+}
+
+Result<void> RecordFile::truncate(std::uint64_t size) {
+    if (::ftruncate(file_, off_t(size)) != 0) return tl::unexpected(failed("shorten"));
+    size_ = size;
+    return {};
+}
+
+Result<void> RecordFile::moveTo(const std::filesystem::path& path) {
+    if (::rename(path_.c_str(), path.c_str()) != 0) return tl::unexpected(failed("rename"));
+    path_ = path;
+    return {};
+}
+
+void RecordFile::remove() {
+    if (file_ < 0) return;
+    ::unlink(path_.c_str());
+    ::close(std::exchange(file_, -1));
+    size_ = 0;
+}
+
+}  // namespace usdlive::client

@@ -1,0 +1,141 @@
+#include "usdlive/client/usd/Journal.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "unit/common/usd/MemoryBlobs.h"
+#include "usdlive/client/usd/LostWorkStore.h"
+
+using namespace usdlive;
+using client::AuthoredEdit;
+using client::Journal;
+using client::LeftJournal;
+using client::LostWork;
+using client::LostWorkStore;
+using client::RecordFile;
+namespace fs = std::filesystem;
+
+namespace {
+
+const ClientId kClient{"0123456789abcdef0123456789abcdef"};
+
+std::vector<AuthoredEdit> editsOf(int number) {
+    return {{LayerId{"shot.usda"}, "/p" + std::to_string(number), CreateSpec{SpecKind::Prim}}};
+}
+
+class JournalTest : public ::testing::Test {
+protected:
+    JournalTest() {
+        fs::remove_all(folder);
+        fs::create_directories(folder);
+    }
+    ~JournalTest() override { fs::remove_all(folder); }
+
+    void write(Journal& journal, int from, int to) {
+        for (int number = from; number < to; ++number) {
+            const auto edits = editsOf(number);
+            journal.pending({std::uint64_t(number), 7, sha256(asBytes("seven")), edits});
+        }
+    }
+    std::vector<client::UnsentWork> left() {
+        std::vector<Error> damaged;
+        auto found = LeftJournal::list(folder, damaged);
+        EXPECT_TRUE(damaged.empty());
+        return found;
+    }
+
+    const fs::path folder =
+        fs::temp_directory_path() / ("usdlive-journal-" + std::to_string(::getpid()));
+    usdlive::test::MemoryBlobs blobs;
+};
+
+TEST_F(JournalTest, KeepsWhatIsNotAnswered) {
+    {
+        Journal journal(folder, kClient, blobs);
+        write(journal, 1, 10);
+        journal.flush();
+        EXPECT_TRUE(left().empty()) << "a journal that is in use is nobody else's";
+        for (std::uint64_t number = 1; number < 9; ++number) journal.answered(number);
+        const auto sum = journal.summary();
+        ASSERT_TRUE(sum);
+        EXPECT_EQ(sum->transactions, 1u);
+    }
+    const auto found = left();
+    ASSERT_EQ(found.size(), 1u);
+    EXPECT_EQ(found[0].edits, 1u);
+    const auto journal = LeftJournal::open(folder, kClient);
+    ASSERT_TRUE(journal) << journal.error().message;
+    const auto& work = journal->works().at(9);
+    EXPECT_EQ(work.edits.at(0).path, "/p9");
+    EXPECT_EQ(work.revision, 7u);
+    EXPECT_EQ(work.hash, sha256(asBytes("seven")));
+}
+
+TEST_F(JournalTest, IsGoneWhenAllIsAnswered) {
+    Journal journal(folder, kClient, blobs);
+    write(journal, 1, 100);
+    journal.flush();
+    EXPECT_FALSE(fs::is_empty(folder));
+    for (std::uint64_t number = 1; number < 100; ++number) journal.answered(number);
+    journal.flush();
+    EXPECT_TRUE(fs::is_empty(folder));
+    EXPECT_FALSE(journal.summary());
+    write(journal, 100, 101);
+    journal.flush();
+    EXPECT_FALSE(fs::is_empty(folder));
+}
+
+// A crash may cut the file anywhere: what is whole is kept.
+TEST_F(JournalTest, ATornRecordEndsTheJournal) {
+    {
+        Journal journal(folder, kClient, blobs);
+        write(journal, 1, 4);
+    }
+    const fs::path file = folder / (kClient.value + ".journal");
+    const auto size = fs::file_size(file);
+    std::size_t before = 3;
+    for (auto cut = size; cut-- > 0;) {
+        fs::resize_file(file, cut);
+        const auto journal = LeftJournal::open(folder, kClient);
+        ASSERT_TRUE(journal) << journal.error().message;
+        EXPECT_LE(journal->works().size(), before);
+        before = journal->works().size();
+    }
+    EXPECT_EQ(before, 0u);
+}
+
+TEST_F(JournalTest, SaysOnceThatItCannotBeWritten) {
+    std::ofstream(folder / "file") << "in the way";
+    Journal journal(folder / "file", kClient, blobs);
+    write(journal, 1, 2);
+    journal.flush();
+    const auto error = journal.takeError();
+    ASSERT_TRUE(error);
+    EXPECT_NE(error->message.find("unsent work is not kept"), std::string::npos);
+    EXPECT_FALSE(journal.takeError());
+}
+
+TEST_F(JournalTest, LostWorkMovesToTheDiskAndKeepsItsIndex) {
+    LostWorkStore store(folder / "lost", 10);
+    for (int number = 0; number < 1'000; ++number) {
+        LostWork work;
+        work.sequence = std::uint64_t(number);
+        work.reason = {ErrorCode::Locked, "number " + std::to_string(number)};
+        work.edits = editsOf(number);
+        ASSERT_TRUE(store.add(std::move(work)));
+    }
+    ASSERT_EQ(store.size(), 1'000u);
+    for (int number = 0; number < 1'000; ++number) {
+        const auto work = store.at(std::uint64_t(number));
+        ASSERT_TRUE(work) << work.error().message;
+        EXPECT_EQ(work->reason.message, "number " + std::to_string(number));
+        EXPECT_EQ(work->reason.code, ErrorCode::Locked);
+        EXPECT_EQ(work->edits.at(0).path, "/p" + std::to_string(number));
+    }
+    EXPECT_FALSE(store.at(1'000));
+}
+
+}  // namespace
