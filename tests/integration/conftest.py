@@ -101,6 +101,12 @@ class Peer:
         self.process.wait(timeout=20)
 
 
+@pytest.fixture(autouse=True)
+def _state_of_its_own(tmp_path, monkeypatch):
+    """Unsent work of one test is not offered to another."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
 @pytest.fixture
 def project(tmp_path):
     folder = tmp_path / "project"

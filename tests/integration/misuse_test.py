@@ -14,8 +14,7 @@ ROOT = '#usda 1.0\n\ndef "World"\n{\n    double x = 0\n}\n'
 
 
 @pytest.fixture
-def server(project, serve, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+def server(project, serve):
     (project / "shot.usda").write_text(ROOT)
     (project / "look.usda").write_text('#usda 1.0\n\ndef "Look"\n{\n}\n')
     return serve(project)

@@ -176,17 +176,17 @@ Journal::~Journal() {
 void Journal::pending(const PendingWork& work) {
     JournaledWork kept{work.sequence, wallClockMs(), work.revision, work.hash, work.edits};
     const std::lock_guard lock(mutex_);
+    if (works_.empty() && answered_.empty()) changed_.notify_all();  // else it is awake
     pending_[work.sequence] = describe(kept.timeMs, kept.edits);
     works_[work.sequence] = std::move(kept);
-    changed_.notify_all();
 }
 
 void Journal::answered(std::uint64_t sequence) {
     const std::lock_guard lock(mutex_);
     if (pending_.erase(sequence) == 0) return;
+    if (works_.empty() && answered_.empty()) changed_.notify_all();
     works_.erase(sequence);
     answered_.insert(sequence);
-    changed_.notify_all();
 }
 
 void Journal::flush() {
@@ -410,8 +410,13 @@ UnsentWork LeftJournal::summary() const {
 
 fs::path LeftJournal::blobFolder() const { return blobFolderOf(file_.path()); }
 
-Result<void> LeftJournal::answered(const std::vector<std::uint64_t>& sequences) {
+Result<void> LeftJournal::answered(const std::vector<std::uint64_t>& sequences,
+                                   std::optional<JournaledWork> renumbered) {
     std::vector<Bytes> records;
+    if (renumbered) {
+        records.push_back(encodeWork(*renumbered));
+        works_[renumbered->sequence] = std::move(*renumbered);
+    }
     for (const std::uint64_t sequence : sequences)
         if (works_.erase(sequence) > 0) records.push_back(encodeAnswered(sequence));
     if (records.empty()) return {};

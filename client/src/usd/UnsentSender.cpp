@@ -44,6 +44,7 @@ Result<SentWork> UnsentSender::send(double timeoutMs) {
     end_ = Clock::now() + std::chrono::microseconds(std::int64_t(timeoutMs * 1000));
     for (const auto& [sequence, work] : journal_.works()) wanted_[work.revision] = work.hash;
     if (wanted_.empty()) return sent_;
+    nextFree_ = journal_.works().rbegin()->first + 1;
     if (auto ready = waitFor("connecting", [this] { return session_.isConnected(); }); !ready)
         return tl::unexpected(ready.error());
     if (auto read = readLog(); !read) return tl::unexpected(read.error());
@@ -211,6 +212,21 @@ void UnsentSender::author(const JournaledWork& work) {
     }
     session_.setNextSequence(work.sequence);
     session_.author(std::move(edits));
+    session_.setNextSequence(nextFree_);
+}
+
+// The session gives a transaction another number where the server has refused it for what can be
+// mended. The journal has to know that number before it is sent.
+void UnsentSender::pending(const PendingWork& work) {
+    if (work.sequence < nextFree_) return;
+    nextFree_ = work.sequence + 1;
+    JournaledWork renumbered{work.sequence,
+                             std::chrono::duration_cast<milliseconds>(
+                                 std::chrono::system_clock::now().time_since_epoch())
+                                 .count(),
+                             work.revision, work.hash, work.edits};
+    const auto noted = journal_.answered(std::exchange(done_, {}), std::move(renumbered));
+    if (!noted) failure_ = noted.error();
 }
 
 // Where its spec stands now.

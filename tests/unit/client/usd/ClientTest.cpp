@@ -404,7 +404,9 @@ TEST_F(ClientTest, ClosingAndOpeningAgainLosesOnlyWhatWasWrittenBetween) {
     pxr::SdfCreatePrimInLayer(layer, SdfPath("/Between"));
     open(*ada, kLook);
     ASSERT_EQ(ada->lostWorkCount(), 1u);
-    for (const auto& edit : ada->lostWork(0)->edits)
+    const auto work = ada->lostWork(0);
+    ASSERT_TRUE(work);
+    for (const auto& edit : work->edits)
         EXPECT_TRUE(edit.path == "/Between" || edit.path == "/") << edit.path;
 }
 

@@ -108,8 +108,10 @@ public:
     [[nodiscard]] const std::map<std::uint64_t, JournaledWork>& works() const { return works_; }
     [[nodiscard]] UnsentWork summary() const;
     [[nodiscard]] std::filesystem::path blobFolder() const;
-    /// These are done. Returns when that is on the disk.
-    Result<void> answered(const std::vector<std::uint64_t>& sequences);
+    /// These are done; `renumbered` is in the place of one of them. Returns when that is on the
+    /// disk.
+    Result<void> answered(const std::vector<std::uint64_t>& sequences,
+                          std::optional<JournaledWork> renumbered = std::nullopt);
     void remove();
 
 private:

@@ -46,6 +46,7 @@ public:
     bool takesMore() override;
     SharedBytes localBlob(const Hash& hash) override;
     void blobArrived(const Hash& hash, SharedBytes bytes) override;
+    void pending(const PendingWork& work) override;
     void answered(std::uint64_t sequence) override { done_.push_back(sequence); }
 
     // LayerView: nobody looks at it.
@@ -82,6 +83,7 @@ private:
     NamespaceLog moves_;  // of others
     std::map<LayerId, Error> missing_;
     std::vector<std::uint64_t> done_;
+    std::uint64_t nextFree_ = 1;  // above all numbers of the journal
     SentWork sent_;
 };
 
