@@ -300,8 +300,8 @@ public:
             tick(kBlockingBudgetMs);
         }
         if (!find(id)) return;
-        session_.closeLayer(id);
         leave(id);
+        session_.closeLayer(id);
         closed_.insert(id);
     }
 
