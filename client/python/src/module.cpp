@@ -205,7 +205,7 @@ public:
     nb::tuple sendUnsent(const std::string& id, double timeoutMs) {
         const auto sent = orRaise(work(
             "send", true, [&](Client& live) { return live.sendUnsent(ClientId{id}, timeoutMs); }));
-        return nb::make_tuple(sent.committed, sent.before, sent.lost.size());
+        return nb::make_tuple(sent.committed, sent.before, sent.lost);
     }
     std::string unsentAsLayer(const std::string& id, const std::string& name) {
         lostLayers_.push_back(

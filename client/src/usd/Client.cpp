@@ -18,13 +18,12 @@
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/client/transport/SystemUser.h"
 #include "usdlive/client/usd/BlobCache.h"
-#include "usdlive/client/usd/Journal.h"
 #include "usdlive/client/usd/LayerClaims.h"
 #include "usdlive/client/usd/LayerFolders.h"
 #include "usdlive/client/usd/LiveLayer.h"
 #include "usdlive/client/usd/LostWorkLayer.h"
 #include "usdlive/client/usd/LostWorkStore.h"
-#include "usdlive/client/usd/UnsentSender.h"
+#include "usdlive/client/usd/UnsentWorkStore.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/usd/LayerFill.h"
@@ -167,60 +166,36 @@ public:
 
     // --- unsent work ---
 
-    void startJournal(std::function<Result<std::unique_ptr<Connection>>()> connector) {
-        connector_ = std::move(connector);
-        if (options_.stateFolder.empty()) return;
-        journalFolder_ = client::journalFolder(options_.stateFolder, session_.welcome()->project,
-                                               UserName{options_.user});
-        journal_ = std::make_unique<client::Journal>(journalFolder_, session_.id(), blobs_);
+    void startJournal(Connector connector) {
+        const auto& state = options_.stateFolder;
+        unsent_ = std::make_unique<client::UnsentWorkStore>(
+            state.empty() ? fs::path()
+                          : client::journalFolder(state, session_.welcome()->project,
+                                                  UserName{options_.user}),
+            std::move(connector), sessionOptions(options_, session_.id()), blobs_);
         if (auto found = unsentWork(); !found.empty())
             events_.push_back(event::UnsentFound{std::move(found)});
     }
 
     [[nodiscard]] std::vector<client::UnsentWork> unsentWork() {
-        if (journalFolder_.empty()) return {};
         std::vector<Error> damaged;
-        auto found = client::LeftJournal::list(journalFolder_, damaged);
+        auto found = unsent_->left(damaged);
         for (Error& error : damaged) report(std::move(error));
         return found;
     }
 
-    Result<client::SentWork> sendUnsent(const ClientId& id, double timeoutMs) {
-        auto journal = client::LeftJournal::open(journalFolder_, id);
-        if (!journal) return tl::unexpected(journal.error());
-        if (!connector_)
-            return fail(ErrorCode::InvalidConfiguration,
-                        "this connection cannot make a second one to the server");
-        auto connection = connector_();
-        if (!connection) return tl::unexpected(connection.error());
-        auto options = sessionOptions(options_, id);
-        options.features = {"history", "log"};
-        client::UnsentSender sender(**connection, std::move(options), *journal, blobs_);
-        auto sent = sender.send(timeoutMs);
-        if (!sent) return sent;
-        for (const LostWork& work : sent->lost) lose(work);
-        journal->remove();
+    Result<client::SentWork> sendUnsent(const ClientId& work, double timeoutMs) {
+        std::vector<LostWork> lost;
+        auto sent = unsent_->send(work, timeoutMs, lost);
+        for (LostWork& one : lost) lose(std::move(one));
         return sent;
     }
 
-    Result<pxr::SdfLayerRefPtr> unsentAsLayer(const ClientId& id, const LayerId& layer) {
-        const auto journal = client::LeftJournal::open(journalFolder_, id);
-        if (!journal) return tl::unexpected(journal.error());
-        LostWork work;
-        for (const auto& [sequence, one] : journal->works())
-            work.edits.insert(work.edits.end(), one.edits.begin(), one.edits.end());
-        BlobCache kept(journal->blobFolder());
-        EitherSource source(kept, blobs_);
-        const auto doc = client::lostWorkDoc(work, layer, session_.confirmed(layer), source);
-        return usd::makeLayer(doc, source, "usda");
+    Result<pxr::SdfLayerRefPtr> unsentAsLayer(const ClientId& work, const LayerId& layer) {
+        return unsent_->asLayer(work, layer, session_.confirmed(layer));
     }
 
-    Result<void> discardUnsent(const ClientId& id) {
-        auto journal = client::LeftJournal::open(journalFolder_, id);
-        if (!journal) return tl::unexpected(journal.error());
-        journal->remove();
-        return {};
-    }
+    Result<void> discardUnsent(const ClientId& work) { return unsent_->discard(work); }
 
     std::optional<client::UnsentWork> leave(double timeoutMs) {
         if (!mayBlock("leave")) return std::nullopt;
@@ -232,11 +207,7 @@ public:
 
     // What is pending, as it is kept now.
     [[nodiscard]] std::optional<client::UnsentWork> unsent() {
-        if (journal_) {
-            journal_->flush();
-            if (const auto error = journal_->takeError()) report(*error);
-            return journal_->summary();
-        }
+        if (auto kept = unsent_->keep()) return kept;
         if (session_.pendingTransactions() == 0) return std::nullopt;
         client::UnsentWork work;
         work.client = session_.id();
@@ -415,10 +386,10 @@ public:
     bool takesMore() override { return connection_->queuedBytes() < kMaxQueuedBytes; }
     SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
     void pending(const client::PendingWork& work) override {
-        if (journal_) journal_->pending(work);
+        if (unsent_) unsent_->pending(work);
     }
     void answered(std::uint64_t sequence) override {
-        if (journal_) journal_->answered(sequence);
+        if (unsent_) unsent_->answered(sequence);
     }
     bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
@@ -486,20 +457,6 @@ private:
 
     private:
         Impl& impl_;
-    };
-
-    class EitherSource final : public usd::BlobSource {
-    public:
-        EitherSource(usd::BlobSource& first, usd::BlobSource& second)
-            : first_(first), second_(second) {}
-        SharedBytes blob(const Hash& hash) override {
-            auto bytes = first_.blob(hash);
-            return bytes ? bytes : second_.blob(hash);
-        }
-
-    private:
-        usd::BlobSource& first_;
-        usd::BlobSource& second_;
     };
 
     static Session::Options sessionOptions(const Options& options, ClientId id) {
@@ -702,8 +659,8 @@ private:
             result.filling = fillLayers(left());
         }
         takeEvents(result);
-        if (journal_)
-            if (auto error = journal_->takeError()) report(std::move(*error));
+        if (unsent_)
+            if (auto error = unsent_->takeError()) report(std::move(*error));
         // Lost work is to be had with its values (M12).
         const bool idle = session_.pendingTransactions() == 0 && !session_.inGesture();
         if (idle && lost_.size() == 0) blobs_.releaseKept();
@@ -872,14 +829,12 @@ private:
     const Options options_;
     const CacheFolder cacheFolder_;
     LayerFolders folders_;
-    fs::path journalFolder_;
-    std::function<Result<std::unique_ptr<Connection>>()> connector_;
     BlobCache blobs_;
     client::Worker worker_;  // makes what the layers hold
     Source source_{*this};
     const std::unique_ptr<Connection> connection_;
     client::LostWorkStore lost_;
-    std::unique_ptr<client::Journal> journal_;  // once the project is known
+    std::unique_ptr<client::UnsentWorkStore> unsent_;  // once the project is known
     Session session_;
     std::map<LayerId, std::unique_ptr<LiveLayer>> live_;
 

@@ -50,7 +50,7 @@ Result<SentWork> UnsentSender::send(double timeoutMs) {
     if (auto read = readLog(); !read) return tl::unexpected(read.error());
     if (auto opened = openLayers(); !opened) return tl::unexpected(opened.error());
     if (auto authored = authorAll(); !authored) return tl::unexpected(authored.error());
-    return std::move(sent_);
+    return sent_;
 }
 
 Result<void> UnsentSender::waitFor(const char* what, const std::function<bool()>& done) {
@@ -86,7 +86,7 @@ void UnsentSender::work() {
 void UnsentSender::take(Event& one) {
     if (auto* lost = std::get_if<event::Lost>(&one)) {
         done_.push_back(lost->work.sequence);
-        sent_.lost.push_back(std::move(lost->work));
+        lost_.push_back(std::move(lost->work));
     } else if (const auto* failed = std::get_if<event::JoinFailed>(&one)) {
         missing_[failed->layer] = failed->reason;
     } else if (const auto* error = std::get_if<event::ServerError>(&one)) {
@@ -177,7 +177,7 @@ Result<void> UnsentSender::authorAll() {
     }
     if (auto finished = finishBatch(); !finished) return finished;
     const std::size_t refused = std::size_t(std::count_if(
-        sent_.lost.begin(), sent_.lost.end(), [](const LostWork& lost) { return lost.refused; }));
+        lost_.begin(), lost_.end(), [](const LostWork& lost) { return lost.refused; }));
     sent_.committed -= std::min(refused, sent_.committed);
     return {};
 }
@@ -204,7 +204,7 @@ void UnsentSender::author(const JournaledWork& work) {
     }
     if (!lost.edits.empty()) {
         lost.refused = edits.empty();
-        sent_.lost.push_back(std::move(lost));
+        lost_.push_back(std::move(lost));
     }
     if (edits.empty()) {
         done_.push_back(work.sequence);

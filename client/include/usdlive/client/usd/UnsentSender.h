@@ -20,7 +20,7 @@ namespace usdlive::client {
 struct SentWork {
     std::size_t committed = 0;  ///< transactions committed now
     std::size_t before = 0;     ///< committed already: only their acknowledgement had been lost
-    std::vector<LostWork> lost;
+    std::size_t lost = 0;       ///< pieces of work that were refused or dropped
 };
 
 /// Sends the work of a connection that has ended, exactly once.
@@ -40,6 +40,9 @@ public:
     /// is another one, or its history does not reach back that far. What is not answered then stays
     /// in the journal, and can be sent again.
     [[nodiscard]] Result<SentWork> send(double timeoutMs);
+
+    /// What was refused or dropped, also when send() has failed.
+    [[nodiscard]] std::vector<LostWork> takeLost() { return std::move(lost_); }
 
     // SessionHost
     void send(SharedBytes frames) override { connection_.send(std::move(frames)); }
@@ -85,6 +88,7 @@ private:
     std::vector<std::uint64_t> done_;
     std::uint64_t nextFree_ = 1;  // above all numbers of the journal
     SentWork sent_;
+    std::vector<LostWork> lost_;
 };
 
 }  // namespace usdlive::client

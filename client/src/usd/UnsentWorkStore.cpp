@@ -1,0 +1,105 @@
+#include "usdlive/client/usd/UnsentWorkStore.h"
+
+#include "usdlive/client/usd/LostWorkLayer.h"
+#include "usdlive/common/usd/LayerFill.h"
+
+namespace usdlive::client {
+
+namespace {
+
+// The big values beside a journal, and the client's own.
+class EitherSource final : public usd::BlobSource {
+public:
+    EitherSource(usd::BlobSource& first, usd::BlobSource& second)
+        : first_(first), second_(second) {}
+    SharedBytes blob(const Hash& hash) override {
+        auto bytes = first_.blob(hash);
+        return bytes ? bytes : second_.blob(hash);
+    }
+
+private:
+    usd::BlobSource& first_;
+    usd::BlobSource& second_;
+};
+
+}  // namespace
+
+UnsentWorkStore::UnsentWorkStore(std::filesystem::path folder, Connector connector,
+                                 Session::Options options, usd::BlobSource& blobs)
+    : folder_(std::move(folder)),
+      connector_(std::move(connector)),
+      options_(std::move(options)),
+      blobs_(blobs) {
+    if (!folder_.empty()) journal_ = std::make_unique<Journal>(folder_, options_.client, blobs_);
+}
+
+void UnsentWorkStore::pending(const PendingWork& work) {
+    if (journal_) journal_->pending(work);
+}
+
+void UnsentWorkStore::answered(std::uint64_t sequence) {
+    if (journal_) journal_->answered(sequence);
+}
+
+std::optional<UnsentWork> UnsentWorkStore::keep() {
+    if (!journal_) return std::nullopt;
+    journal_->flush();
+    return journal_->summary();
+}
+
+std::optional<Error> UnsentWorkStore::takeError() {
+    return journal_ ? journal_->takeError() : std::nullopt;
+}
+
+std::vector<UnsentWork> UnsentWorkStore::left(std::vector<Error>& damaged) const {
+    return folder_.empty() ? std::vector<UnsentWork>() : LeftJournal::list(folder_, damaged);
+}
+
+Result<LeftJournal> UnsentWorkStore::open(const ClientId& work) const {
+    const bool isName = !work.value.empty() && work.value.find('/') == std::string::npos;
+    if (folder_.empty() || !isName)
+        return fail(ErrorCode::InvalidArgument, "there is no unsent work " + work.value);
+    return LeftJournal::open(folder_, work);
+}
+
+Result<SentWork> UnsentWorkStore::send(const ClientId& work, double timeoutMs,
+                                       std::vector<LostWork>& lost) {
+    auto journal = open(work);
+    if (!journal) return tl::unexpected(journal.error());
+    if (!connector_)
+        return fail(ErrorCode::InvalidConfiguration,
+                    "this connection cannot make a second one to the server");
+    auto connection = connector_();
+    if (!connection) return tl::unexpected(connection.error());
+    auto options = options_;
+    options.client = work;
+    options.features = {"history", "log"};
+    UnsentSender sender(**connection, std::move(options), *journal, blobs_);
+    auto sent = sender.send(timeoutMs);
+    lost = sender.takeLost();
+    if (!sent) return sent;
+    sent->lost = lost.size();
+    journal->remove();
+    return sent;
+}
+
+Result<pxr::SdfLayerRefPtr> UnsentWorkStore::asLayer(const ClientId& work, const LayerId& layer,
+                                                     const LayerDoc* known) {
+    const auto journal = open(work);
+    if (!journal) return tl::unexpected(journal.error());
+    LostWork all;
+    for (const auto& [sequence, one] : journal->works())
+        all.edits.insert(all.edits.end(), one.edits.begin(), one.edits.end());
+    BlobCache kept(journal->blobFolder());
+    EitherSource source(kept, blobs_);
+    return usd::makeLayer(lostWorkDoc(all, layer, known, source), source, "usda");
+}
+
+Result<void> UnsentWorkStore::discard(const ClientId& work) {
+    auto journal = open(work);
+    if (!journal) return tl::unexpected(journal.error());
+    journal->remove();
+    return {};
+}
+
+}  // namespace usdlive::client
