@@ -140,7 +140,7 @@ class LiveStage:
         self.live.close(timeout=0)
         if not pending:
             return ""
-        text = f"{pending} transactions were not confirmed by the server and were discarded"
+        text = f"{pending} transactions were not confirmed by the server; they are kept as unsent work"
         _log.warning("%s", text)
         return text
 
