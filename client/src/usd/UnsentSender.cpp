@@ -38,8 +38,6 @@ SharedBytes UnsentSender::localBlob(const Hash& hash) {
     return bytes ? bytes : blobs_.blob(hash);
 }
 
-void UnsentSender::blobArrived(const Hash&, SharedBytes) {}
-
 Result<SentWork> UnsentSender::send(double timeoutMs) {
     end_ = Clock::now() + std::chrono::microseconds(std::int64_t(timeoutMs * 1000));
     for (const auto& [sequence, work] : journal_.works()) wanted_[work.revision] = work.hash;
