@@ -131,7 +131,8 @@ public:
 
     // These return the number that the event which answers them has.
     std::uint64_t save(const std::vector<std::string>& names, bool force) {
-        return client("save").save(layerIds(names), force);
+        const auto layers = layerIds(names);
+        return work("save", false, [&](Client& live) { return live.save(layers, force); });
     }
     std::uint64_t reload(const std::vector<std::string>& names) {
         return client("reload").reload(layerIds(names));
