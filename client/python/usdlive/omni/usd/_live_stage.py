@@ -136,7 +136,7 @@ class LiveStage:
         if pending and not discard:
             raise Failure(f"{pending} transactions of yours were not confirmed by the server. The stage stays "
                           "open: wait for the server, write a copy with export_as_stage(), or call "
-                          "set_pending_edit(False) and close again to discard them")
+                          "set_pending_edit(False) and close again: they are then kept as unsent work")
         self.live.close(timeout=0)
         if not pending:
             return ""
