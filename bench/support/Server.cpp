@@ -49,11 +49,12 @@ std::uint16_t awaitPort(ChildProcess& child, const std::filesystem::path& portFi
 }
 
 ServerProcess::ServerProcess(const std::filesystem::path& folder,
-                             const std::vector<std::string>& options,
-                             const std::vector<int>& cores) {
+                             const std::vector<std::string>& options, const std::vector<int>& cores,
+                             std::uint16_t port) {
     const auto portFile = folder / "port";
     std::filesystem::remove(portFile);
-    std::vector<std::string> command{besideThisProgram("usdlive-server"), folder, "--port=0",
+    std::vector<std::string> command{besideThisProgram("usdlive-server"), folder,
+                                     "--port=" + std::to_string(port),
                                      "--port-file=" + portFile.string(), "--log-level=error"};
     command.insert(command.end(), options.begin(), options.end());
     process_.emplace(command, cores);

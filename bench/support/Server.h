@@ -35,11 +35,11 @@ void writeLayer(const std::filesystem::path& folder, int fields);
 /// The port that a program writes into a file, once it is there. Throws when it ends instead.
 [[nodiscard]] std::uint16_t awaitPort(ChildProcess& child, const std::filesystem::path& portFile);
 
-/// The real server, serving a folder on a free port.
+/// The real server, serving a folder on a port; 0: on a free one.
 class ServerProcess {
 public:
     ServerProcess(const std::filesystem::path& folder, const std::vector<std::string>& options,
-                  const std::vector<int>& cores);
+                  const std::vector<int>& cores, std::uint16_t port = 0);
     [[nodiscard]] std::uint16_t port() const { return port_; }
     [[nodiscard]] std::string url() const;
     [[nodiscard]] ChildProcess& process() { return *process_; }

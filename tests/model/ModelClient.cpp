@@ -17,14 +17,14 @@ static void digest(Digest& out, const Touched& part) {
     out(layer, path);
 }
 static void digest(Digest& out, const Prognosis& part) {
-    const auto& [touched, fieldsAt, complete, refused] = part;
-    out(touched, fieldsAt, complete, refused);
+    const auto& [touched, names, complete, refused] = part;
+    out(touched, names, complete, refused);
 }
 static void digest(Digest& out, const Pending& part) {
-    const auto& [transaction, authored, prognosis, blobs, sent, sentBytes, reseal, attempts,
-                 carried] = part;
-    out(transaction, authored, prognosis, blobs, sent, sent ? sentBytes : std::size_t(0), reseal,
-        attempts, carried);
+    const auto& [transaction, authored, prognosis, blobs, sent, sentBytes, attempts, carried] =
+        part;
+    out(transaction, authored, prognosis, blobs, sent, sent ? sentBytes : std::size_t(0), attempts,
+        carried);
 }
 static void digest(Digest& out, const Prediction::Move& part) {
     const auto& [layer, from, to] = part;
@@ -35,8 +35,7 @@ static void digest(Digest& out, const Prediction::LayerNotes& part) {
     out(created, fields, structural);
 }
 static void digest(Digest& out, const Prediction& part) {
-    out(part.docs_, part.creations_, part.moves_, part.notes_, part.confirmedNames_,
-        part.revision_);
+    out(part.docs_, part.openedAt_, part.names_, part.creations_, part.moves_, part.notes_);
 }
 static void digest(Digest& out, const Incoming& part) {
     const auto& [request, opened, content] = part;
@@ -80,15 +79,15 @@ static void digest(Digest& out, const Session::Impl::LogReader& part) {
     out(part.request, part.begun);
 }
 
-// Left out: what the model does not use (gestures and previews, big values, peeks, saves), the
-// events, which are taken at once, and of the welcome what is the same in all of them.
+// Left out: what the model does not use (gestures and previews, big values, peeks, saves, a
+// prediction that is not finished within a tick), what follows from the rest of the pending work,
+// the events, which are taken at once, and of the welcome what is the same in all of them.
 static void digest(Digest& out, const Session::Impl& part) {
     out(part.welcome_.has_value(), part.welcome_ ? part.welcome_->revision : Revision(0),
         part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
-        part.linked_, part.inbox_, part.lastRequest_, part.resealWhenCaughtUp_, part.hasHistory_,
-        part.epoch_, part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_,
-        part.layers_, part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_,
-        part.logs_);
+        part.linked_, part.inbox_, part.lastRequest_, part.hasHistory_, part.epoch_,
+        part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_, part.layers_,
+        part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_, part.logs_);
 }
 
 ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages& messages)

@@ -65,6 +65,7 @@ Session::Options SimClient::options() {
     options.uploadWindowChunks = 1 + random_.below(3);
     options.checksPrediction = style_.checksPrediction;
     options.clockMs = [this] { return fakeMs_ += 0.5; };
+    if (style_.smallBudgets) options.leastAtOnce = 1;
     return options;
 }
 
@@ -121,6 +122,7 @@ void SimClient::tick() {
         if (random_.chancePerMille(style_.requestPerMille)) makeRequests();
         editSomething();
         if (random_.chancePerMille(style_.lockPerMille) && !session_.inGesture()) lockSomething();
+        if (random_.chancePerMille(style_.awayPerMille)) editAway();
         if (link_ != 0 && random_.chancePerMille(style_.cutPerMille))
             network_.cut(link_, random_.chance(40));
     }
@@ -142,6 +144,14 @@ void SimClient::editSomething() {
         session_.beginGesture();
     else if (random_.chance(style_.editPercent))
         authorRandom(1 + random_.below(random_.chance(20) ? 8 : 3));
+}
+
+void SimClient::editAway() {
+    if (session_.inGesture() || session_.pendingTransactions() > 100) return;
+    if (link_ != 0) network_.cut(link_, random_.chance(40));
+    for (auto frames = random_.chance(20) ? random_.below(3'000) : random_.below(300); frames > 0;
+         --frames)
+        authorRandom(1);
 }
 
 void SimClient::authorRandom(std::size_t count) {

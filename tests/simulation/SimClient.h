@@ -22,6 +22,7 @@ struct SimStyle {
     unsigned cutPerMille = 3;
     unsigned requestPerMille = 4;  ///< peeks, saves, reloads, logs
     unsigned lockPerMille = 0;     ///< locks of layers and of specs, taken and ended
+    unsigned awayPerMille = 0;     ///< hundreds or thousands of frames are edited offline
     bool bigValues = false;
     bool smallBudgets = false;
     bool checksPrediction = false;
@@ -78,6 +79,7 @@ private:
     void tick();
     void editSomething();
     void makeRequests();
+    void editAway();
     void openAndClose();
     void authorRandom(std::size_t count);
     void lockSomething();

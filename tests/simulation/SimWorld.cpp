@@ -54,9 +54,10 @@ private:
         style.cutPerMille = random_.chance(60) ? unsigned(random_.between(1, 15)) : 0;
         style.requestPerMille = random_.chance(30) ? 10 : 0;
         style.lockPerMille = random_.chance(25) ? 20 : 0;
+        style.awayPerMille = random_.chance(5) ? 10 : 0;
         style.bigValues = random_.chance(20);
         style.smallBudgets = random_.chance(40);
-        style.checksPrediction = random_.chance(20);
+        style.checksPrediction = random_.chance(20) && style.awayPerMille == 0;
         return style;
     }
 

@@ -19,21 +19,11 @@ struct Touched {
 
 /// What a transaction became when it was last executed on top of what the editor sees.
 struct Prognosis {
+    /// Of each edit, in order, the spec; of a move that changes something also where it goes.
     std::vector<Touched> touched;
-    /// Fields only and none of them dropped: where each edit landed. Empty otherwise.
-    std::vector<std::string> fieldsAt;
-    bool complete = true;  ///< nothing of it was dropped or refused
-    bool refused = false;  ///< all of it: nothing of it is seen
-
-    /// To take back what was noted of the latest edit.
-    struct Size {
-        std::size_t touched, fieldsAt;
-    };
-    [[nodiscard]] Size size() const { return {touched.size(), fieldsAt.size()}; }
-    void shrink(Size size) {
-        touched.resize(size.touched);
-        fieldsAt.resize(size.fieldsAt);
-    }
+    std::uint64_t names = 0;  ///< of the predicted log, after this transaction
+    bool complete = true;     ///< nothing of it was dropped or refused
+    bool refused = false;     ///< all of it: nothing of it is seen
 };
 
 /// A transaction of one's own that the server has not answered.
@@ -44,8 +34,7 @@ struct Pending {
     std::vector<Value> blobs;  ///< big values it names
     bool sent = false;         ///< on this connection
     std::size_t sentBytes = 0;
-    bool reseal = false;  ///< its addresses have to be told anew before it is sent
-    int attempts = 0;     ///< how often it has been sent anew under another number
+    int attempts = 0;  ///< how often it has been sent anew under another number
     /// While the history it was meant for is gone (HistoryDiverged): its edits where they stood
     /// then; nothing for those that were dropped.
     std::vector<std::optional<AuthoredEdit>> carried;
@@ -53,6 +42,9 @@ struct Pending {
 
 /// Calls `visit` for every address of the edits.
 void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)>& visit);
+
+/// Edits that are for what transaction `before` created are for what `after` creates.
+void renameCreations(std::vector<Edit>& edits, std::uint64_t before, std::uint64_t after);
 
 /// The big values that an action names.
 void collectBlobs(const EditAction& action, std::vector<Value>& blobs);

@@ -33,14 +33,33 @@ bool holdsBack(const Pending& pending) { return !pending.blobs.empty(); }
 }  // namespace
 
 Pending& PendingTransactions::add(Pending pending) {
+    count(pending);
     Pending& added = pending_.emplace_back(std::move(pending));
     if (onAdd) onAdd(added);
     return added;
 }
 
+void PendingTransactions::count(const Pending& pending) {
+    numbers_.insert(pending.transaction.id.sequence);
+    ++bases_[pending.transaction.base];
+    for (const AuthoredEdit& edit : pending.authored) ++edits_[edit.layer];
+    if (pending.sent) ++sent_;
+}
+
+void PendingTransactions::discount(const Pending& pending) {
+    numbers_.erase(pending.transaction.id.sequence);
+    const auto base = bases_.find(pending.transaction.base);
+    if (--base->second == 0) bases_.erase(base);
+    for (const AuthoredEdit& edit : pending.authored) {
+        const auto layer = edits_.find(edit.layer);
+        if (--layer->second == 0) edits_.erase(layer);
+    }
+    if (pending.sent) --sent_;
+}
+
 Pending* PendingTransactions::find(std::uint64_t sequence) {
-    const auto found = std::find_if(pending_.begin(), pending_.end(), hasSequence(sequence));
-    return found == pending_.end() ? nullptr : &*found;
+    if (!contains(sequence)) return nullptr;
+    return &*std::find_if(pending_.begin(), pending_.end(), hasSequence(sequence));
 }
 
 bool PendingTransactions::isFirst(std::uint64_t sequence) const {
@@ -48,53 +67,81 @@ bool PendingTransactions::isFirst(std::uint64_t sequence) const {
 }
 
 std::optional<Pending> PendingTransactions::take(std::uint64_t sequence) {
+    if (!contains(sequence)) return std::nullopt;
     const auto found = std::find_if(pending_.begin(), pending_.end(), hasSequence(sequence));
-    if (found == pending_.end()) return std::nullopt;
     Pending taken = std::move(*found);
     pending_.erase(found);
+    discount(taken);
     if (onTake) onTake(sequence);
     return taken;
 }
 
-std::size_t PendingTransactions::unsent() const {
-    return std::size_t(std::count_if(pending_.begin(), pending_.end(),
-                                     [](const Pending& pending) { return !pending.sent; }));
-}
-
-bool PendingTransactions::touches(const LayerId& layer) const {
-    return std::any_of(pending_.begin(), pending_.end(), [&](const Pending& pending) {
-        return std::any_of(pending.authored.begin(), pending.authored.end(),
-                           [&](const AuthoredEdit& edit) { return edit.layer == layer; });
-    });
+std::deque<Pending> PendingTransactions::takeAll() {
+    sent_ = 0;
+    numbers_.clear();
+    bases_.clear();
+    edits_.clear();
+    return std::exchange(pending_, {});
 }
 
 Revision PendingTransactions::oldestBase(Revision otherwise) const {
-    for (const Pending& pending : pending_)
-        otherwise = std::min(otherwise, pending.transaction.base);
-    return otherwise;
+    return bases_.empty() ? otherwise : std::min(otherwise, bases_.begin()->first);
 }
 
-void PendingTransactions::markUnsent(bool reseal) {
-    for (Pending& pending : pending_) {
-        pending.sent = false;
-        pending.reseal = pending.reseal || reseal;
-    }
+void PendingTransactions::rebase(Pending& pending, Revision base) {
+    const auto before = bases_.find(pending.transaction.base);
+    if (--before->second == 0) bases_.erase(before);
+    ++bases_[base];
+    pending.transaction.base = base;
+}
+
+void PendingTransactions::renumber(Pending& pending) {
+    const std::uint64_t before = pending.transaction.id.sequence, number = nextSequence();
+    numbers_.erase(before);
+    numbers_.insert(number);
+    pending.transaction.id.sequence = number;
+    const auto& edits = pending.transaction.edits;
+    if (std::none_of(edits.begin(), edits.end(), [](const Edit& edit) {
+            return std::holds_alternative<CreateSpec>(edit.action);
+        }))
+        return;
+    for (Pending& other : pending_)
+        if (!other.sent) renameCreations(other.transaction.edits, before, number);
+}
+
+void PendingTransactions::markSent(Pending& pending, std::size_t bytes) {
+    pending.sent = true;
+    pending.sentBytes = bytes;
+    ++sent_;
+}
+
+void PendingTransactions::markUnsent(Pending& pending) {
+    if (std::exchange(pending.sent, false)) --sent_;
+}
+
+void PendingTransactions::markAllUnsent() {
+    for (auto pending = pending_.begin(); sent_ > 0; ++pending) markUnsent(*pending);
 }
 
 std::vector<Pending*> PendingTransactions::sendable(
-    const std::function<bool(const Pending&)>& ready) {
+    const std::function<bool(const Pending&)>& ready, bool known) {
     std::vector<Pending*> free;
     std::vector<Pending*> waiting;
     std::size_t onTheirWay = 0, bytes = 0;
+    std::uint64_t lowest = pending_.empty() ? 0 : pending_.front().transaction.id.sequence;
     for (Pending& pending : pending_) {
+        // Also of numbers, from the first that waits: when that is sent at last, the server must
+        // still recognize it if it is sent twice.
+        const std::uint64_t number = pending.transaction.id.sequence;
+        lowest = std::min(lowest, number);
+        if (++onTheirWay > kMaxOnTheirWay || number >= lowest + kMaxOnTheirWay) break;
         if (pending.sent) {
-            ++onTheirWay;
             bytes += pending.sentBytes;
             if (holdsBack(pending)) waiting.push_back(&pending);
             continue;
         }
-        if (onTheirWay + free.size() >= kMaxOnTheirWay || bytes >= kMaxBytesOnTheirWay) break;
-        const bool waits = !ready(pending) ||
+        if (bytes >= kMaxBytesOnTheirWay) break;
+        const bool waits = !ready(pending) || (!known && !waiting.empty()) ||
                            std::any_of(waiting.begin(), waiting.end(),
                                        [&](Pending* other) { return overlap(*other, pending); });
         if (waits) {

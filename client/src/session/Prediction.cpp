@@ -26,11 +26,18 @@ std::string fieldKey(std::string_view path, std::string_view field) {
     return std::string(path).append(1, '\0').append(field);
 }
 
-std::string destination(std::string_view path, const MoveSpec& move) {
-    return specpath::child(move.parent.path, specpath::last(path).list, move.name);
+bool writesWhole(const EditAction& action) {
+    const auto whole = [](const auto* write) {
+        return write && std::holds_alternative<std::monostate>(write->part);
+    };
+    return whole(std::get_if<SetField>(&action)) || whole(std::get_if<EraseField>(&action));
 }
 
 }  // namespace
+
+std::string destination(std::string_view path, const MoveSpec& move) {
+    return specpath::child(move.parent.path, specpath::last(path).list, move.name);
+}
 
 const std::string* fieldOf(const EditAction& action) {
     if (const auto* set = std::get_if<SetField>(&action)) return &set->field;
@@ -45,6 +52,13 @@ void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)
     }
 }
 
+void renameCreations(std::vector<Edit>& edits, std::uint64_t before, std::uint64_t after) {
+    forEachAddress(edits, [&](Address& address) {
+        if (address.creation && address.creation->sequence == before)
+            address.creation->sequence = after;
+    });
+}
+
 void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
     const auto* set = std::get_if<SetField>(&action);
     if (!set) return;
@@ -55,26 +69,38 @@ void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
     if (const auto* item = std::get_if<ListItem>(&set->part)) add(item->item);
 }
 
-void Prediction::start(const OwnCreations& creations, Revision confirmed) {
-    cutNames();
+void Prediction::start() {
     docs_.clear();
+    openedAt_.clear();
+    names_ = NamespaceLog(&confirmed_->log);
+    creations_ = OwnCreations(&confirmed_->creations);
     moves_.clear();
     notes_.clear();
-    creations_ = creations;
-    revision_ = confirmed + 1;
+    previewsChangeNames_ = false;
 }
 
 const LayerDoc* Prediction::find(const LayerId& layer) const {
     if (const auto own = docs_.find(layer); own != docs_.end()) return &own->second;
-    const auto entry = confirmed_.find(layer);
-    return entry == confirmed_.end() ? nullptr : &entry->second;
+    const auto entry = confirmed_->layers.find(layer);
+    return entry == confirmed_->layers.end() ? nullptr : &entry->second;
 }
 
 LayerDoc* Prediction::open(const LayerId& layer) {
     if (const auto own = docs_.find(layer); own != docs_.end()) return &own->second;
-    const auto entry = confirmed_.find(layer);
-    if (entry == confirmed_.end()) return nullptr;
+    const auto entry = confirmed_->layers.find(layer);
+    if (entry == confirmed_->layers.end()) return nullptr;
+    openedAt_.emplace(layer, confirmed_->revision);
     return &docs_.emplace(layer, entry->second).first->second;
+}
+
+Revision Prediction::openedAt(const LayerId& layer) const {
+    const auto opened = openedAt_.find(layer);
+    return opened == openedAt_.end() ? confirmed_->revision : opened->second;
+}
+
+Revision Prediction::oldest(Revision otherwise) const {
+    for (const auto& [layer, revision] : openedAt_) otherwise = std::min(otherwise, revision);
+    return otherwise;
 }
 
 void Prediction::preview(std::uint64_t slot, const PreviewFrame& frame) {
@@ -86,8 +112,10 @@ void Prediction::preview(std::uint64_t slot, const PreviewFrame& frame) {
     // edits are dropped until the author has addressed them anew.
     OwnCreations theirs;
     std::swap(creations_, theirs);
+    const std::uint64_t mark = names_.mark();
     execute(transaction, false, kFirstPreviewed + (slot << kBlockBits), false);
     std::swap(creations_, theirs);
+    previewsChangeNames_ = previewsChangeNames_ || names_.mark() != mark;
 }
 
 Prognosis Prediction::run(const Transaction& transaction) {
@@ -112,17 +140,20 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
         doc->reserveIds(firstNode);
     }
 
-    Outcome outcome = usdlive::execute(docs_, log_, creations_, transaction, revision_);
+    Outcome outcome =
+        usdlive::execute(docs_, names_, creations_, transaction, confirmed_->revision + 1);
     for (const LayerId& layer : absent) docs_.erase(layer);
     if (auto* refused = std::get_if<Refused>(&outcome)) {
         landed.prognosis.complete = false;
         landed.prognosis.refused = true;
+        landed.prognosis.names = names_.mark();
         landed.refused = std::move(*refused);
         return landed;
     }
 
     Executed& executed = std::get<Executed>(outcome);
     landed.prognosis.complete = executed.dropped.empty();
+    landed.prognosis.names = names_.mark();
     auto dropped = executed.dropped.begin();
     std::uint32_t index = 0;
     for (ExecutedEdit& done : executed.edits) {
@@ -138,23 +169,20 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
                              std::move(done.edit.action)};
         ++index;
     }
-    if (!landed.prognosis.complete) landed.prognosis.fieldsAt.clear();
     return landed;
 }
 
-// Keeps what later addresses, independent() and the rule of overtaking have to know of an edit.
+// Keeps what later addresses, effect() and the rule of overtaking have to know of an edit.
 void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
                       const std::optional<Creation>& creation, Prognosis& prognosis) {
     const std::string& path = executed.address.path;
     LayerNotes& notes = notes_[executed.layer];
     prognosis.touched.push_back({executed.layer, path});
     if (const std::string* field = fieldOf(executed.action)) {
-        notes.fields.insert(fieldKey(path, *field));
-        if (prognosis.fieldsAt.size() + 1 == prognosis.touched.size())
-            prognosis.fieldsAt.push_back(path);
+        std::uint64_t& whole = notes.fields[fieldKey(path, *field)];
+        if (creation && writesWhole(executed.action)) whole = creation->sequence;
         return;
     }
-    prognosis.fieldsAt.clear();
     notes.structural.push_back(path);
     if (std::holds_alternative<CreateSpec>(executed.action)) {
         // Also where it found the spec there (M2): others may delete that before the transaction
@@ -183,11 +211,14 @@ Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creati
     const Edit executed{edit.layer, {edit.path, {}}, edit.action};
     note(executed, *applied, creation, prognosis);
     if (std::holds_alternative<CreateSpec>(edit.action))
-        creations_.record(creation, {edit.layer, edit.path, log_.mark()}, revision_);
+        creations_.record(creation, {edit.layer, edit.path, names_.mark()},
+                          confirmed_->revision + 1);
     else if (std::holds_alternative<DeleteSpec>(edit.action))
-        log_.recordDelete(revision_, edit.layer, edit.path);
+        names_.recordDelete(confirmed_->revision + 1, edit.layer, edit.path);
     else if (const auto* move = std::get_if<MoveSpec>(&edit.action); move && applied->changed)
-        log_.recordMove(revision_, edit.layer, edit.path, destination(edit.path, *move));
+        names_.recordMove(confirmed_->revision + 1, edit.layer, edit.path,
+                          destination(edit.path, *move));
+    prognosis.names = names_.mark();
     return told;
 }
 
@@ -245,42 +276,41 @@ Result<Address> Prediction::childAddress(const LayerId& layer, const LayerDoc& d
     return parent;
 }
 
-bool Prediction::independent(const Edit& committed) const {
-    if (!predicts(committed.layer)) return true;
+Prediction::Effect Prediction::effect(const Edit& committed,
+                                      const std::function<bool(std::uint64_t)>& isPending) const {
+    if (!predicts(committed.layer)) return Effect::Applies;
     const std::string* field = fieldOf(committed.action);
-    if (!field) return false;
+    if (!field) return Effect::Disturbs;
     const auto notes = notes_.find(committed.layer);
-    if (notes == notes_.end()) return true;
+    if (notes == notes_.end()) return Effect::Applies;
     const std::string& path = committed.address.path;
     const auto writes = [&](std::string_view other) {
         return notes->second.fields.contains(fieldKey(path, other));
     };
-    if (writes(*field)) return false;
-    if (*field == "typeName" && std::ranges::any_of(kTypedFields, writes)) return false;  // ED9
-    if (std::ranges::find(kTypedFields, *field) != std::end(kTypedFields) && writes("typeName"))
-        return false;
+    const bool typed = std::ranges::find(kTypedFields, *field) != std::end(kTypedFields);
+    if (*field == "typeName" && std::ranges::any_of(kTypedFields, writes))  // ED9
+        return Effect::Disturbs;
+    if (typed && writes("typeName")) return Effect::Disturbs;
     const auto& structural = notes->second.structural;
-    return structural.size() <= kStructuralSearched &&
-           std::none_of(structural.begin(), structural.end(), [&](const std::string& changed) {
-               return specpath::hasPrefix(path, changed);
-           });
+    if (structural.size() > kStructuralSearched ||
+        std::any_of(structural.begin(), structural.end(),
+                    [&](const std::string& changed) { return specpath::hasPrefix(path, changed); }))
+        return Effect::Disturbs;
+    const auto written = notes->second.fields.find(fieldKey(path, *field));
+    if (written == notes->second.fields.end()) return Effect::Applies;
+    // These two say what else of the spec may stand.
+    if (*field == "typeName" || *field == "specifier") return Effect::Disturbs;
+    return written->second != 0 && isPending(written->second) ? Effect::None : Effect::Disturbs;
 }
 
-void Prediction::applyIndependent(const Edit& committed) {
+void Prediction::apply(const Edit& committed) {
     const auto own = docs_.find(committed.layer);
     if (own != docs_.end()) (void)own->second.apply(committed.address.path, committed.action);
 }
 
-Prediction::Saved Prediction::save() const {
-    return {docs_, creations_, notes_, moves_.size(), log_.mark()};
-}
-
-void Prediction::restore(Saved saved) {
-    docs_ = std::move(saved.docs);
-    creations_ = std::move(saved.creations);
-    notes_ = std::move(saved.notes);
-    moves_.resize(saved.moves);
-    log_.truncate(saved.names);
+void Prediction::acknowledge(std::uint64_t sequence, const Prognosis& prognosis) {
+    names_.pruneBefore(prognosis.names);
+    creations_.forget(sequence);
 }
 
 }  // namespace usdlive::client

@@ -1,9 +1,9 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <unordered_map>
-#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -20,21 +20,32 @@ inline constexpr std::uint64_t kThisPreview = ~std::uint64_t(0);
 /// The field that it sets or erases; none where it does something else.
 [[nodiscard]] const std::string* fieldOf(const EditAction& action);
 
+/// Where a move of the spec at `path` goes, in the terms of its parent's address.
+[[nodiscard]] std::string destination(std::string_view path, const MoveSpec& move);
+
 /// What the editor sees where that is not simply the confirmed layers: previews of others and one's
 /// own transactions on top of them (M7). Only layers that one of these names have a doc here; of
 /// all others the confirmed doc is what is seen, and is not copied.
 ///
-/// Predicted moves and deletes stand in the log behind the confirmed ones, until cutNames().
+/// Predicted moves and deletes stand in a log of their own above the confirmed one, and predicted
+/// creations likewise. So the confirmed side goes on while the prediction stays, as long as its
+/// commits have no effect on what was predicted: see effect() and acknowledge().
 ///
 /// Predicted specs get node ids of their own range, the same ones each time the prediction is made
 /// anew, so that a comparison of two predictions knows a spec again.
 class Prediction {
 public:
-    /// Both belong to the session and outlive this.
-    Prediction(const LayerDocs& confirmed, NamespaceLog& log) : confirmed_(confirmed), log_(log) {}
+    /// The confirmed side, which belongs to the session and outlives this.
+    struct Confirmed {
+        const LayerDocs& layers;
+        const NamespaceLog& log;
+        const OwnCreations& creations;  ///< of one's own commits
+        const Revision& revision;
+    };
+    explicit Prediction(const Confirmed& confirmed) : confirmed_(&confirmed) { start(); }
 
-    /// Begins anew on the confirmed layers. Takes what was predicted out of the log.
-    void start(const OwnCreations& creations, Revision confirmed);
+    /// Begins anew on the confirmed layers.
+    void start();
     /// The docs as they were, for a comparison; start() follows.
     [[nodiscard]] LayerDocs takeDocs() { return std::move(docs_); }
     [[nodiscard]] const LayerDocs& docs() const { return docs_; }
@@ -52,31 +63,36 @@ public:
     Landed land(const Transaction& transaction);
 
     /// An edit as its author made it, on what is seen now: applies it and says how it is to be
-    /// addressed (M3). It is edit `creation.edit` of transaction `creation.sequence`.
+    /// addressed (M3), as of the revision openedAt() its layer. It is edit `creation.edit` of
+    /// transaction `creation.sequence`.
     Result<Edit> author(const AuthoredEdit& edit, const Creation& creation, Prognosis& prognosis);
 
     /// nullptr: no such layer.
     [[nodiscard]] const LayerDoc* find(const LayerId& layer) const;
     /// Has the layer a doc of its own here?
     [[nodiscard]] bool predicts(const LayerId& layer) const { return docs_.contains(layer); }
-    /// Does a committed edit leave the rest of the prediction of its layer as it is?
-    [[nodiscard]] bool independent(const Edit& committed) const;
-    /// A committed edit that is independent.
-    void applyIndependent(const Edit& committed);
+    /// The confirmed revision that the prediction of the layer was begun on; without one the
+    /// present.
+    [[nodiscard]] Revision openedAt(const LayerId& layer) const;
+    /// The least of these, or `otherwise`.
+    [[nodiscard]] Revision oldest(Revision otherwise) const;
 
-    /// Are there predicted moves or deletes?
-    [[nodiscard]] bool hasNames() const { return log_.mark() != confirmedNames_; }
-    /// Takes them out of the log. start() has to follow before anything else is predicted.
-    void cutNames() { log_.truncate(confirmedNames_); }
-    /// Where in the log the confirmed ones end.
-    [[nodiscard]] std::uint64_t confirmedNames() const { return confirmedNames_; }
-    /// Names have been committed while there were none predicted.
-    void confirmNames() { confirmedNames_ = log_.mark(); }
-
-    /// A state to go back to.
-    struct Saved;
-    [[nodiscard]] Saved save() const;
-    void restore(Saved saved);
+    /// What a committed edit of somebody else means for what is predicted of its layer.
+    enum class Effect {
+        None,     ///< nothing: a pending write of the whole field covers it (M7)
+        Applies,  ///< the doc takes it as it is
+        Disturbs  ///< the prediction has to be made anew
+    };
+    /// `isPending`: has that transaction of one's own not been answered?
+    [[nodiscard]] Effect effect(const Edit& committed,
+                                const std::function<bool(std::uint64_t)>& isPending) const;
+    /// A committed edit that applies.
+    void apply(const Edit& committed);
+    /// One's own first transaction was committed as predicted: its moves, deletes and creations
+    /// are confirmed now.
+    void acknowledge(std::uint64_t sequence, const Prognosis& prognosis);
+    /// Do previews move or delete specs?
+    [[nodiscard]] bool previewsChangeNames() const { return previewsChangeNames_; }
 
 private:
     struct Move {
@@ -85,8 +101,9 @@ private:
     };
     struct LayerNotes {
         std::unordered_map<NodeId, Creation> created;  // own ones; the rest are of previews
-        std::unordered_set<std::string> fields;        // path, NUL, field
-        std::vector<std::string> structural;           // created, deleted, moved from and to
+        // By path, NUL, field: the last transaction of one's own that wrote it whole, 0 none.
+        std::unordered_map<std::string, std::uint64_t> fields;
+        std::vector<std::string> structural;  // created, deleted, moved from and to
     };
 
     LayerDoc* open(const LayerId& layer);
@@ -98,23 +115,14 @@ private:
                                  std::string_view path) const;
     Result<Edit> addressed(const AuthoredEdit& edit, const LayerDoc& doc) const;
 
-    const LayerDocs& confirmed_;
-    NamespaceLog& log_;
+    const Confirmed* confirmed_;
     LayerDocs docs_;
+    std::unordered_map<LayerId, Revision> openedAt_;
+    NamespaceLog names_;
     OwnCreations creations_;
     std::vector<Move> moves_;
     std::unordered_map<LayerId, LayerNotes> notes_;
-    std::uint64_t confirmedNames_ = 0;
-    Revision revision_ = 0;  // that a commit of it all would have
-
-public:
-    struct Saved {
-        LayerDocs docs;
-        OwnCreations creations;
-        std::unordered_map<LayerId, LayerNotes> notes;
-        std::size_t moves = 0;
-        std::uint64_t names = 0;
-    };
+    bool previewsChangeNames_ = false;
 };
 
 }  // namespace usdlive::client

@@ -25,13 +25,16 @@ void carry(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
 void Session::Impl::author(std::vector<AuthoredEdit> edits) {
     if (edits.empty()) return;
     const std::size_t most = options_.maxUnsentTransactions;
-    if (!gesture_ && pending_.size() >= most && pending_.unsent() >= most) {
+    if (!gesture_ && pending_.unsent() >= most) {
         Repairs repairs;
         for (const AuthoredEdit& edit : edits) repairs.resets.insert(edit.layer);
         events_.push_back(event::Lost{
             {.sequence = 0,
              .gesture = 0,
-             .reason = {ErrorCode::NotConnected, "as much unsent work is kept as may be"},
+             .reason = {ErrorCode::NotConnected,
+                        "no more than " + std::to_string(most) +
+                            " transactions are kept until they can be sent. Connect again before "
+                            "you go on"},
              .refused = true,
              .edits = std::move(edits)}});
         return repair(repairs);
@@ -43,7 +46,10 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         lost.sequence = gesture_->pending.transaction.id.sequence;
         lost.gesture = gesture_->pending.transaction.gesture;
         authorInto(gesture_->pending, std::move(edits), lost, repairs);
-        if (gesture_->pending.prognosis.refused && !frozen_) rebuild();  // a preview hides it
+        if (gesture_->pending.prognosis.refused && !frozen_) {  // a preview hides it
+            disturb();
+            rebuild();
+        }
     } else {
         Pending pending = newPending();
         lost.sequence = pending.transaction.id.sequence;
@@ -66,7 +72,6 @@ Pending Session::Impl::newPending() {
 void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
                                Repairs& repairs) {
     for (AuthoredEdit& edit : edits) {
-        const Prognosis::Size before = pending.prognosis.size();
         Result<Edit> told = predictEdit(pending, edit);
         if (!told) {
             if (lost.edits.empty()) lost.reason = told.error();
@@ -78,7 +83,8 @@ void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits
         carry(repairs.fields, edit);
         if (frozen_) pending.carried.push_back(edit);
         if (gesture_ && !frozen_) {
-            if (gesture_->add(std::move(*told), std::move(edit))) pending.prognosis.shrink(before);
+            if (gesture_->add(std::move(*told), std::move(edit)))
+                pending.prognosis.touched.pop_back();
         } else {
             pending.transaction.edits.push_back(std::move(*told));
             pending.authored.push_back(std::move(edit));
@@ -97,7 +103,9 @@ Result<Edit> Session::Impl::predictEdit(Pending& pending, const AuthoredEdit& ed
     }
     const Creation number{pending.transaction.id.sequence,
                           std::uint32_t(pending.transaction.edits.size())};
-    return prediction_.author(edit, number, pending.prognosis);
+    auto told = prediction_.author(edit, number, pending.prognosis);
+    if (told) readdress(*told, prediction_.openedAt(edit.layer), number);
+    return told;
 }
 
 void Session::Impl::noteRepair(const AuthoredEdit& edit, Repairs& repairs) const {

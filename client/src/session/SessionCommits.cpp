@@ -13,17 +13,33 @@ constexpr Revision kPrunedAtOnce = 64;
 // So often a transaction is mended and sent again before its author is told.
 constexpr int kMaxAttempts = 5;
 
+// So many creations, moves and the like of one's own are committed before the prediction forgets
+// what it noted of them.
+constexpr std::size_t kAnsweredKept = 4'096;
+
 bool changesNames(const Edit& edit) {
     return std::holds_alternative<MoveSpec>(edit.action) ||
            std::holds_alternative<DeleteSpec>(edit.action);
 }
 
+// Did each edit land where it was predicted, and say what its author wrote? (M13, ED9: it may say
+// something else.)
 bool asPredicted(const Pending& own, const Commit& commit) {
-    const auto& fieldsAt = own.prognosis.fieldsAt;
-    return commit.dropped.empty() && fieldsAt.size() == commit.edits.size() &&
-           std::equal(
-               fieldsAt.begin(), fieldsAt.end(), commit.edits.begin(),
-               [](const std::string& path, const Edit& edit) { return path == edit.address.path; });
+    if (!own.prognosis.complete || !commit.dropped.empty()) return false;
+    const auto& submitted = own.transaction.edits;
+    if (commit.edits.size() != submitted.size()) return false;
+    auto touched = own.prognosis.touched.begin();
+    const auto end = own.prognosis.touched.end();
+    for (std::size_t index = 0; index < submitted.size(); ++index) {
+        const Edit& edit = commit.edits[index];
+        if (touched == end || touched->path != edit.address.path) return false;
+        if (fieldOf(edit.action) && edit.action != submitted[index].action) return false;
+        ++touched;
+        const auto* move = std::get_if<MoveSpec>(&edit.action);
+        if (move && touched != end && touched->path == destination(edit.address.path, *move))
+            ++touched;
+    }
+    return touched == end;
 }
 
 }  // namespace
@@ -35,15 +51,11 @@ void Session::Impl::apply(const Commit& commit) {
 
     const std::pair gesture{commit.id.client, commit.gesture};
     if (commit.gesture != 0 && previews_.erase(gesture) > 0) {
-        dirty_ = true;
+        previewsChanged();
         events_.push_back(event::PreviewChanged{gesture.first, gesture.second, true});
     }
-    if (!dirty_ && !frozen_ && disturbs(commit, own)) dirty_ = true;
-    // What is predicted stands in the log behind what is confirmed, so it has to make room.
-    if (dirty_) prediction_.cutNames();
-    const bool last = !prediction_.hasNames();
+    Prediction* current = frozen_ ? nullptr : follow(commit, own);
     const auto applied = applyCommit(confirmed_, log_, commit);
-    if (last) prediction_.confirmNames();
     for (auto& [layer, opened] : layers_)
         if (opened.joining) keepForLater(*opened.joining, layer, commit);
     if (!applied) {
@@ -54,9 +66,8 @@ void Session::Impl::apply(const Commit& commit) {
             if (opened.joining) ask(opened.joining->snapshot, layer, 0);
         return;
     }
-    if (!frozen_) applyToEditor(commit, own != nullptr);
-    if (mine) acknowledge(commit);
-    if (gesture_ && !dirty_ && !frozen_) gesture_->pending.transaction.base = revision_;
+    if (!frozen_) applyToEditor(commit, own != nullptr, current);
+    if (mine) acknowledge(commit, current);
     prune();
 }
 
@@ -65,25 +76,48 @@ void Session::Impl::keepForLater(Joining& joining, const LayerId& layer, const C
         if (edit.layer == layer) joining.later.emplace_back(commit.revision, edit);
 }
 
-// Has the prediction to be made anew?
-bool Session::Impl::disturbs(const Commit& commit, const Pending* own) const {
-    if (own &&
-        (!asPredicted(*own, commit) || !previews_.empty() || !pending_.isFirst(commit.id.sequence)))
-        return true;
-    const bool names = prediction_.hasNames() || gesture_;
-    if (!names && prediction_.docs().empty()) return false;
-    return std::any_of(commit.edits.begin(), commit.edits.end(), [&](const Edit& edit) {
-        if (!confirmed_.contains(edit.layer)) return false;
-        if (names && changesNames(edit)) return true;
-        return !own && !prediction_.independent(edit);
-    });
+bool Session::Impl::isPending(std::uint64_t sequence) const {
+    return pending_.contains(sequence) ||
+           (gesture_ && gesture_->pending.transaction.id.sequence == sequence);
+}
+
+// The prediction that still holds with this commit (the one that is being made, where the present
+// one does not); nullptr: it has to be made anew. One that is being made is only given up where it
+// would go wrong from here on; otherwise another one follows it, so that commits that come one
+// after the other cannot keep it from ever being shown.
+Prediction* Session::Impl::follow(const Commit& commit, const Pending* own) {
+    if (dirty_ && !rebuild_) return nullptr;
+    Prediction& current = rebuild_ ? rebuild_->next : prediction_;
+    bool holds = true, canGoOn = rebuild_.has_value();
+    if (own) {
+        const bool next = pending_.isFirst(commit.id.sequence) && (!rebuild_ || rebuild_->done > 0);
+        canGoOn = canGoOn && next && !current.previewsChangeNames() && asPredicted(*own, commit);
+        holds = next && previews_.empty() && asPredicted(*own, commit);
+    } else {
+        for (const Edit& edit : commit.edits) {
+            if (!confirmed_.contains(edit.layer)) continue;
+            const auto pending = [this](std::uint64_t number) { return isPending(number); };
+            if (current.effect(edit, pending) != Prediction::Effect::Disturbs) continue;
+            holds = false;
+            canGoOn = canGoOn && !changesNames(edit);
+        }
+    }
+    if (holds) return &current;
+    if (!canGoOn) {
+        disturb();
+        return nullptr;
+    }
+    rebuild_->outdated = true;
+    return &current;
 }
 
 // Layers without predictions show the confirmed doc, and take every commit as it is. Of those with
-// predictions only an undisturbed one does; the others follow when they have been predicted anew.
-void Session::Impl::applyToEditor(const Commit& commit, bool own) {
+// predictions only one that holds does; the others follow when they have been predicted anew.
+void Session::Impl::applyToEditor(const Commit& commit, bool own, Prediction* current) {
+    using Effect = Prediction::Effect;
     const LayerId* layer = nullptr;  // of the edit before: mostly they are of one layer
     bool known = false, predicted = false, shown = false;
+    const auto pending = [this](std::uint64_t number) { return isPending(number); };
     for (const Edit& edit : commit.edits) {
         if (!layer || *layer != edit.layer) {
             layer = &edit.layer;
@@ -92,23 +126,38 @@ void Session::Impl::applyToEditor(const Commit& commit, bool own) {
             shown = isJoined(*layer) && !resets_.contains(*layer);
         }
         if (!known) continue;
-        if (predicted) {
-            if (dirty_ || own) continue;
-            prediction_.applyIndependent(edit);
-        }
+        const bool applies = current && !own && current->effect(edit, pending) == Effect::Applies;
+        if (applies) current->apply(edit);
+        if (predicted && (dirty_ || !applies)) continue;
         if (shown) editor_.apply(edit.layer, edit.address.path, edit.action);
     }
 }
 
-void Session::Impl::acknowledge(const Commit& commit) {
+void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
     const auto pending = pending_.take(commit.id.sequence);
     if (!pending) return;
+    if (current) current->acknowledge(commit.id.sequence, pending->prognosis);
+    if (rebuild_) --rebuild_->done;
     for (const Value& blob : pending->blobs) uploads_.stored(blob.hash());
     recordCreations(creations_, log_, pending->transaction, commit);
     if (!commit.dropped.empty()) reportDropped(*pending, commit);
-    if (!pending_.empty()) return;
+    const auto& edits = pending->transaction.edits;
+    answered_ += std::size_t(std::count_if(edits.begin(), edits.end(), [](const Edit& edit) {
+        return fieldOf(edit.action) == nullptr;
+    }));
+    if (!pending_.empty()) {
+        // What was noted of their specs is forgotten now and then.
+        if (!dirty_ && answered_ > std::max(kAnsweredKept, 2 * pending_.size())) disturb();
+        return;
+    }
+    if (dirty_ || frozen_ || gesture_ || !previews_.empty()) {
+        disturb();
+    } else {  // the views are the confirmed docs again
+        checkPrediction();
+        prediction_.start();
+        answered_ = 0;
+    }
     if (!gesture_) creations_ = {};
-    dirty_ = true;  // the views become the confirmed docs again
 }
 
 void Session::Impl::reportDropped(const Pending& pending, const Commit& commit) {
@@ -132,7 +181,7 @@ void Session::Impl::lose(Pending pending, Error reason) {
                                    .reason = std::move(reason),
                                    .refused = true,
                                    .edits = std::move(pending.authored)}});
-    dirty_ = true;
+    disturb();
 }
 
 // A transaction that was refused for what the author can mend unasked: the server has forgotten the
@@ -141,34 +190,20 @@ bool Session::Impl::resubmit(std::uint64_t sequence) {
     Pending* pending = pending_.find(sequence);
     if (!pending || ++pending->attempts > kMaxAttempts) return false;
     for (const Value& blob : pending->blobs) uploads_.forget(blob.hash());
-    const std::uint64_t number = pending_.nextSequence();
-    pending->transaction.id.sequence = number;
-    pending->sent = false;
-    pending->reseal = true;
-    // What was sent already names the old number in vain, and is dropped.
-    const auto renameIn = [&](Pending& other) {
-        if (other.sent) return;
-        forEachAddress(other.transaction.edits, [&](Address& address) {
-            if (address.creation && address.creation->sequence == sequence)
-                address.creation->sequence = number;
-        });
-    };
-    for (Pending& other : pending_) renameIn(other);
-    if (gesture_) renameIn(gesture_->pending);
-    dirty_ = true;
+    pending_.markUnsent(*pending);
+    pending_.renumber(*pending);
+    if (gesture_)
+        renameCreations(gesture_->pending.transaction.edits, sequence,
+                        pending->transaction.id.sequence);
+    disturb();
     return true;
-}
-
-void Session::Impl::caughtUp() {
-    if (!std::exchange(resealWhenCaughtUp_, false) || frozen_) return;
-    pending_.markUnsent(true);
-    dirty_ = true;
 }
 
 void Session::Impl::prune() {
     const Revision kept = revision_ > kPreviewsBehind ? revision_ - kPreviewsBehind : 0;
     if (kept < log_.oldest() + kPrunedAtOnce) return;
-    Revision oldest = pending_.oldestBase(kept);
+    Revision oldest = prediction_.oldest(pending_.oldestBase(kept));
+    if (rebuild_) oldest = rebuild_->next.oldest(oldest);
     if (gesture_) oldest = std::min(oldest, gesture_->pending.transaction.base);
     if (oldest > log_.oldest()) log_.prune(oldest);
 }
@@ -183,7 +218,9 @@ void Session::Impl::completeJoins() {
         opened.joining.reset();
         joined = true;
     }
-    if (joined) presentAgain();
+    if (!joined) return;
+    if (rebuild_) disturb();
+    presentAgain();
 }
 
 bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {

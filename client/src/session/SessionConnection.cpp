@@ -50,7 +50,7 @@ void Session::Impl::disconnected(Error reason) {
         const auto* error = control ? std::get_if<ErrorMessage>(control) : nullptr;
         if (error) events_.push_back(event::ServerError{*error});
     }
-    pending_.markUnsent(false);
+    pending_.markAllUnsent();
     if (gesture_) gesture_->disconnected();
     uploads_.disconnected();
     downloads_.disconnected();
@@ -62,7 +62,7 @@ void Session::Impl::disconnected(Error reason) {
     for (const std::uint64_t request : std::exchange(requests_, {}))
         report({ErrorCode::NotConnected, "the connection was lost before the server had answered"},
                about(request));
-    dirty_ = dirty_ || !previews_.empty();
+    if (!previews_.empty()) previewsChanged();
     for (const auto& [id, preview] : std::exchange(previews_, {}))
         events_.push_back(event::PreviewChanged{id.first, id.second, true});
     if (wasLinked) events_.push_back(event::Disconnected{std::move(reason)});
@@ -74,7 +74,7 @@ void Session::Impl::received(ReceivedMessage message) {
 
 bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     nowMs_ = nowMs;
-    const double start = options_.clockMs();
+    deadlineMs_ = options_.clockMs() + budgetMs;
     while (!inbox_.empty()) {
         Result<Received> received = std::move(inbox_.front());
         inbox_.pop_front();
@@ -82,7 +82,7 @@ bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
             std::visit([this](auto&& part) { handle(std::move(part)); }, std::move(*received));
         else
             protocolFault(received.error());
-        if (options_.clockMs() - start >= budgetMs) break;
+        if (outOfTime()) break;
     }
     completeJoins();
     completePeeks();
@@ -90,7 +90,7 @@ bool Session::Impl::advance(double budgetMs, std::int64_t nowMs) {
     sendAll();
     tellGesture();
     checkPrediction();
-    return inbox_.empty();
+    return inbox_.empty() && !rebuild_ && !moreToSend_;
 }
 
 void Session::Impl::protocolFault(Error error) {
@@ -122,7 +122,7 @@ void Session::Impl::handle(PreviewFrame&& frame) {
             present(*entry, std::move(frame));
         return;
     }
-    dirty_ = true;
+    previewsChanged();
     events_.push_back(event::PreviewChanged{id.first, id.second, withdrawn});
 }
 
@@ -133,7 +133,7 @@ void Session::Impl::present(Previews::value_type& entry, PreviewFrame frame) {
     if (preview.missing.empty()) {
         preview.waiting.reset();
         preview.frame = std::move(frame);
-        dirty_ = true;
+        previewsChanged();
         events_.push_back(event::PreviewChanged{id.first, id.second, false});
         return;
     }
@@ -157,7 +157,7 @@ void Session::Impl::presentNewest(Previews::value_type& entry) {
 void Session::Impl::presentAgain() {
     for (auto& entry : previews_) {
         Preview& preview = entry.second;
-        dirty_ = true;
+        previewsChanged();
         auto frame = std::exchange(preview.frame, std::nullopt);
         for (auto* later : {&preview.waiting, &preview.newest})
             if (*later) frame = std::exchange(*later, std::nullopt);
@@ -215,7 +215,7 @@ void Session::Impl::blobCame(const Hash& hash, SharedBytes bytes) {
         auto& [id, preview] = entry;
         if (preview.missing.erase(hash) == 0 || !preview.missing.empty()) continue;
         preview.frame = std::move(preview.waiting);
-        dirty_ = true;
+        previewsChanged();
         events_.push_back(event::PreviewChanged{id.first, id.second, false});
         presentNewest(entry);
     }
@@ -247,7 +247,6 @@ void Session::Impl::handle(ReceivedCommit&& received) {
     hash_ = received.hashAfter;
     commitEpoch_ = commit.epoch;
     apply(commit);
-    if (isCaughtUp()) caughtUp();
     events_.push_back(event::Committed{std::move(received.commit)});
 }
 
@@ -273,9 +272,7 @@ void Session::Impl::on(const Welcome& message) {
     for (Peek& peek : peeks_) ask(peek.snapshot, peek.layer, peek.revision);
     for (const Missed& missed : missed_) readMissed(missed);
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
-    resealWhenCaughtUp_ = !pending_.empty();
     events_.push_back(event::Connected{message, message.resumed});
-    if (isCaughtUp()) caughtUp();
 }
 
 void Session::Impl::on(const ProjectLayers& message) {
@@ -303,7 +300,7 @@ void Session::Impl::on(const AlreadyCommitted& message) {
     if (message.revision > revision_) return;
     auto pending = pending_.take(message.sequence);
     if (!pending) return;
-    dirty_ = true;
+    disturb();
     missed_.push_back({message.revision, std::move(*pending)});
     readMissed(missed_.back());
 }
@@ -419,6 +416,7 @@ void Session::Impl::ask(Incoming& snapshot, const LayerId& layer, Revision revis
 }
 
 void Session::Impl::sendAll() {
+    moreToSend_ = false;
     if (online_)
         askForBlobs(
             downloads_.due(nowMs_, [this](const Hash& hash) { return host_.needsBlob(hash); }));
@@ -432,19 +430,20 @@ void Session::Impl::sendAll() {
 
 void Session::Impl::sendTransactions() {
     const auto ready = [this](const Pending& pending) { return uploads_.ready(pending.blobs); };
-    std::vector<Pending*> sendable = pending_.sendable(ready);
-    if (std::any_of(sendable.begin(), sendable.end(),
-                    [](const Pending* pending) { return pending->reseal; })) {
-        rebuild();  // tells their addresses anew
-        sendable = pending_.sendable(ready);
-    }
     Bytes message;
     const auto flush = [&] {
         if (!message.empty()) host_.send(std::make_shared<const Bytes>(std::move(message)));
         message = {};
     };
     std::vector<std::uint64_t> tooLarge;
-    for (Pending* pending : sendable) {
+    std::size_t count = 0;
+    for (Pending* pending : pending_.sendable(ready, !dirty_)) {
+        if (outOfTime(++count)) {
+            moreToSend_ = true;
+            break;
+        }
+        readdress(*pending);
+        pending_.rebase(*pending, revision_);
         const Bytes frame = encodeFrame(SubmitFrame{pending->transaction});
         if (frame.size() > welcome_->maxFrameBytes && welcome_->maxFrameBytes > 0) {
             tooLarge.push_back(pending->transaction.id.sequence);
@@ -452,9 +451,7 @@ void Session::Impl::sendTransactions() {
         }
         if (message.size() + frame.size() > kMessageBytes) flush();
         message.insert(message.end(), frame.begin(), frame.end());
-        pending->sent = true;
-        pending->sentBytes = frame.size();
-        pending->reseal = false;
+        pending_.markSent(*pending, frame.size());
     }
     flush();
     for (const std::uint64_t sequence : tooLarge)

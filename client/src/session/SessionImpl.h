@@ -34,6 +34,9 @@ namespace usdlive::client {
     return message;
 }
 
+// The clock is looked at for every so many transactions.
+inline constexpr std::size_t kClockEvery = 8;
+
 /// A snapshot on its way.
 struct Incoming {
     std::uint64_t request = 0;  ///< 0: not asked for on this connection
@@ -135,6 +138,13 @@ private:
     struct Frozen {
         LayerDocs views;
     };
+    // The prediction as it is made anew, some transactions at a time. Meanwhile the editor sees the
+    // one before.
+    struct Rebuild {
+        Prediction next;
+        std::size_t done = 0;   // pending transactions that are in it
+        bool outdated = false;  // another one has to follow
+    };
     // Edits the editor made that the model does not hold: what the editor is to be told.
     struct Repairs {
         std::set<LayerId> resets;
@@ -196,27 +206,32 @@ private:
     // SessionCommits.cpp
     void apply(const Commit& commit);
     static void keepForLater(Joining& joining, const LayerId& layer, const Commit& commit);
-    void applyToEditor(const Commit& commit, bool own);
-    bool disturbs(const Commit& commit, const Pending* own) const;
-    void acknowledge(const Commit& commit);
+    void applyToEditor(const Commit& commit, bool own, Prediction* current);
+    Prediction* follow(const Commit& commit, const Pending* own);
+    void acknowledge(const Commit& commit, Prediction* current);
+    [[nodiscard]] bool isPending(std::uint64_t sequence) const;
     void reportDropped(const Pending& pending, const Commit& commit);
     void completeJoins();
     void completePeeks();
     bool completeJoin(const LayerId& layer, Joining& joining);
     void prune();
-    void caughtUp();
     void lose(Pending pending, Error reason);
     bool resubmit(std::uint64_t sequence);
     [[nodiscard]] bool isCaughtUp() const;
 
     // SessionView.cpp
     void settle();
+    void disturb();
+    void previewsChanged();
     void rebuild();
-    void predict(bool previews, bool reseal);
-    void replay(Prediction& prediction) const;
+    void predictPreviews(Prediction& prediction) const;
+    void predictGesture(Prediction& prediction);
     void checkPrediction() const;
-    void reseal(Pending& pending);
-    void resealGesture();
+    [[nodiscard]] bool readdress(Address& address, const LayerId& layer, Revision since,
+                                 bool creates) const;
+    void readdress(Edit& edit, Revision since, const Creation& number) const;
+    void readdress(Pending& pending);
+    void readdressGesture();
     void seal(Pending& pending, std::vector<std::optional<AuthoredEdit>> edits);
     void tellEditor(const LayerDocs& before);
     void flushResets();
@@ -224,6 +239,11 @@ private:
     void carryOver();
     void thaw();
     void dropClosed();
+    [[nodiscard]] bool outOfTime() const { return options_.clockMs() >= deadlineMs_; }
+    /// Before transaction number `count` of this advance().
+    [[nodiscard]] bool outOfTime(std::size_t count) const {
+        return count > options_.leastAtOnce && count % kClockEvery == 1 && outOfTime();
+    }
     [[nodiscard]] bool ownWorkOn(const LayerId& layer) const;
 
     // SessionAuthor.cpp
@@ -241,17 +261,18 @@ private:
     bool linked_ = false;
     std::deque<Result<Received>> inbox_;
     std::uint64_t lastRequest_ = 0;
-    bool resealWhenCaughtUp_ = false;
     bool takesPreviewValues_ = false;  // the server does (B3)
     std::int64_t nowMs_ = 0;
     std::int64_t gestureToldMs_ = 0;
+    double deadlineMs_ = 0;    // of this advance(), by options_.clockMs
+    bool moreToSend_ = false;  // than there was time for
 
     // One's own presence.
     std::optional<Presence> presence_;
     std::optional<Presence> presenceSent_;  // on this connection
     std::int64_t presenceSentMs_ = 0;
 
-    // The confirmed side. The log also holds what is predicted, behind what is confirmed.
+    // The confirmed side.
     bool hasHistory_ = false;
     Epoch epoch_ = 0;        // of the server
     Epoch commitEpoch_ = 0;  // of the newest commit
@@ -263,12 +284,15 @@ private:
     std::optional<Frozen> frozen_;
 
     // The predicted side.
-    Prediction prediction_{confirmed_, log_};
+    const Prediction::Confirmed confirmedSide_{confirmed_, log_, creations_, revision_};
+    Prediction prediction_{confirmedSide_};
     Previews previews_;
     std::uint64_t lastSlot_ = 0;
     std::deque<Missed> missed_;
-    bool dirty_ = false;        // the prediction has to be made anew
-    std::set<LayerId> resets_;  // the editor gets their whole content next
+    bool dirty_ = false;              // the prediction has to be made anew
+    std::optional<Rebuild> rebuild_;  // as far as that was done; only when dirty_
+    std::size_t answered_ = 0;        // own structural edits since the prediction was made
+    std::set<LayerId> resets_;        // the editor gets their whole content next
 
     BlobUploads uploads_;
     BlobDownloads downloads_;

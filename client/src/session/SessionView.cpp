@@ -16,12 +16,7 @@ std::set<LayerId> layersOf(const LayerDocs& left, const LayerDocs& right) {
 
 // An address that no server resolves: the edit itself does not create a spec for itself. The edit
 // keeps its place in the transaction, is dropped (M4), and comes back to its author as such.
-Edit gone(const Pending& pending, std::size_t index) {
-    const AuthoredEdit& edit = pending.authored[index];
-    return {edit.layer,
-            {{}, Creation{pending.transaction.id.sequence, std::uint32_t(index)}},
-            edit.action};
-}
+Address nowhere(const Creation& number) { return {{}, number}; }
 
 }  // namespace
 
@@ -29,62 +24,77 @@ void Session::Impl::settle() {
     if (frozen_) thaw();
     if (frozen_) return;
     dropClosed();
+    readdressGesture();
     if (dirty_) rebuild();
     flushResets();
 }
 
-// M7: the confirmed layers, previews of others, one's own transactions, the open gesture.
+// The prediction has to be made anew, from the start.
+void Session::Impl::disturb() {
+    dirty_ = true;
+    rebuild_.reset();
+}
+
+void Session::Impl::previewsChanged() {
+    dirty_ = true;
+    if (rebuild_) rebuild_->outdated = true;
+}
+
+// M7: the confirmed layers, previews of others, one's own transactions, the open gesture. Stops
+// when the time is over; the editor goes on with what it sees, and the next call goes on from
+// there.
 void Session::Impl::rebuild() {
+    if (!rebuild_) predictPreviews(rebuild_.emplace(Rebuild{Prediction(confirmedSide_)}).next);
+    for (std::size_t count = 0; rebuild_->done < pending_.size(); ++rebuild_->done) {
+        if (outOfTime(++count)) return;
+        Pending& pending = pending_[rebuild_->done];
+        pending.prognosis = rebuild_->next.run(pending.transaction);
+    }
+    predictGesture(rebuild_->next);
     const LayerDocs before = prediction_.takeDocs();
-    const bool anew = gesture_ || std::any_of(pending_.begin(), pending_.end(),
-                                              [](const Pending& p) { return p.reseal; });
-    // Addresses are told without the previews: those may never come to be.
-    if (anew) predict(false, true);
-    if (!anew || !previews_.empty()) predict(true, false);
-    dirty_ = false;
+    prediction_ = std::move(rebuild_->next);
+    dirty_ = rebuild_->outdated;
+    rebuild_.reset();
+    answered_ = 0;
     tellEditor(before);
 }
 
-void Session::Impl::predict(bool previews, bool anew) {
-    prediction_.start(creations_, revision_);
-    if (previews) {
-        std::map<std::uint64_t, const PreviewFrame*> inOrder;
-        for (const auto& [id, preview] : previews_)
-            if (preview.frame) inOrder[preview.slot] = &*preview.frame;
-        for (const auto& [slot, frame] : inOrder) prediction_.preview(slot, *frame);
-    }
-    for (Pending& pending : pending_) {
-        if (anew && pending.reseal)
-            reseal(pending);
-        else
-            pending.prognosis = prediction_.run(pending.transaction);
-    }
-    if (!gesture_) return;
-    if (anew)
-        resealGesture();
-    else
-        gesture_->pending.prognosis = prediction_.run(gesture_->pending.transaction);
-}
-
-// The whole prediction, of transactions as they stand.
-void Session::Impl::replay(Prediction& prediction) const {
-    prediction.start(creations_, revision_);
+void Session::Impl::predictPreviews(Prediction& prediction) const {
     std::map<std::uint64_t, const PreviewFrame*> inOrder;
     for (const auto& [id, preview] : previews_)
         if (preview.frame) inOrder[preview.slot] = &*preview.frame;
     for (const auto& [slot, frame] : inOrder) prediction.preview(slot, *frame);
-    for (const Pending& pending : pending_) prediction.run(pending.transaction);
-    if (gesture_) prediction.run(gesture_->pending.transaction);
+}
+
+// An edit that stands against an open gesture is taken out of it, rather than all of it hidden: its
+// author is still at it, and learns at once. What only stands against a preview may come to be.
+void Session::Impl::predictGesture(Prediction& prediction) {
+    if (!gesture_) return;
+    Pending& pending = gesture_->pending;
+    const auto run = [&] { pending.prognosis = prediction.run(pending.transaction); };
+    run();
+    if (!pending.prognosis.refused) return;
+    Prediction confirmed(confirmedSide_);
+    for (const Pending& own : pending_) confirmed.run(own.transaction);
+    while (const auto refused = confirmed.land(pending.transaction).refused) {
+        LostWork work{.sequence = pending.transaction.id.sequence,
+                      .gesture = pending.transaction.gesture,
+                      .reason = refused->error,
+                      .refused = false,
+                      .edits = {}};
+        work.edits.push_back(gesture_->remove(refused->edit));
+        events_.push_back(event::Lost{std::move(work)});
+    }
+    run();
 }
 
 // What was predicted step by step has to be what comes of all of it at once.
 void Session::Impl::checkPrediction() const {
     if (!options_.checksPrediction || dirty_ || frozen_) return;
-    NamespaceLog log = log_;
-    log.truncate(prediction_.confirmedNames());
-    Prediction anew(confirmed_, log);
-    anew.confirmNames();
-    replay(anew);
+    Prediction anew(confirmedSide_);
+    predictPreviews(anew);
+    for (const Pending& pending : pending_) anew.run(pending.transaction);
+    if (gesture_) anew.run(gesture_->pending.transaction);
     for (const LayerId& layer : layersOf(anew.docs(), prediction_.docs())) {
         if (*anew.find(layer) == *prediction_.find(layer)) continue;
         throw std::logic_error("the prediction of " + layer.value + " is wrong; it should be\n" +
@@ -93,39 +103,60 @@ void Session::Impl::checkPrediction() const {
     }
 }
 
-// Tells the addresses of a transaction anew, as of the present revision: of the edits as they land
-// now.
-void Session::Impl::reseal(Pending& pending) {
-    auto state = prediction_.save();
-    Prediction::Landed landed = prediction_.land(pending.transaction);
-    prediction_.restore(std::move(state));
-    if (landed.refused)  // what stands against it is for the server to say
-        pending.prognosis = prediction_.run(pending.transaction);
-    else
-        seal(pending, std::move(landed.edits));
+// ---- addresses
+
+// Tells an address that is meant as of `since` as of the present revision (M3). What pending work
+// creates is still addressed by its creation; what is committed by its path. False: it is gone.
+bool Session::Impl::readdress(Address& address, const LayerId& layer, Revision since,
+                              bool creates) const {
+    std::string path = address.path;
+    std::optional<std::uint64_t> mark;
+    if (address.creation) {
+        const auto* created = creations_.find(*address.creation);
+        if (!created || created->layer != layer) return true;
+        auto absolute = absolutePath(address.path, created->path);
+        if (!absolute || !specpath::parse(*absolute)) return true;  // for the server to refuse
+        path = *std::move(absolute);
+        mark = created->mark;
+    }
+    const auto carried = [&](std::string from) {
+        return mark ? log_.translateFrom(layer, std::move(from), *mark)
+                    : log_.translate(layer, std::move(from), since);
+    };
+    if (creates && path != "/") {  // only its parent can have moved
+        const auto parent = carried(specpath::parent(path));
+        if (!parent) return false;
+        const PathElement last = specpath::last(path);
+        address = {specpath::child(*parent, last.list, last.name), {}};
+        return true;
+    }
+    auto now = carried(std::move(path));
+    if (!now) return false;
+    address = {*std::move(now), {}};
+    return true;
 }
 
-// An edit that stands against an open gesture is taken out of it, rather than all of it hidden: its
-// author is still at it, and learns at once.
-void Session::Impl::resealGesture() {
-    Pending& pending = gesture_->pending;
-    for (;;) {
-        auto state = prediction_.save();
-        Prediction::Landed landed = prediction_.land(pending.transaction);
-        prediction_.restore(std::move(state));
-        if (!landed.refused) return seal(pending, std::move(landed.edits));
-        LostWork work{.sequence = pending.transaction.id.sequence,
-                      .gesture = pending.transaction.gesture,
-                      .reason = landed.refused->error,
-                      .refused = false,
-                      .edits = {}};
-        work.edits.push_back(gesture_->remove(landed.refused->edit));
-        events_.push_back(event::Lost{std::move(work)});
-    }
+void Session::Impl::readdress(Edit& edit, Revision since, const Creation& number) const {
+    const bool creates = std::holds_alternative<CreateSpec>(edit.action);
+    auto* move = std::get_if<MoveSpec>(&edit.action);
+    if (!readdress(edit.address, edit.layer, since, creates) ||
+        (move && !readdress(move->parent, edit.layer, since, false)))
+        edit.address = nowhere(number);
+}
+
+void Session::Impl::readdress(Pending& pending) {
+    Transaction& transaction = pending.transaction;
+    for (std::uint32_t index = 0; index < transaction.edits.size(); ++index)
+        readdress(transaction.edits[index], transaction.base, {transaction.id.sequence, index});
+}
+
+void Session::Impl::readdressGesture() {
+    if (!gesture_ || gesture_->pending.transaction.base == revision_) return;
+    readdress(gesture_->pending);
+    gesture_->pending.transaction.base = revision_;
 }
 
 void Session::Impl::seal(Pending& pending, std::vector<std::optional<AuthoredEdit>> edits) {
-    pending.reseal = false;
     pending.prognosis = {};
     pending.transaction.base = revision_;
     for (std::size_t index = 0; index < edits.size(); ++index) {
@@ -133,9 +164,10 @@ void Session::Impl::seal(Pending& pending, std::vector<std::optional<AuthoredEdi
         auto told = edits[index] ? prediction_.author(*edits[index], number, pending.prognosis)
                                  : fail(ErrorCode::SpecDeleted, "dropped");
         if (!told) pending.prognosis.complete = false;
-        pending.transaction.edits[index] = told ? std::move(*told) : gone(pending, index);
+        const AuthoredEdit& edit = pending.authored[index];
+        pending.transaction.edits[index] =
+            told ? std::move(*told) : Edit{edit.layer, nowhere(number), edit.action};
     }
-    if (!pending.prognosis.complete) pending.prognosis.fieldsAt.clear();
 }
 
 void Session::Impl::tellEditor(const LayerDocs& before) {
@@ -166,18 +198,19 @@ void Session::Impl::freeze() {
     if (!frozen_) carryOver();
     // Also what was on its way: the commits that have to follow it are not known any more.
     for (auto& [layer, opened] : layers_) opened.joinAnew();
-    prediction_.start({}, 0);
+    disturb();
+    dirty_ = false;
     confirmed_.clear();
     log_ = {};
-    prediction_.confirmNames();
     creations_ = {};
+    prediction_.start();
 }
 
 void Session::Impl::carryOver() {
     for (const auto& [id, preview] : std::exchange(previews_, {}))
         events_.push_back(event::PreviewChanged{id.first, id.second, true});
     const LayerDocs before = prediction_.takeDocs();
-    prediction_.start(creations_, revision_);
+    prediction_.start();
     for (Pending& pending : pending_) pending.carried = prediction_.land(pending.transaction).edits;
     if (gesture_) gesture_->pending.carried = prediction_.land(gesture_->pending.transaction).edits;
     dirty_ = false;
@@ -193,7 +226,7 @@ void Session::Impl::thaw() {
     for (const auto& [layer, opened] : layers_)
         if (opened.joining && opened.joining->again) return;
     frozen_.reset();
-    prediction_.start(creations_, revision_);
+    prediction_.start();
     const auto homeless = [this](const Pending& pending) {
         return std::any_of(pending.carried.begin(), pending.carried.end(), [&](const auto& edit) {
             return edit && !confirmed_.contains(edit->layer);
@@ -233,7 +266,7 @@ void Session::Impl::dropClosed() {
         const bool asked = !opened.joining || opened.joining->snapshot.request != 0;
         if (online_ && asked) sendControl(CloseLayer{layer});
         confirmed_.erase(layer);
-        dirty_ = dirty_ || prediction_.predicts(layer);
+        if (rebuild_ || prediction_.predicts(layer)) disturb();
         entry = layers_.erase(entry);
     }
 }

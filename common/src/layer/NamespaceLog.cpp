@@ -26,6 +26,10 @@ void NamespaceLog::record(Entry entry) {
 
 std::optional<std::string> NamespaceLog::translate(const LayerId& layer, std::string path,
                                                    Revision since) const {
+    if (below_) {
+        auto confirmed = below_->translate(layer, std::move(path), since);
+        return confirmed ? translateFrom(layer, *std::move(confirmed), first_) : std::nullopt;
+    }
     if (entries_.empty() || entries_.back().revision <= since) return path;
     const auto later = std::upper_bound(
         entries_.begin(), entries_.end(), since,
@@ -36,6 +40,11 @@ std::optional<std::string> NamespaceLog::translate(const LayerId& layer, std::st
 
 std::optional<std::string> NamespaceLog::translateFrom(const LayerId& layer, std::string path,
                                                        std::uint64_t mark) const {
+    if (below_ && mark < kFirstAbove) {
+        auto confirmed = below_->translateFrom(layer, std::move(path), mark);
+        if (!confirmed) return std::nullopt;
+        path = *std::move(confirmed);
+    }
     for (auto next = firstConcerning(layer, path, std::max(mark, first_)); next;
          next = firstConcerning(layer, path, *next + 1)) {
         const Entry& entry = entries_[*next - first_];
@@ -77,12 +86,18 @@ void NamespaceLog::truncate(std::uint64_t mark) {
 }
 
 void NamespaceLog::prune(Revision revision) {
-    while (!entries_.empty() && entries_.front().revision <= revision) {
-        dropFromIndex(first_, entries_.front());
-        entries_.pop_front();
-        ++first_;
-    }
+    while (!entries_.empty() && entries_.front().revision <= revision) forgetFirst();
     oldest_ = std::max(oldest_, revision);
+}
+
+void NamespaceLog::pruneBefore(std::uint64_t mark) {
+    while (!entries_.empty() && first_ < mark) forgetFirst();
+}
+
+void NamespaceLog::forgetFirst() {
+    dropFromIndex(first_, entries_.front());
+    entries_.pop_front();
+    ++first_;
 }
 
 void NamespaceLog::dropFromIndex(std::uint64_t number, const Entry& entry) {
@@ -96,6 +111,7 @@ void OwnCreations::record(const Creation& creation, Entry entry, Revision revisi
 }
 
 const OwnCreations::Entry* OwnCreations::find(const Creation& creation) const {
+    if (const Entry* entry = below_ ? below_->find(creation) : nullptr) return entry;
     const auto found = entries_.find(creation);
     return found == entries_.end() ? nullptr : &found->second.entry;
 }

@@ -416,6 +416,116 @@ TEST_F(SessionTest, M9AnEditThatIsLostMeanwhileKeepsThePlaceOfTheOthers) {
     EXPECT_TRUE(peer.agrees());
 }
 
+// A server that commits all it is sent, until nothing more comes. Returns how many calls it took.
+int commitAll(SessionPeer& peer, double budgetMs) {
+    int calls = 0;
+    for (; peer.session.pendingTransactions() > 0 && calls < 100'000; ++calls) {
+        peer.advance(budgetMs);
+        while (const auto frame = peer.take<SubmitFrame>()) peer.commitAndTell(frame->transaction);
+    }
+    peer.advance();
+    return calls;
+}
+
+TEST_F(SessionTest, PendingWorkIsPredictedAndSentWithinTheBudget) {
+    Session::Options options;
+    options.leastAtOnce = 1;
+    SessionPeer away(options);
+    away.commit(away.foreign({edit("/A", createPrim())}));
+    away.connectAndJoin();
+    away.session.disconnected({ErrorCode::NotConnected, "away"});
+    away.advance();
+    constexpr int kFrames = 300;
+    for (int i = 0; i < kFrames; ++i) {
+        if (i % 10 == 3)
+            away.author({authored("/P" + std::to_string(i), createPrim())});
+        else if (i % 10 == 7)
+            away.author(
+                {authored("/P" + std::to_string(i - 4), moveTo("/", "Q" + std::to_string(i)))});
+        else
+            away.author(
+                {authored("/A", setText(i % 2 ? "comment" : "documentation", std::to_string(i)))});
+    }
+    // Somebody else renames what all of it is for, and goes on.
+    away.commit(away.foreign({edit("/A", moveTo("/", "B"))}));
+    away.commit(away.foreign({edit("/B", setText("comment", "theirs"))}));
+    away.connect();
+
+    // With every look at the clock a millisecond passes. No call looks at it without end.
+    double longest = 0;
+    int calls = 0, renamedAfter = 0;
+    for (; away.session.pendingTransactions() > 0 && calls < 10'000; ++calls) {
+        const double before = away.clockMs;
+        away.advance(4);
+        longest = std::max(longest, away.clockMs - before);
+        if (away.editor.at(kShot).has("/B") && renamedAfter == 0) renamedAfter = calls;
+        EXPECT_TRUE(*away.session.view(kShot) == away.editor.at(kShot));
+        while (const auto frame = away.take<SubmitFrame>()) away.commitAndTell(frame->transaction);
+    }
+    away.advance();
+    EXPECT_LE(longest, 8);
+    EXPECT_GT(renamedAfter, 0);  // not in the first call
+    EXPECT_TRUE(away.eventsOf<event::Lost>().empty());
+    EXPECT_EQ(away.text("/B", "comment"), "299");
+    EXPECT_TRUE(away.agrees());
+}
+
+TEST_F(SessionTest, WhatIsAuthoredWhileTheViewIsBehindIsForWhatTheEditorSaw) {
+    Session::Options options;
+    options.leastAtOnce = 1;
+    SessionPeer away(options);
+    away.commit(away.foreign({edit("/A", createPrim())}));
+    away.connectAndJoin();
+    away.session.disconnected({ErrorCode::NotConnected, "away"});
+    away.advance();
+    for (int i = 0; i < 100; ++i)
+        away.author({authored("/A", setText("comment", std::to_string(i)))});
+    away.commit(away.foreign({edit("/A", moveTo("/", "B"))}));
+    away.commit(away.foreign({edit("/A", createPrim())}));  // another one of that name
+    away.connect();
+    away.advance(0);
+    away.advance(0);
+    away.advance(0);
+    ASSERT_EQ(away.session.revision(), away.head());
+    ASSERT_TRUE(away.editor.at(kShot).has("/A"));
+    ASSERT_FALSE(away.editor.at(kShot).has("/B"));  // not yet
+    away.author({authored("/A", setText("documentation", "for what is B now"))});
+    commitAll(away, 4);
+    EXPECT_TRUE(away.eventsOf<event::Lost>().empty());
+    EXPECT_EQ(away.text("/B", "documentation"), "for what is B now");
+    EXPECT_EQ(away.text("/A", "documentation"), "-");
+    EXPECT_TRUE(away.agrees());
+}
+
+TEST_F(SessionTest, CommitsOfOthersCannotKeepTheViewFromFollowing) {
+    Session::Options options;
+    options.leastAtOnce = 1;
+    SessionPeer away(options);
+    away.commit(away.foreign({edit("/A", createPrim())}));
+    away.connectAndJoin();
+    away.session.disconnected({ErrorCode::NotConnected, "away"});
+    away.advance();
+    for (int i = 0; i < 200; ++i)
+        away.author({authored(
+            "/A",
+            SetField{"customData", DictionaryKey{{std::to_string(i)}}, stringValue("mine"), {}})});
+    away.connect();
+    // The server commits nothing of it, but writes of others to the same field.
+    bool seen = false;
+    for (int i = 0; i < 400 && !seen; ++i) {
+        away.commitAndTell(away.foreign({edit(
+            "/A",
+            SetField{
+                "customData", DictionaryKey{{"theirs"}}, stringValue(std::to_string(i)), {}})}));
+        away.advance(4);
+        const auto* data = away.editor.at(kShot).field("/A", "customData");
+        seen = data && data->as<Dictionary>() && data->as<Dictionary>()->entries.contains("theirs");
+    }
+    EXPECT_TRUE(seen);
+    commitAll(away, 4);
+    EXPECT_TRUE(away.agrees());
+}
+
 TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
     joinShot();
     peer.author({authored("/A", setText("comment", "in vain")), authored("/B", createPrim())});
@@ -759,6 +869,31 @@ TEST_F(SessionTest, V9ATransactionWaitsForItsBigValuesAndOthersDoNot) {
     peer.advance();
     EXPECT_TRUE(peer.agrees());
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+}
+
+// A server recognizes the last 1,024 numbers of a client. What waits must be among them when it
+// goes.
+TEST_F(SessionTest, M9NoMoreGoesPastAWaitingTransactionThanAServerRecognizes) {
+    joinShot();
+    const BigValue big = bigValue(1);
+    peer.blobs[big.value.hash()] = big.bytes;
+    peer.author({authored("/A.x", SetField{"default", {}, big.value, {}})});
+    for (int i = 0; i < 1'100; ++i) peer.author({authored("/B" + std::to_string(i), createPrim())});
+    std::size_t sent = 0;
+    const auto commitSent = [&] {
+        for (int frame = 0; frame < 10; ++frame) {
+            peer.advance();
+            for (; const auto one = peer.take<SubmitFrame>(); ++sent)
+                peer.commitAndTell(one->transaction);
+        }
+    };
+    commitSent();
+    EXPECT_EQ(sent, 999u);
+    peer.deliver(BlobStored{big.value.hash()});
+    commitSent();
+    EXPECT_EQ(sent, 1'101u);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
 }
 
 TEST_F(SessionTest, V9ABigValueIsAskedForOnceAndAgainAfterAReconnect) {

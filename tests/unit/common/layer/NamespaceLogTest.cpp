@@ -139,6 +139,37 @@ TEST(NamespaceLog, M3FollowsThroughManyEntries) {
     }
 }
 
+TEST(NamespaceLog, ALogAboveAnotherFollowsIt) {
+    NamespaceLog confirmed;
+    confirmed.recordMove(1, kLayer, "/A", "/B");
+    NamespaceLog predicted(&confirmed);
+    predicted.recordMove(2, kLayer, "/B", "/C");
+    const std::uint64_t first = predicted.mark();
+    predicted.recordMove(2, kLayer, "/C", "/A");
+    EXPECT_EQ(predicted.translate(kLayer, "/A.x", 0), "/A.x");
+    EXPECT_EQ(predicted.translateFrom(kLayer, "/B", confirmed.mark()), "/A");
+    EXPECT_EQ(predicted.translateFrom(kLayer, "/C", first), "/A");
+    // The first of them is confirmed: it stands below from now on.
+    confirmed.recordMove(2, kLayer, "/B", "/C");
+    predicted.pruneBefore(first);
+    EXPECT_EQ(predicted.translate(kLayer, "/A.x", 0), "/A.x");
+    EXPECT_EQ(predicted.translate(kLayer, "/B", 1), "/A");
+    EXPECT_EQ(predicted.translate(kLayer, "/B", 2), "/B");
+    confirmed.recordDelete(3, kLayer, "/C");
+    EXPECT_EQ(predicted.translate(kLayer, "/A", 0), std::nullopt);
+    confirmed.prune(2);
+    EXPECT_EQ(predicted.oldest(), 2u);
+}
+
+TEST(OwnCreations, M3WhatIsConfirmedGoesBeforeWhatIsPredicted) {
+    OwnCreations confirmed;
+    OwnCreations predicted(&confirmed);
+    predicted.record({1, 0}, {kLayer, "/A", 0}, 5);
+    EXPECT_EQ(predicted.find({1, 0})->path, "/A");
+    confirmed.record({1, 0}, {kLayer, "/B", 0}, 5);
+    EXPECT_EQ(predicted.find({1, 0})->path, "/B");
+}
+
 TEST(OwnCreations, M3KeepsThemUntilTheAuthorHasSeenThem) {
     OwnCreations creations;
     creations.record({1, 0}, {kLayer, "/A", 0}, 5);

@@ -186,7 +186,13 @@ public:
         ClientId client;  ///< see newClientId()
         UserName user;
         std::string application;
-        std::size_t maxUnsentTransactions = 100'000;  ///< offline work kept; then author() refuses
+        /// Transactions that are kept until they can be sent. author() gives back what is beyond
+        /// (event::Lost), and the editor's layers show what is kept. A transaction takes about a
+        /// kilobyte.
+        std::size_t maxUnsentTransactions = 1'000'000;
+        /// So many pending transactions are predicted, and as many sent, in one advance() whatever
+        /// its budget.
+        std::size_t leastAtOnce = 64;
         std::vector<std::string> features{"history", "log",      "previews",  "previewValues",
                                           "states",  "presence", "conflation"};
         std::size_t uploadWindowChunks = 4;  ///< blob chunks handed to the host in one advance()
@@ -258,7 +264,9 @@ public:
     [[nodiscard]] bool inGesture() const;
 
     /// Works off what has arrived and sends what was authored. Returns false when `budgetMs` was
-    /// over before all was applied: call it again next frame. `nowMs`: any steady clock.
+    /// over before all was done: call it again next frame. `nowMs`: any steady clock. Where many
+    /// transactions are pending, the view of their layers follows commits that concern them some
+    /// calls later: until then the editor goes on with what it saw.
     bool advance(double budgetMs, std::int64_t nowMs);
 
     [[nodiscard]] std::vector<Event> takeEvents();

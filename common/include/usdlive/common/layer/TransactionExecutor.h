@@ -30,10 +30,18 @@ namespace usdlive {
 /// The moves and deletes of the latest revisions, which carry an address forward from the revision
 /// its author had seen (M3). Bounded: entries older than what any session may refer to are
 /// forgotten.
+///
+/// A log above another one holds what is predicted: its entries follow all entries of the log
+/// below, which may grow meanwhile.
 class NamespaceLog {
 public:
+    NamespaceLog() = default;
+    /// A log above `below`, which outlives it.
+    explicit NamespaceLog(const NamespaceLog* below)
+        : below_(below), first_(below ? kFirstAbove : 0) {}
+
     /// The oldest revision addresses may be meant as of.
-    [[nodiscard]] Revision oldest() const { return oldest_; }
+    [[nodiscard]] Revision oldest() const { return below_ ? below_->oldest() : oldest_; }
     void recordMove(Revision revision, const LayerId& layer, std::string from, std::string to);
     void recordDelete(Revision revision, const LayerId& layer, std::string path);
 
@@ -49,6 +57,8 @@ public:
     void truncate(std::uint64_t mark);
     /// Forgets entries of revisions up to and including `revision`.
     void prune(Revision revision);
+    /// Forgets the entries before number `mark`.
+    void pruneBefore(std::uint64_t mark);
 
 private:
     struct Entry {
@@ -62,12 +72,17 @@ private:
     // deletes before.
     using ByPath = std::set<std::pair<std::string, std::uint64_t>>;
 
+    // Numbers of the entries of a log above another one; the other one has lower ones.
+    static constexpr std::uint64_t kFirstAbove = std::uint64_t(1) << 62;
+
     void record(Entry entry);
+    void forgetFirst();
     void dropFromIndex(std::uint64_t number, const Entry& entry);
     [[nodiscard]] std::optional<std::uint64_t> firstConcerning(const LayerId& layer,
                                                                std::string_view path,
                                                                std::uint64_t mark) const;
 
+    const NamespaceLog* below_ = nullptr;
     std::deque<Entry> entries_;
     std::unordered_map<LayerId, ByPath> byPath_;
     std::uint64_t first_ = 0;  // number of entries_.front()
@@ -83,8 +98,13 @@ public:
         std::string path;    // as committed
         std::uint64_t mark;  // of the NamespaceLog, from where on it is carried forward
     };
+    OwnCreations() = default;
+    /// What is not found in `below`, which outlives this, is looked for here.
+    explicit OwnCreations(const OwnCreations* below) : below_(below) {}
+
     void record(const Creation& creation, Entry entry, Revision revision);
     [[nodiscard]] const Entry* find(const Creation& creation) const;
+    [[nodiscard]] bool empty() const { return entries_.empty(); }
     /// The author has seen `revision`: creations up to it are addressed by path from now on.
     void seen(Revision revision);
     void forget(std::uint64_t sequence);
@@ -94,6 +114,7 @@ private:
         Entry entry;
         Revision revision;
     };
+    const OwnCreations* below_ = nullptr;
     std::map<Creation, Kept> entries_;
 };
 
