@@ -21,6 +21,12 @@ private:
     Result<void> kept_;
 };
 
+/// For comparing: only the names of big values are needed.
+class BlobNames final : public usd::BlobSink {
+public:
+    void keepBlob(const Hash&, SharedBytes) override {}
+};
+
 /// Big values of the store, for a file.
 class StoredBlobs final : public usd::BlobSource {
 public:

@@ -8,6 +8,7 @@
 #include <cstring>
 #include <mutex>
 
+#include "BigArrays.h"
 #include "BlobBridge.h"
 #include "FileStamps.h"
 #include "SafeFile.h"
@@ -168,17 +169,12 @@ private:
 
     Result<FileStamp> write(const fs::path& path, const LayerDoc& doc,
                             const std::function<Result<void>()>& objection, const Ready& ready) {
-        StoredBlobs blobs(blobs_);
         const std::string format = formatOf(path);
-        const auto layer = usd::makeLayer(doc, blobs, format);
-        if (!layer) return tl::unexpected(layer.error());
         return makeFolders(path.parent_path())
             .and_then([&] { return SafeFile::create(path, kTemporaryPrefix, format); })
             .and_then([&](SafeFile file) -> Result<FileStamp> {
-                if (auto done = exportTo(file.temporary(), **layer); !done)
+                if (auto done = exportTo(file.temporary(), doc, format); !done)
                     return tl::unexpected(done.error());
-                if (auto same = compare(file.temporary(), **layer); !same)
-                    return tl::unexpected(same.error());
                 const auto written = stampOf(file.temporary());
                 if (!written || !*written)
                     return fail(ErrorCode::SaveFailed, "what was written cannot be read back");
@@ -208,19 +204,49 @@ private:
         return fail(ErrorCode::SaveFailed, "its folder cannot be made: " + problem.message());
     }
 
-    static Result<void> exportTo(const fs::path& file, const pxr::SdfLayer& layer) {
+    // Writes the doc, and makes sure that it can be read back.
+    Result<void> exportTo(const fs::path& file, const LayerDoc& doc, const std::string& format) {
+        if (format == "usda") {
+            const auto written = writeTextInParts(file, doc, blobs_);
+            if (!written) return tl::unexpected(written.error());
+            if (*written) return {};
+        }
+        if (auto done = exportWhole(file, doc, format); !done) return done;
+        return compare(file, doc);
+    }
+
+    // The layer is released before its file is read: only one of them is in memory.
+    Result<void> exportWhole(const fs::path& file, const LayerDoc& doc, const std::string& format) {
+        StoredBlobs blobs(blobs_);
+        const auto layer = usd::makeLayer(doc, blobs, format);
+        if (!layer) return tl::unexpected(layer.error());
         const usd::TfComplaints complaints;
         errno = 0;
-        if (layer.Export(file.string()) && !complaints.hasErrors()) return {};
+        if ((*layer)->Export(file.string()) && !complaints.hasErrors()) return {};
         return fail(ErrorCode::SaveFailed, complaints.text(std::strerror(errno)));
     }
 
     // Read back, does the file hold what it should?
-    static Result<void> compare(const fs::path& file, const pxr::SdfLayer& layer) {
+    Result<void> compare(const fs::path& file, const LayerDoc& doc) {
         const usd::TfComplaints complaints;
         const auto written = pxr::SdfLayer::OpenAsAnonymous(file.string());
+        if (!written)
+            return fail(ErrorCode::SaveFailed, "what was written cannot be read back: " +
+                                                   complaints.text("OpenUSD gives no reason"));
+        BlobNames names;
+        if (const auto found = usd::readLayer(written, names); found && *found == doc) return {};
+        return compareTexts(*written, doc);
+    }
+
+    // A file may say the same in another way, for example with another type of a number in a
+    // dictionary. Such layers are compared as text.
+    Result<void> compareTexts(const pxr::SdfLayer& written, const LayerDoc& doc) {
+        StoredBlobs blobs(blobs_);
+        const auto layer = usd::makeLayer(doc, blobs, "usda");
+        if (!layer) return tl::unexpected(layer.error());
+        const usd::TfComplaints complaints;
         std::string is, ought;
-        if (!written || !written->ExportToString(&is) || !layer.ExportToString(&ought))
+        if (!written.ExportToString(&is) || !(*layer)->ExportToString(&ought))
             return fail(ErrorCode::SaveFailed, "what was written cannot be read back: " +
                                                    complaints.text("OpenUSD gives no reason"));
         if (is == ought) return {};

@@ -2,11 +2,13 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <pxr/base/gf/vec3f.h>
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/path.h>
 #include <pxr/usd/sdf/schema.h>
+#include <pxr/usd/sdf/types.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -15,6 +17,7 @@
 #include <csignal>
 #include <fstream>
 #include <functional>
+#include <limits>
 #include <map>
 #include <random>
 
@@ -42,10 +45,11 @@ public:
         all[hash] = Bytes(part.begin(), part.end());
         return true;
     }
-    Result<Bytes> read(const Hash& hash, std::uint64_t, std::size_t) const override {
+    Result<Bytes> read(const Hash& hash, std::uint64_t offset, std::size_t count) const override {
         const auto found = all.find(hash);
         if (found == all.end()) return fail(ErrorCode::BlobNotFound, "not here");
-        return found->second;
+        const auto part = ByteView(found->second).subspan(std::min(offset, found->second.size()));
+        return Bytes(part.begin(), part.begin() + std::ptrdiff_t(std::min(count, part.size())));
     }
     void keepBlob(const Hash& hash, SharedBytes bytes) override { all[hash] = *bytes; }
     SharedBytes blob(const Hash& hash) override {
@@ -249,6 +253,48 @@ TEST_F(LayerFilesTest, SavesInTheFormatTheFileHas) {
     EXPECT_TRUE(isCrate(binary));
     for (const char* name : {"text.usd", "new.usda", "new.usdc", "binary.usd"})
         EXPECT_TRUE(files->import(LayerId{name})->doc == someDoc()) << name;
+}
+
+// Their text is written and parsed in parts, which show nowhere.
+TEST_F(LayerFilesTest, BigArraysAreSavedAsTextAndReadBack) {
+    LayerDoc doc = bigDoc();
+    VtArray<GfVec3f> points(20'000, GfVec3f(1.5F, -0.0F, 1e-30F));
+    points.back() = GfVec3f(std::numeric_limits<float>::infinity(), 0, 3);
+    VtArray<int> indices(10'000, -7);
+    const auto add = [&](const std::string& name, const char* type, const VtValue& value) {
+        const std::string path = "/New." + name;
+        ASSERT_TRUE(doc.apply(path, CreateSpec{SpecKind::Attribute}));
+        ASSERT_TRUE(doc.apply(path, SetField{"typeName", {}, FieldValue(tokenValue(type))}));
+        ASSERT_TRUE(doc.apply(path, SetField{"default", {}, *usd::encodeValue(value, blobs)}));
+    };
+    add("points", "point3f[]", VtValue(points));
+    add("indices", "int[]", VtValue(indices));
+    const SdfTimeSampleMap samples{{1, VtValue(points)}, {2.5, VtValue(SdfValueBlock())}};
+    ASSERT_TRUE(doc.apply("/New.points",
+                          SetField{"timeSamples", {}, *usd::encodeValue(VtValue(samples), blobs)}));
+    ASSERT_TRUE(files->save(LayerId{"a.usda"}, doc));
+    EXPECT_TRUE(files->import(LayerId{"a.usda"})->doc == doc);
+    const auto text = contentOf(folder / "a.usda");
+    EXPECT_EQ(text, textOf(folder / "a.usda"));
+    EXPECT_THAT(text, testing::Not(HasSubstr("usdlive")));
+
+    // NaNs, and a text that looks as if it were an array's place: OpenUSD writes all of it.
+    points.front()[1] = std::numeric_limits<float>::quiet_NaN();
+    add("others", "point3f[]", VtValue(points));
+    ASSERT_TRUE(files->save(LayerId{"a.usda"}, doc));
+    add("trap", "string", VtValue(std::string("usdlive-array-0-")));
+    ASSERT_TRUE(files->save(LayerId{"b.usda"}, doc));
+    EXPECT_THAT(textOf(folder / "b.usda"), HasSubstr("usdlive-array-0-"));
+}
+
+TEST_F(LayerFilesTest, AnArrayThatDoesNotFitItsAttributeLeavesTheFileWhole) {
+    const auto path = put("a.usda");
+    LayerDoc doc = bigDoc();
+    ASSERT_TRUE(doc.apply("/New.x", SetField{"typeName", {}, FieldValue(tokenValue("point3f[]"))}));
+    testing::internal::CaptureStderr();
+    EXPECT_EQ(saveError("a.usda", doc), ErrorCode::SaveFailed);
+    EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+    EXPECT_EQ(contentOf(path), kText);
 }
 
 TEST_F(LayerFilesTest, SavesIntoFoldersThatAreNew) {

@@ -1,0 +1,20 @@
+#pragma once
+
+#include <filesystem>
+
+#include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/server/project/CommitStore.h"
+
+namespace usdlive::server {
+
+/// Writes a layer with big arrays of numbers as `.usda` text into `file`, one part of an array at a
+/// time. OpenUSD parses each part of the text as it is written, and the text around the arrays
+/// once, so that the text is known to be readable while little of it is in memory: OpenUSD needs
+/// about 100 bytes for each number of an array that it parses.
+///
+/// False: nothing was written, because the layer has no such arrays or its text cannot be checked
+/// in this way.
+[[nodiscard]] Result<bool> writeTextInParts(const std::filesystem::path& file, const LayerDoc& doc,
+                                            BlobStore& blobs);
+
+}  // namespace usdlive::server
