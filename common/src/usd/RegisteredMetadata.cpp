@@ -11,6 +11,7 @@
 #include <charconv>
 #include <optional>
 #include <string_view>
+#include <vector>
 
 #include "LeafCodec.h"
 #include "usdlive/common/core/ByteStream.h"
@@ -83,6 +84,22 @@ public:
         skipSpace();
         if (!done || !rest_.empty()) return std::nullopt;
         return out;
+    }
+
+    /// Items with commas between them, with or without brackets around: one value each.
+    [[nodiscard]] std::optional<std::vector<Bytes>> readItems(ValueType type) {
+        std::vector<Bytes> items;
+        const bool bracketed = take('[');
+        skipSpace();
+        while (!rest_.empty() && !(bracketed && rest_.front() == ']')) {
+            if (!readItem(type, items.emplace_back())) return std::nullopt;
+            if (!take(',')) break;
+            skipSpace();
+        }
+        if (bracketed && !take(']')) return std::nullopt;
+        skipSpace();
+        if (!rest_.empty()) return std::nullopt;
+        return items;
     }
 
 private:
@@ -240,13 +257,16 @@ private:
     std::string_view rest_;
 };
 
-std::optional<VtValue> parse(const std::string& text, ValueType type) {
+std::optional<VtValue> decode(ValueType type, Bytes bytes) {
     NoBlobs none;
-    const auto bytes = ValueText(text).read(type);
-    if (!bytes) return std::nullopt;
-    auto value = decodeLeaf(Value(type, *bytes), none);
+    auto value = decodeLeaf(Value(type, std::move(bytes)), none);
     if (!value) return std::nullopt;
     return *std::move(value);
+}
+
+std::optional<VtValue> parse(const std::string& text, ValueType type) {
+    auto bytes = ValueText(text).read(type);
+    return bytes ? decode(type, *std::move(bytes)) : std::nullopt;
 }
 
 const std::string* textIn(const pxr::SdfUnregisteredValue& value) {
@@ -263,11 +283,16 @@ std::optional<VtValue> listOf(const VtValue& content, ValueType itemType) {
          {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
           pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered}) {
         std::vector<T> items;
-        for (const auto& item : source.GetItems(type)) {
-            const std::string* text = textIn(item);
-            const auto value = text ? parse(*text, itemType) : std::nullopt;
-            if (!value) return std::nullopt;
-            items.push_back(value->UncheckedGet<T>());
+        // Sdf keeps the text of a whole list as one item.
+        for (const auto& texts : source.GetItems(type)) {
+            const std::string* text = textIn(texts);
+            auto read = text ? ValueText(*text).readItems(itemType) : std::nullopt;
+            if (!read) return std::nullopt;
+            for (Bytes& item : *read) {
+                const auto value = decode(itemType, std::move(item));
+                if (!value) return std::nullopt;
+                items.push_back(value->UncheckedGet<T>());
+            }
         }
         if (!items.empty()) list.SetItems(items, type);
     }
@@ -294,6 +319,11 @@ std::optional<VtValue> readAs(const VtValue& content, const VtValue& declared) {
         return declared.IsHolding<pxr::VtDictionary>() ? std::optional(content) : std::nullopt;
     if (content.IsHolding<pxr::SdfUnregisteredValueListOp>()) return listAs(content, declared);
     if (!content.IsHolding<std::string>() || declared.IsEmpty()) return std::nullopt;
+    // An explicit list, which the text alone does not tell from an array.
+    const pxr::SdfUnregisteredValue text(content.UncheckedGet<std::string>());
+    if (auto list =
+            listAs(VtValue(pxr::SdfUnregisteredValueListOp::CreateExplicit({text})), declared))
+        return list;
     NoBlobs none;
     const auto encoded = encodeLeaf(declared, none);
     return encoded ? parse(content.UncheckedGet<std::string>(), encoded->type()) : std::nullopt;

@@ -50,7 +50,7 @@ def "A" (
 "lines" \\ """
     sToken = 'a "b"'
     sAsset = @./a b.png@
-    sAssets = [@a@, @@@b@c@@@]
+    sAssets = [@a@, @b c@]
     sFloat3 = (1, -inf, 0.25)
     sQuat = (1, 2, 3, 4)
     sMatrix = ( (1, 2), (3, 4) )
@@ -113,7 +113,9 @@ TEST(RegisteredMetadata, V11BecomesWhatReadingTheFileGives) {
     }
     std::string text;
     ASSERT_TRUE(unknowing->ExportToString(&text));
-    EXPECT_EQ(*usd::exportText(doc, blobs), text);
+    const auto exported = usd::exportText(doc, blobs);
+    ASSERT_TRUE(exported) << exported.error().message;
+    EXPECT_EQ(*exported, text);
 
     const auto folder =
         std::filesystem::temp_directory_path() / ("usdlive-metadata-" + std::to_string(getpid()));
