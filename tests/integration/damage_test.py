@@ -20,7 +20,7 @@ SEED = int(os.environ.get("USDLIVE_SEED", "1"))
 AT_ONCE = 2
 LAYERS = ("root.usda", "look.usda")
 # `lock` has no content, `reserve` only takes space.
-PASSED_OVER = ("lock", "LOCK", "reserve")
+PASSED_OVER = ("lock", "LOCK", "reserve", "server.json")
 
 
 class Truth:

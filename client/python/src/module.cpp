@@ -308,6 +308,7 @@ Client* usdlive::clientOf(nb::handle client) {
 }
 
 NB_MODULE(_usdlive, module) {
+    module.attr("__version__") = USDLIVE_VERSION;
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
                       const std::string&, double>(),

@@ -31,7 +31,8 @@ _check_usd()
 from pxr import Sdf as _Sdf  # noqa: E402,F401 - loads usd-core's library, which the extension uses
 
 from . import events  # noqa: E402
+from ._usdlive import __version__  # noqa: E402
 from ._errors import Error  # noqa: E402
 from ._live import Live, UnsentWork, connect  # noqa: E402
 
-__all__ = ["Error", "Live", "UnsentWork", "connect", "events"]
+__all__ = ["__version__", "Error", "Live", "UnsentWork", "connect", "events"]

@@ -20,9 +20,13 @@ from ._errors import Error
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
             timeout: float = 10.0) -> "Live":
-    """Connects to the server at `url` (`ws://host:port`) and waits, at most `timeout` seconds, until it
-    answers; a server that cannot be reached at all is an error after a second. `user` is shown to others; empty is the system's user name. Layers stand below
-    `cache_folder`; empty is a temporary folder that goes with the connection."""
+    """Connects to a server and waits, at most `timeout` seconds, until it answers. A server that cannot be
+    reached at all is an error after a second.
+
+    `url`: `ws://host:port`, `usdlive://host:port` or `host:port`, which mean the same (the port is 7447
+    where none is given), or `dds://project` for a project served over DDS. `user` is shown to others;
+    empty is the system's user name. Layers stand below `cache_folder`; empty is a temporary folder that
+    is removed with the connection. Raises an Error: `notConnected`, `invalidArgument`."""
     return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0))
 
 

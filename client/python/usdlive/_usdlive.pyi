@@ -1,5 +1,6 @@
 from types import ModuleType
 
+__version__: str
 layer_utils: ModuleType
 
 class Client:

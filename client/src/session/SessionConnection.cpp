@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "SessionImpl.h"
+#include "TransactionSize.h"
 
 namespace usdlive::client {
 
@@ -11,6 +12,15 @@ constexpr std::size_t kMessageBytes = 256 * 1024;
 constexpr std::int64_t kTellGestureEveryMs = 400;
 
 constexpr std::string_view kPreviewValues = "previewValues";
+
+Error largerThan(std::uint64_t most, std::uint64_t size, std::size_t edits) {
+    const auto mib = [](std::uint64_t bytes) { return std::to_string((bytes + 1048575) >> 20); };
+    return {ErrorCode::TransactionTooLarge,
+            "what was written in one frame has " + std::to_string(edits) + " edits and " +
+                mib(size) + " MiB, and the server takes " + mib(most) +
+                " MiB at once: write it in several frames, with tick() between them, or serve with "
+                "a larger --max-frame-mib"};
+}
 
 Error toError(const ErrorMessage& message) {
     return {errorFromName(message.code).value_or(ErrorCode::Internal),
@@ -435,7 +445,7 @@ void Session::Impl::sendTransactions() {
         if (!message.empty()) host_.send(std::make_shared<const Bytes>(std::move(message)));
         message = {};
     };
-    std::vector<std::uint64_t> tooLarge;
+    std::vector<std::pair<std::uint64_t, Error>> tooLarge;
     std::size_t count = 0;
     for (Pending* pending : pending_.sendable(ready, !dirty_)) {
         if (outOfTime(++count)) {
@@ -444,9 +454,18 @@ void Session::Impl::sendTransactions() {
         }
         readdress(*pending);
         pending_.rebase(*pending, revision_);
-        const Bytes frame = encodeFrame(SubmitFrame{pending->transaction});
-        if (frame.size() > welcome_->maxFrameBytes && welcome_->maxFrameBytes > 0) {
-            tooLarge.push_back(pending->transaction.id.sequence);
+        const Transaction& transaction = pending->transaction;
+        const std::uint64_t most =
+            welcome_->maxFrameBytes > 0 ? welcome_->maxFrameBytes : kMaxFrameBytes;
+        std::uint64_t size = leastFrameBytes(transaction);
+        Bytes frame;
+        if (size <= most) {
+            frame = encodeFrame(SubmitFrame{transaction});
+            size = frame.size();
+        }
+        if (size > most) {
+            tooLarge.emplace_back(transaction.id.sequence,
+                                  largerThan(most, size, transaction.edits.size()));
             continue;
         }
         if (message.size() + frame.size() > kMessageBytes) flush();
@@ -454,9 +473,7 @@ void Session::Impl::sendTransactions() {
         pending_.markSent(*pending, frame.size());
     }
     flush();
-    for (const std::uint64_t sequence : tooLarge)
-        lose(*pending_.take(sequence),
-             {ErrorCode::TransactionTooLarge, "the transaction is larger than the server accepts"});
+    for (auto& [sequence, error] : tooLarge) lose(*pending_.take(sequence), std::move(error));
     if (dirty_) rebuild();
 }
 

@@ -232,7 +232,8 @@ struct LayerFill::State {
         for (const TfToken& field : delegate.data().List(path))
             if (!data->Has(path, field)) fields.push_back(field);
         // Sdf compares the offsets with the layers, which have to be there.
-        std::ranges::partition(fields, [&](const TfToken& field) { return field != offsets; });
+        std::partition(fields.begin(), fields.end(),
+                       [&](const TfToken& field) { return field != offsets; });
         std::ranges::for_each(fields, mergeField);
     }
 

@@ -1,6 +1,7 @@
 #include "usdlive/server/app/RunningServer.h"
 
 #include <arpa/inet.h>
+#include <fcntl.h>
 #include <ifaddrs.h>
 #include <net/if.h>
 #include <signal.h>
@@ -43,13 +44,14 @@ std::vector<std::string> ipv4Addresses() {
 
 RunningServer::RunningServer(std::filesystem::path folder, const std::string& url)
     : file_(fileOf(folder)) {
-    std::ofstream(file_) << nlohmann::json{{"process", ::getpid()}, {"url", url}}.dump() << "\n";
+    const std::string text = nlohmann::json{{"process", ::getpid()}, {"url", url}}.dump() + "\n";
+    const int file = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+    if (file < 0) return;
+    [[maybe_unused]] const ssize_t ignored = ::write(file, text.data(), text.size());
+    ::close(file);
 }
 
-RunningServer::~RunningServer() {
-    std::error_code ignored;
-    std::filesystem::remove(file_, ignored);
-}
+RunningServer::~RunningServer() { ::unlink(file_.c_str()); }
 
 std::optional<RunningServer::Where> RunningServer::find(const std::filesystem::path& folder) {
     std::ifstream file(fileOf(folder));

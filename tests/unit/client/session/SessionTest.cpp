@@ -28,6 +28,27 @@ protected:
 
 }  // namespace
 
+// ---- sending
+
+// Found without a frame being built: beyond 2 GiB there is none.
+TEST_F(SessionTest, SE11WhatIsTooLargeForTheServerComesBackWithTheLimit) {
+    joinShot();
+    // They share their bytes: 3 GiB cost nothing here.
+    const FieldValue big(stringValue(std::string(2'000'000, 'x')));
+    std::vector<AuthoredEdit> edits;
+    for (int i = 0; i < 1'600; ++i)
+        edits.push_back(authored("/A", SetField{"note" + std::to_string(i), {}, big, {}}));
+    peer.author(std::move(edits));
+    peer.author({authored("/B", createPrim())});
+    peer.advance();
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].work.reason.code, ErrorCode::TransactionTooLarge);
+    EXPECT_NE(lost[0].work.reason.message.find("takes 64 MiB at once"), std::string::npos);
+    EXPECT_EQ(lost[0].work.edits.size(), 1'600u);
+    EXPECT_EQ(peer.takeTransaction().edits.size(), 1u) << "later work is sent";
+}
+
 // ---- joining
 
 TEST_F(SessionTest, JoiningShowsTheLayerAndTellsProgress) {

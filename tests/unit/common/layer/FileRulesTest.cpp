@@ -9,7 +9,7 @@ using namespace usdlive;
 
 namespace {
 
-const LayerId kLayer{"a.usda"};
+const LayerId kSaved{"a.usda"};
 
 SetField typeIs(std::string_view name) { return {"typeName", {}, tokenValue(name), {}}; }
 SetField sample(double time, Value value) {
@@ -25,7 +25,7 @@ protected:
                    edit("/A.x", CreateSpec{SpecKind::Attribute}), edit("/A.x", typeIs("double"))});
     }
     static Edit edit(std::string path, EditAction action) {
-        return {kLayer, {std::move(path), {}}, std::move(action)};
+        return {kSaved, {std::move(path), {}}, std::move(action)};
     }
     Outcome submit(Revision base, std::vector<Edit> edits) {
         OwnCreations creations;
@@ -42,16 +42,16 @@ protected:
         return reasons;
     }
     bool isRefused(std::vector<Edit> edits) {
-        const std::string before = layers[kLayer].dump();
+        const std::string before = layers[kSaved].dump();
         const bool refused = std::holds_alternative<Refused>(submit(1, std::move(edits)));
-        EXPECT_EQ(layers[kLayer].dump() == before, refused);
+        EXPECT_EQ(layers[kSaved].dump() == before, refused);
         return refused;
     }
     const FieldValue* field(const std::string& name, const std::string& path = "/A.x") {
-        return layers[kLayer].field(path, name);
+        return layers[kSaved].field(path, name);
     }
 
-    LayerDocs layers{{kLayer, {}}};
+    LayerDocs layers{{kSaved, {}}};
     NamespaceLog log;
     Revision revision = 0;
 };
