@@ -148,11 +148,11 @@ ModelClient::Summary ModelClient::summary() const {
             .confirmed = confirmed ? sha256(asBytes(confirmed->dump())) : Hash{},
             .written = written_,
             .authored = authored_,
-            .pending = pending(),
+            .pending = pendingLabels(),
             .lost = lost_};
 }
 
-Labels ModelClient::pending() const {
+Labels ModelClient::pendingLabels() const {
     Labels labels = 0;
     const auto add = [&](const Pending& pending) {
         for (const AuthoredEdit& edit : pending.authored)

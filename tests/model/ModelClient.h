@@ -46,7 +46,7 @@ private:
     void on(const client::event::JoinFailed& event);
     void on(const auto&) {}
     void checkEditor() const;
-    [[nodiscard]] Labels pending() const;
+    [[nodiscard]] Labels pendingLabels() const;
 
     const Scenario& scenario_;
     const std::size_t number_;
