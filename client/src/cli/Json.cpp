@@ -1,11 +1,9 @@
 #include "Json.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
-#include <stdexcept>
 
 #include "ValueShape.h"
 #include "usdlive/common/core/ByteStream.h"
@@ -14,11 +12,6 @@
 namespace usdlive::cli {
 
 namespace {
-
-constexpr std::array<std::string_view, 6> kActions{"create", "delete", "move",
-                                                   "place",  "set",    "erase"};
-constexpr std::array<std::string_view, kListNames> kLists{"explicit", "added",   "prepended",
-                                                          "appended", "deleted", "ordered"};
 
 // 0.1f is 0.1 and not 0.10000000149011612.
 Json numberToJson(float value) {
@@ -52,11 +45,6 @@ Json numbers(ByteReader& bytes, const Shape& shape) {
     for (int row = 0; row < shape.count / shape.row; ++row)
         rows.push_back(elements(bytes, shape.element, shape.row));
     return rows;
-}
-
-Json oneOf(ByteReader& bytes, std::initializer_list<std::string_view> names) {
-    const std::size_t index = bytes.u8();
-    return index < names.size() ? Json(names.begin()[index]) : Json(index);
 }
 
 // A body inside a leaf (V8), read as the field that it would be.
@@ -125,18 +113,13 @@ Json leaf(const Value& value, usd::BlobSource& blobs) {
     if (isArrayEdit(value.type())) return Json{{"literals", array(bytes, shape)}};
     if (isArray(value.type())) return array(bytes, shape);
     if (shape.element != Element::None) return numbers(bytes, shape);
+    if (const auto name = enumText(value.type(), *content)) return *name;
     switch (value.type()) {
         case ValueType::Block:
         case ValueType::AnimationBlock:
         case ValueType::Opaque:
         case ValueType::None:
             return nullptr;
-        case ValueType::Specifier:
-            return oneOf(bytes, {"def", "over", "class"});
-        case ValueType::Variability:
-            return oneOf(bytes, {"varying", "uniform"});
-        case ValueType::Permission:
-            return oneOf(bytes, {"public", "private"});
         case ValueType::TokenVector:
         case ValueType::StringVector:
             return texts(bytes);
@@ -172,7 +155,7 @@ struct Contents {
         Json json = Json::object();
         for (std::size_t i = 0; i < kListNames; ++i) {
             if (value.lists[i].empty() && !(value.isExplicit && i == 0)) continue;
-            Json& items = json[std::string(kLists[i])] = Json::array();
+            Json& items = json[std::string(kListOpNames[i])] = Json::array();
             for (const Value& item : value.lists[i]) items.push_back(leaf(item, blobs));
         }
         return json;
@@ -194,7 +177,8 @@ struct Parts {
         return Json{{"time", numberToJson(part.time)}};
     }
     Json operator()(const ListItem& part) const {
-        return Json{{"list", kLists[std::size_t(part.list)]}, {"item", leaf(part.item, blobs)}};
+        return Json{{"list", kListOpNames[std::size_t(part.list)]},
+                    {"item", leaf(part.item, blobs)}};
     }
     Json operator()(const MapKey& part) const { return Json{{"key", leaf(part.key, blobs)}}; }
 };
@@ -288,7 +272,7 @@ Json toJson(const Commit& commit, const LayerId& layer, usd::BlobSource& blobs) 
     for (const Edit& edit : commit.edits) {
         if (!layer.empty() && edit.layer != layer) continue;
         Json one{{"layer", edit.layer.value},
-                 {"action", kActions[edit.action.index()]},
+                 {"action", kActionNames[edit.action.index()]},
                  {"path", edit.address.path}};
         std::visit(Actions{one, blobs}, edit.action);
         edits.push_back(std::move(one));

@@ -43,11 +43,6 @@ std::string tupleText(const Value& value, const Shape& shape) {
     return shape.count == 1 ? text : "(" + text + ")";
 }
 
-std::string oneOf(const Value& value, std::initializer_list<std::string_view> names) {
-    const std::size_t index = ByteReader(value.bytes()).u8();
-    return std::string(index < names.size() ? names.begin()[index] : "?");
-}
-
 // `@asset@</prim>`, as both begin with these two.
 std::string arcText(const Value& value) {
     ByteReader bytes(value.bytes());
@@ -73,12 +68,6 @@ std::string valueText(const Value& value) {
         return std::string(shape.name) + " of " + number(value.size() / 1024) + " KiB";
     if (shape.element != Element::None) return tupleText(value, shape);
     switch (value.type()) {
-        case ValueType::Specifier:
-            return oneOf(value, {"def", "over", "class"});
-        case ValueType::Variability:
-            return oneOf(value, {"varying", "uniform"});
-        case ValueType::Permission:
-            return oneOf(value, {"public", "private"});
         case ValueType::Asset:
             return inQuotes(textOf(value).value_or(""), '@');
         case ValueType::Path:
@@ -90,6 +79,7 @@ std::string valueText(const Value& value) {
         default:
             break;
     }
+    if (const auto name = enumText(value.type(), value.bytes())) return std::string(*name);
     if (const auto text = textOf(value)) return inQuotes(*text, '"');
     return std::string(shape.name);
 }
@@ -138,15 +128,10 @@ struct Parts {
     }
     std::string operator()(const SampleTime& part) const { return " at " + number(part.time); }
     std::string operator()(const ListItem& part) const {
-        constexpr std::array<std::string_view, kListNames> kNames{
-            "explicit", "added", "prepended", "appended", "deleted", "ordered"};
-        return " " + std::string(kNames[std::size_t(part.list)]) + " " + valueText(part.item);
+        return " " + std::string(kListOpNames[std::size_t(part.list)]) + " " + valueText(part.item);
     }
     std::string operator()(const MapKey& part) const { return "[" + valueText(part.key) + "]"; }
 };
-
-constexpr std::array<std::string_view, 6> kVerbs{"create", "delete", "move",
-                                                 "place",  "set",    "erase"};
 
 struct Actions {
     std::string operator()(const CreateSpec& action) const {
@@ -203,7 +188,7 @@ std::string counted(std::size_t count, const std::string& what) {
 std::string describe(const FieldValue& value) { return value.visit(Contents{}); }
 
 std::string describe(const Edit& edit) {
-    return padded(kVerbs[edit.action.index()], 7) + edit.address.path +
+    return padded(kActionNames[edit.action.index()], 7) + edit.address.path +
            std::visit(Actions{edit.address.path}, edit.action);
 }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <charconv>
+#include <span>
 
 namespace usdlive::cli {
 
@@ -81,6 +82,18 @@ constexpr std::array kShapes{
 Shape shapeOf(ValueType scalar) {
     const auto found = std::ranges::find(kShapes, scalar, &Row::type);
     return found == kShapes.end() ? Shape{"value"} : found->shape;
+}
+
+std::optional<std::string_view> enumText(ValueType type, ByteView bytes) {
+    constexpr std::array<std::string_view, 3> kSpecifiers{"def", "over", "class"};
+    constexpr std::array<std::string_view, 2> kVariabilities{"varying", "uniform"};
+    constexpr std::array<std::string_view, 2> kPermissions{"public", "private"};
+    std::span<const std::string_view> names;
+    if (type == ValueType::Specifier) names = kSpecifiers;
+    if (type == ValueType::Variability) names = kVariabilities;
+    if (type == ValueType::Permission) names = kPermissions;
+    if (bytes.size() != 1 || bytes[0] >= names.size()) return std::nullopt;
+    return names[bytes[0]];
 }
 
 float halfToFloat(std::uint16_t half) {

@@ -1,14 +1,26 @@
-// The numbers inside the bytes of a value: how many, of which type (V2).
+// What the bytes of a value are made of (V2, V3), and the names that the commands print.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 
 #include "usdlive/common/core/ByteStream.h"
-#include "usdlive/common/layer/Value.h"
+#include "usdlive/common/layer/FieldValue.h"
 
 namespace usdlive::cli {
+
+/// The names of edits' actions and of the lists of a list op, by index.
+inline constexpr std::array<std::string_view, 6> kActionNames{"create", "delete", "move",
+                                                              "place",  "set",    "erase"};
+inline constexpr std::array<std::string_view, kListNames> kListOpNames{
+    "explicit", "added", "prepended", "appended", "deleted", "ordered"};
+
+/// What a Specifier, Variability or Permission says, as .usda writes it. Nothing for other types
+/// and for bytes that do not fit.
+[[nodiscard]] std::optional<std::string_view> enumText(ValueType type, ByteView bytes);
 
 /// The type of one number inside a value.
 enum class Element { None, Bool, UChar, Int, UInt, Int64, UInt64, Half, Float, Double };
