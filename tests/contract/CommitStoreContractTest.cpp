@@ -281,6 +281,111 @@ TYPED_TEST(CommitStoreContract, ALayerIsThereAsItStood) {
     }
 }
 
+bool always() { return true; }
+
+/// The whole of a store from its base on: its chain, and what each layer held at each revision.
+template <class Where>
+void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& stood,
+                    std::map<LayerId, Revision>& first) {
+    const CommitStore& store = *history.store;
+    const auto base = store.base();
+    const Revision newest = store.head().revision;
+    ASSERT_EQ(*store.hashAt(base.revision), base.hash);
+    Hash hash = base.hash;
+    Revision next = base.revision;
+    ASSERT_TRUE(store.read(0, ~Revision(0), [&](const StoredCommit& commit) {
+        EXPECT_EQ(commit.revision, ++next);
+        hash = chainHash(hash, withoutLength(*commit.frame));
+        EXPECT_EQ(commit.hash, hash);
+        EXPECT_EQ(*store.hashAt(next), hash);
+        return true;
+    }));
+    ASSERT_EQ(next, newest);
+    ASSERT_EQ(hash, store.head().hash);
+    const auto layers = *store.layers();
+    for (const LayerId& layer : layers)
+        for (Revision at = base.revision; at <= newest; ++at) {
+            const auto found = store.layerAt(layer, at);
+            ASSERT_TRUE(found) << found.error().message;
+            ASSERT_EQ((*found)->dump(), stood[std::max(at, first[layer])][layer].dump())
+                << layer.value << " at " << at << ", base " << base.revision;
+        }
+    if (base.revision == 0) return;
+    const Revision older = base.revision - 1;
+    EXPECT_EQ(store.hashAt(older).error().code, ErrorCode::HistoryReplaced);
+    EXPECT_EQ(store.layerAt(kLayer, older).error().code, ErrorCode::HistoryReplaced);
+    EXPECT_EQ(store.read(base.revision, newest + 1, [](const auto&) { return true; }).error().code,
+              ErrorCode::HistoryReplaced);
+}
+
+TYPED_TEST(CommitStoreContract, TheBaseStandsForTheCommitsItReplaced) {
+    for (unsigned seed = 0; seed < 8; ++seed) {
+        RandomHistory<TypeParam> history(seed);
+        std::vector<LayerDocs> stood(1);  // by revision
+        std::map<LayerId, Revision> first;
+        for (int step = 0; step < 40; ++step) {
+            SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
+            ASSERT_NO_FATAL_FAILURE(
+                history.appendGroup([&] { stood.push_back(history.commits.layers); }));
+            const Revision newest = stood.size() - 1;
+            const auto layers = *history.store->layers();
+            for (const LayerId& layer : layers) first.try_emplace(layer);
+            for (auto& [layer, revision] : first)
+                while (stood[revision][layer] == LayerDoc()) ++revision;
+            const Revision base = history.store->base().revision;
+            if (history.random.below(4) == 0) {
+                const Revision at = newest - history.random.below(newest - base + 1);
+                const auto hash = *history.store->hashAt(at);
+                for (const LayerId& layer : layers)
+                    if (at >= first[layer]) {
+                        ASSERT_TRUE(history.store->keepSnapshot(layer, stood[at][layer], at, hash));
+                    }
+            }
+            if (history.random.below(5) == 0) {
+                const Revision to = newest - history.random.below(newest + 1);
+                const Hash hash = to > base ? *history.store->hashAt(to) : Hash();
+                const auto done = history.store->compact(to, always);
+                ASSERT_TRUE(done) << done.error().message;
+                EXPECT_EQ(history.store->base().revision, std::max(base, to));
+                if (to > base) {
+                    EXPECT_EQ(history.store->base().hash, hash);
+                }
+            }
+            if (history.random.below(4) == 0) expectFromBase(history, stood, first);
+            ASSERT_FALSE(testing::Test::HasFailure());
+            ASSERT_NO_FATAL_FAILURE(history.compare(4));
+        }
+        EXPECT_GT(history.store->base().revision, 0u);
+    }
+}
+
+TYPED_TEST(CommitStoreContract, ABaseIsOfWhatIsThereOrOfNothing) {
+    EXPECT_EQ(this->store->base(), CommitStore::Base());
+    EXPECT_TRUE(this->store->compact(0, always));
+    EXPECT_EQ(this->store->compact(1, always).error().code, ErrorCode::FutureRevision);
+    for (const char* path : {"/A", "/B", "/C"})
+        ASSERT_TRUE(this->append(this->commits.next(kLayer, path, CreateSpec{SpecKind::Prim})));
+    int asked = 0;
+    const auto ended = this->store->compact(2, [&] { return ++asked < 1; });
+    EXPECT_EQ(ended.error().code, ErrorCode::ShuttingDown);
+    EXPECT_EQ(this->store->base(), CommitStore::Base());
+    EXPECT_EQ(revisions(*this->store, 0, 9), (std::vector<Revision>{1, 2, 3}));
+
+    ASSERT_TRUE(this->store->compact(3, always)) << "up to the newest";
+    for (int opened = 0; opened < 2; ++opened) {
+        EXPECT_EQ(this->store->base().revision, 3u);
+        EXPECT_EQ(this->store->base().hash, this->store->head().hash);
+        EXPECT_TRUE(revisions(*this->store, 0, 9).empty());
+        EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
+        EXPECT_EQ(*this->store->committed({this->commits.id.client, 2}), Revision(2)) << "M9";
+        this->expectLayers();
+        this->reopen();
+    }
+    ASSERT_TRUE(this->append(this->commits.next(kOther, "/D", CreateSpec{SpecKind::Prim})));
+    EXPECT_EQ(revisions(*this->store, 0, 9), std::vector<Revision>{4});
+    this->expectLayers();
+}
+
 TYPED_TEST(CommitStoreContract, ALayerBeginsWithItsNewestSnapshot) {
     ASSERT_TRUE(this->append(this->commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})));
     const Hash first = this->commits.head.hash;

@@ -13,6 +13,7 @@ namespace usdlive::server {
 namespace {
 
 struct StoredLayer {
+    LayerDoc base;  // what it held at the base
     std::optional<LayerDoc> snapshot;
     Revision snapshotRevision = 0;
     std::size_t snapshotBytes = 0;
@@ -26,7 +27,8 @@ class MemoryDisk {
 public:
     std::mutex mutex;  // guards all below
     CommitStore::Head head;
-    std::vector<StoredCommit> commits;
+    CommitStore::Base base;
+    std::vector<StoredCommit> commits;  // after the base
     std::vector<NamespaceChange> namespaceChanges;
     std::map<LayerId, StoredLayer> layers;
     std::map<ClientId, std::map<std::uint64_t, Revision>> clients;
@@ -47,6 +49,34 @@ public:
         const std::lock_guard lock(disk_->mutex);
         return disk_->head;
     }
+    [[nodiscard]] Base base() const override {
+        const std::lock_guard lock(disk_->mutex);
+        return disk_->base;
+    }
+    Result<void> compact(Revision revision, const GoesOn& goesOn) override {
+        const std::lock_guard lock(disk_->mutex);
+        const Revision base = disk_->base.revision;
+        if (revision <= base) return {};
+        if (revision > disk_->head.revision)
+            return fail(ErrorCode::FutureRevision,
+                        "there is no commit " + std::to_string(revision) + " yet");
+        std::map<LayerId, LayerDoc> held;
+        for (const auto& [name, layer] : disk_->layers) {
+            if (!goesOn()) return fail(ErrorCode::ShuttingDown, "this was ended");
+            LayerDoc& doc = held[name] = layer.base;
+            if (const auto done = follow(doc, name, base, revision); !done)
+                return tl::unexpected(done.error());
+        }
+        for (auto& [name, doc] : held) disk_->layers[name].base = std::move(doc);
+        const auto end = disk_->commits.begin() + std::ptrdiff_t(revision - base);
+        disk_->base = {revision, (end - 1)->hash};
+        disk_->commits.erase(disk_->commits.begin(), end);
+        std::erase_if(disk_->namespaceChanges, [&](const NamespaceChange& change) {
+            return change.revision <= revision &&
+                   change.revision + kNamespaceLogRevisions <= disk_->head.revision;
+        });
+        return {};
+    }
     Result<void> append(std::span<const CommitRecord> commits) override {
         const std::lock_guard lock(disk_->mutex);
         if (const auto fits = mayAppend(commits, disk_->head); !fits) return fits;
@@ -55,17 +85,20 @@ public:
     }
     Result<void> read(Revision from, Revision to,
                       const std::function<bool(const StoredCommit&)>& visit) const override {
-        for (Revision next = std::max<Revision>(from, 1); next <= std::min(to, head().revision);
-             ++next)
-            if (!visit(commitAt(next))) break;
+        const Revision first = base().revision, last = std::min(to, head().revision);
+        for (Revision next = from == 0 ? first + 1 : from; next <= last; ++next) {
+            const auto commit = commitAt(next);
+            if (!commit) return tl::unexpected(commit.error());
+            if (!visit(*commit)) break;
+        }
         return {};
     }
     [[nodiscard]] Result<Hash> hashAt(Revision revision) const override {
-        if (revision == 0) return Hash{};
+        if (const Base first = base(); revision == first.revision) return first.hash;
         if (revision > head().revision)
             return fail(ErrorCode::FutureRevision,
                         "there is no commit " + std::to_string(revision) + " yet");
-        return commitAt(revision).hash;
+        return commitAt(revision).map([](const StoredCommit& commit) { return commit.hash; });
     }
     [[nodiscard]] Result<std::vector<LayerId>> layers() const override {
         return layersThat([](const StoredLayer&) { return true; });
@@ -77,22 +110,17 @@ public:
     [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer, Revision revision,
                                                           Replayed* replayed) const override {
         const std::lock_guard lock(disk_->mutex);
+        const Revision base = disk_->base.revision;
+        if (revision < base) return historyReplaced(revision, base);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end()) return std::optional<LayerDoc>();
         const StoredLayer& stored = known->second;
-        const bool begins = stored.snapshot && stored.snapshotRevision <= revision;
-        LayerDoc doc = begins ? *stored.snapshot : LayerDoc();
+        auto [doc, from] = beginning(stored, revision);
         const Revision to =
-            std::min<Revision>(std::max(revision, stored.first), disk_->commits.size());
-        std::size_t cost = 0;
-        for (Revision at = begins ? stored.snapshotRevision : 0; at < to; ++at) {
-            const auto done = decodeCommit(disk_->commits[at]).and_then([&](const Commit& commit) {
-                cost += replayCost(disk_->commits[at].frame->size(), commit.edits.size());
-                return replay(doc, layer, commit);
-            });
-            if (!done) return tl::unexpected(done.error());
-        }
-        if (replayed) *replayed = {stored.snapshotBytes, cost};
+            std::min<Revision>(std::max(revision, stored.first), disk_->head.revision);
+        const auto cost = follow(doc, layer, from, to);
+        if (!cost) return tl::unexpected(cost.error());
+        if (replayed) *replayed = {stored.snapshotBytes, *cost};
         return std::optional(std::move(doc));
     }
     Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
@@ -101,8 +129,11 @@ public:
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end())
             return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
-        if (revision == 0 || revision > disk_->commits.size() ||
-            disk_->commits[revision - 1].hash != hash)
+        const Base base = disk_->base;
+        if (revision < base.revision) return historyReplaced(revision, base.revision);
+        if (revision == 0 || revision > disk_->head.revision ||
+            hash != (revision == base.revision ? base.hash
+                                               : disk_->commits[revision - base.revision - 1].hash))
             return fail(ErrorCode::HistoryDiverged, "the snapshot is of another history");
         if (revision <= known->second.snapshotRevision) return known->second.snapshotBytes;
         known->second.snapshot = doc;
@@ -163,9 +194,11 @@ public:
     [[nodiscard]] bool hasSpace() const override { return true; }
 
 private:
-    [[nodiscard]] StoredCommit commitAt(Revision revision) const {
+    [[nodiscard]] Result<StoredCommit> commitAt(Revision revision) const {
         const std::lock_guard lock(disk_->mutex);
-        return disk_->commits[revision - 1];
+        const Revision base = disk_->base.revision;
+        if (revision <= base) return historyReplaced(revision, base);
+        return disk_->commits[revision - base - 1];
     }
     template <class Predicate>
     [[nodiscard]] std::vector<LayerId> layersThat(Predicate predicate) const {
@@ -177,6 +210,29 @@ private:
     }
 
     // The lock is held from here on.
+
+    /// What the layer's content at `revision` begins with, and the revision of that.
+    [[nodiscard]] std::pair<LayerDoc, Revision> beginning(const StoredLayer& layer,
+                                                          Revision revision) const {
+        const Revision base = disk_->base.revision;
+        if (layer.snapshot && layer.snapshotRevision >= base && layer.snapshotRevision <= revision)
+            return {*layer.snapshot, layer.snapshotRevision};
+        return {layer.base, base};
+    }
+    /// Has `doc` follow the commits (from, to] for the layer. Their replayCost().
+    [[nodiscard]] Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, Revision from,
+                                             Revision to) const {
+        std::size_t cost = 0;
+        for (Revision at = from; at < to; ++at) {
+            const StoredCommit& stored = disk_->commits[at - disk_->base.revision];
+            const auto done = decodeCommit(stored).and_then([&](const Commit& commit) {
+                cost += replayCost(stored.frame->size(), commit.edits.size());
+                return replay(doc, layer, commit);
+            });
+            if (!done) return tl::unexpected(done.error());
+        }
+        return cost;
+    }
     void add(const CommitRecord& commit) {
         disk_->commits.push_back({commit.revision, commit.frame, commit.hash});
         disk_->head.revision = commit.revision;

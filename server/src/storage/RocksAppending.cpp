@@ -16,6 +16,11 @@ CommitStore::Head RocksCommitStore::head() const {
     return head_;
 }
 
+CommitStore::Base RocksCommitStore::base() const {
+    const std::shared_lock lock(mutex_);
+    return base_;
+}
+
 Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
     if (commits.empty()) return {};
     if (const auto ready = checkFailed().and_then([&] { return mayAppend(commits, head_); });
@@ -45,6 +50,7 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
         Layer& known = layers_[name];
         const bool isNew = group.saved.contains(name);
         if (!isNew || known.saved.revision > layer.saved.revision) layer.saved = known.saved;
+        layer.base = known.base;  // likewise
         known = layer;
     }
     if (group.batch.GetDataSize() > kLongLogBytes) flushSoon();
@@ -148,16 +154,15 @@ void RocksCommitStore::addFound(Group& group) {
 }
 
 void RocksCommitStore::addHead(Group& group) {
-    Bytes head = encoded<Revision>(group.head.revision);
-    appendBytes(head, group.head.hash.bytes);
-    group.batch.Put(family(Family::Meta), kHeadKey, slice(head));
+    group.batch.Put(family(Family::Meta), kHeadKey,
+                    slice(encoded(group.head.revision, group.head.hash)));
     group.batch.Put(family(Family::Clients), kClientsRevisionKey,
                     slice(encoded<Revision>(group.head.revision)));
 }
 
-Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch) {
+Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch, bool synced) {
     rocksdb::WriteOptions options;
-    options.sync = options_.durability == Durability::Synced;
+    options.sync = synced || options_.durability == Durability::Synced;
     const auto status = db_->Write(options, &batch);
     if (status.ok()) return {};
     // Part of it may be on the disk. Only opening anew tells what is, so there is no second try.

@@ -23,7 +23,7 @@ namespace usdlive::server {
 
 /// Parts: RocksCommitStore.cpp (space on the disk), RocksOpening.cpp, RocksAppending.cpp (commits
 /// and snapshots), RocksReading.cpp (the log, layers, and what is known of them and of
-/// checkpoints).
+/// checkpoints), RocksCompacting.cpp (the base).
 class RocksCommitStore final : public CommitStore {
 public:
     RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)
@@ -36,6 +36,8 @@ public:
     Result<void> open();
 
     [[nodiscard]] Head head() const override;
+    [[nodiscard]] Base base() const override;
+    Result<void> compact(Revision revision, const GoesOn& goesOn) override;
     Result<void> append(std::span<const CommitRecord> commits) override;
     Result<void> read(Revision from, Revision to,
                       const std::function<bool(const StoredCommit&)>& visit) const override;
@@ -58,11 +60,18 @@ public:
     [[nodiscard]] bool hasSpace() const override;
 
 private:
+    /// The file that has what a layer held at the base: it was the base of this revision when that
+    /// was written, and no commit since was for the layer. 0: there is none.
+    struct LayerBase {
+        Revision revision = 0;
+        Hash content;
+    };
     struct Layer {
         std::uint32_t number = 0;
         Revision changed = 0;   // by which commit last
         Revision runBegin = 0;  // of the run of commits for it that this one belongs to
         SavedState saved;
+        LayerBase base;
     };
     using Layers = std::map<LayerId, Layer>;
     /// What one append() writes, and what it makes of the values in memory.
@@ -80,6 +89,10 @@ private:
     Result<void> checkRoom();
     Result<void> openDatabase();
     Result<void> readHead();
+    Result<void> readBase();
+    /// Nothing: there is no such record.
+    [[nodiscard]] Result<std::optional<std::pair<Revision, Hash>>> readRevision(
+        const std::string& key) const;
     Result<void> readLayers();
     Result<void> upgrade();
     Result<void> readEdited();
@@ -99,8 +112,19 @@ private:
     void addFound(Group& group);
     void addHead(Group& group);
     void flushSoon();
-    Result<void> write(rocksdb::WriteBatch& batch);
+    Result<void> write(rocksdb::WriteBatch& batch, bool synced = false);
     Result<void> checkFailed() const;
+
+    // Compacting.
+    Result<void> verifyReplaced(Revision to, const GoesOn& goesOn) const;
+    /// Writes the file of what the layer holds at `to`. Nothing: its file of before says it, or it
+    /// came later.
+    Result<std::optional<LayerBase>> makeBase(const LayerId& layer, const Layer& known,
+                                              const Base& to, const GoesOn& goesOn);
+    Result<void> removeReplaced();
+    Result<void> removeReplacedRecords();
+    Result<void> removeReplacedFiles();
+    [[nodiscard]] bool isRemoved() const;
 
     // Space.
     /// A batch is written to the log, to a table, and to another one when tables are merged.
@@ -125,6 +149,8 @@ private:
     tl::unexpected<Error> damagedAt(Revision revision, const char* what) const {
         return damaged("commit " + std::to_string(revision) + " " + what);
     }
+    /// Of a commit that is not there: HistoryReplaced, if it was taken out meanwhile.
+    tl::unexpected<Error> missing(Revision revision) const;
     /// Nothing: there is no such record.
     template <Number T>
     Result<std::optional<T>> number(Family from, const std::string& key) const;
@@ -134,9 +160,15 @@ private:
     };
     [[nodiscard]] Result<std::vector<Run>> runsAfter(std::uint32_t layer, Revision revision) const;
     /// Has `doc` follow the commits for the layer in these. Their replayCost().
-    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer,
-                               const std::vector<Run>& runs) const;
+    Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, const std::vector<Run>& runs,
+                               const GoesOn& goesOn) const;
     [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
+    /// What a layer held at the base; its revision is then the base's. Nothing: it came later.
+    [[nodiscard]] Result<std::optional<LayerSnapshot>> readBaseOf(const LayerId& layer,
+                                                                  const Base& base) const;
+    [[nodiscard]] Result<std::optional<LayerDoc>> layerFrom(const Base& base, const LayerId& layer,
+                                                            Revision revision,
+                                                            Replayed* replayed) const;
     /// Nothing: none that can be read and goes with the log.
     [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer) const;
     /// Visits the records of the meta family whose key begins with `prefix`, from `start` on.
@@ -152,14 +184,16 @@ private:
     std::unique_ptr<rocksdb::DB> db_;
     std::vector<rocksdb::ColumnFamilyHandle*> handles_;
 
-    mutable std::shared_mutex mutex_;  // guards the next three
+    mutable std::shared_mutex mutex_;  // guards the next four
     Head head_;
+    Base base_;
     Layers layers_;
     std::optional<Error> failure_;
 
     // append()'s own: the highest numbers of who has sent something since the opening.
     std::unordered_map<ClientId, std::uint64_t> highest_;
 
+    std::mutex compactMutex_;   // held while the base moves
     std::mutex snapshotMutex_;  // held while one is written; guards the next
     // Of layers, that were written since the opening: revision and bytes.
     std::map<std::uint32_t, std::pair<Revision, std::size_t>> snapshots_;

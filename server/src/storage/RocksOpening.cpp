@@ -24,12 +24,14 @@ Result<void> RocksCommitStore::open() {
     return checkRoom()
         .and_then([this] { return openDatabase(); })
         .and_then([this] { return readHead(); })
+        .and_then([this] { return readBase(); })
         .and_then([this] { return readLayers(); })
         .and_then([this] { return verify(); })
         .and_then([this] { return upgrade(); })
         .and_then([this] { return readEdited(); })
         .and_then([this] { return writeLogOut(); })
-        .and_then([this] { return takeEpoch(); });
+        .and_then([this] { return takeEpoch(); })
+        .and_then([this] { return isRemoved() ? Result<void>() : removeReplaced(); });
 }
 
 // RocksDB (as Debian builds it) ends the process when the disk is full.
@@ -49,7 +51,7 @@ Result<void> RocksCommitStore::openDatabase() {
     const auto mark = folder_.mark();
     options.create_if_missing = !mark || mark->revision == 0;
     auto families = columnFamilies();
-    if (folder_.format() < StoreFolder::kFormat) families.push_back(formerFamily());
+    if (folder_.format() < StoreFolder::kSameRecords) families.push_back(formerFamily());
     rocksdb::DB* opened = nullptr;
     const auto status =
         rocksdb::DB::Open(options, folder_.database().string(), families, &handles_, &opened);
@@ -67,14 +69,20 @@ Result<void> RocksCommitStore::readHead() {
     const auto epoch = number<std::uint64_t>(Family::Meta, kEpochKey);
     if (!epoch) return tl::unexpected(epoch.error());
     head_.epoch = epoch->value_or(0);
-    std::string value;
-    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Meta), kHeadKey, &value);
-    if (status.IsNotFound()) return {};
-    if (!status.ok()) return tl::unexpected(error(status, "read"));
-    if (value.size() != sizeof(Revision) + kHashBytes) return damaged("its head cannot be read");
-    ByteReader in(asBytes(value));
-    head_.revision = in.u64();
-    head_.hash = hashOf(in.take(kHashBytes));
+    const auto head = readRevision(kHeadKey);
+    if (!head) return tl::unexpected(head.error());
+    if (*head) std::tie(head_.revision, head_.hash) = **head;
+    return {};
+}
+
+Result<void> RocksCommitStore::readBase() {
+    const auto base = readRevision(kBaseKey);
+    if (!base) return tl::unexpected(base.error());
+    if (*base) std::tie(base_.revision, base_.hash) = **base;
+    if (base_.revision > head_.revision)
+        return damagedAt(base_.revision, "is the base, and the history ends before it");
+    if (base_.revision == head_.revision && base_.hash != head_.hash)
+        return damagedAt(base_.revision, "is the base, and its hash is another than the newest's");
     return {};
 }
 
@@ -91,14 +99,29 @@ Result<void> RocksCommitStore::readLayers() {
         auto saved = readSaved(layer.number);
         if (!saved) return tl::unexpected(saved.error());
         layer.saved = std::move(*saved);
+        const auto base = readRevision(key(kLayerBasePrefix, layer.number));
+        if (!base) return tl::unexpected(base.error());
+        if (*base) layer.base = {(*base)->first, (*base)->second};
     }
     return {};
 }
 
-/// A store of format 1 held each layer field by field, and other keys for transactions. The log has
-/// all that is wanted now.
+Result<std::optional<std::pair<Revision, Hash>>> RocksCommitStore::readRevision(
+    const std::string& key) const {
+    std::string value;
+    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Meta), key, &value);
+    if (status.IsNotFound()) return std::optional<std::pair<Revision, Hash>>();
+    if (!status.ok()) return tl::unexpected(error(status, "read"));
+    const auto read = decodedRevision(asBytes(value));
+    if (!read) return damaged("the record '" + key + "' cannot be read");
+    return read;
+}
+
+/// A store of format 2 has no base, which need not be told of it. A store of format 1 held each
+/// layer field by field, and other keys for transactions. The log has all that is wanted now.
 Result<void> RocksCommitStore::upgrade() {
     if (folder_.format() == StoreFolder::kFormat) return {};
+    if (folder_.format() >= StoreFolder::kSameRecords) return folder_.setFormat();
     Group group(0);
     group.head = head_;
     group.batch.DeleteRange(family(Family::Clients), std::string(), std::string(64, '\xff'));
@@ -170,7 +193,7 @@ Result<SavedState> RocksCommitStore::readSaved(std::uint32_t layer) const {
 }
 
 Result<void> RocksCommitStore::verify() const {
-    const bool former = folder_.format() < StoreFolder::kFormat;
+    const bool former = folder_.format() < StoreFolder::kSameRecords;
     const auto clients =
         former ? head_.revision : number<Revision>(Family::Clients, kClientsRevisionKey);
     if (!clients) return tl::unexpected(clients.error());
@@ -204,18 +227,20 @@ Result<void> RocksCommitStore::verifyChain() const {
     };
     Revision revision = head_.revision;
     std::optional<StoredCommit> later;  // not verified yet: it needs the hash before it
-    for (at->SeekToLast(); at->Valid(); at->Prev(), --revision) {
+    for (at->SeekToLast(); at->Valid() && revision > base_.revision; at->Prev(), --revision) {
         auto commit = commitAt(*at);
-        if (revision == 0 || !commit || commit->revision != revision)
-            return damagedAt(revision + (revision == 0), "is missing or out of its place");
+        if (!commit || commit->revision != revision)
+            return damagedAt(revision, "is missing or out of its place");
         if (later ? !follows(*later, commit->hash) : commit->hash != head_.hash)
             return damagedAt(later ? later->revision : revision, "breaks the hash chain");
         if (std::chrono::steady_clock::now() > end) return {};
         later = std::move(commit);
     }
     if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
-    if (revision != 0) return damagedAt(revision, "is missing");
-    if (later && !follows(*later, Hash())) return damagedAt(1, "breaks the hash chain");
+    if (revision != base_.revision) return damagedAt(revision, "is missing");
+    if (later && !follows(*later, base_.hash))
+        return damagedAt(base_.revision + 1, "breaks the hash chain");
+    if (at->Valid() && base_.revision == 0) return damagedAt(1, "is not the first");
     return {};
 }
 

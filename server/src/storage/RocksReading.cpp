@@ -26,9 +26,11 @@ std::optional<StoredCommit> RocksCommitStore::commitAt(const rocksdb::Iterator& 
 
 Result<void> RocksCommitStore::read(Revision from, Revision to,
                                     const std::function<bool(const StoredCommit&)>& visit) const {
-    Revision next = std::max<Revision>(from, 1);
+    const Base first = base();
+    Revision next = from == 0 ? first.revision + 1 : from;
     const Revision last = std::min(to, head().revision);
     if (next > last) return {};
+    if (next <= first.revision) return historyReplaced(next, first.revision);
     auto before = hashAt(next - 1);
     if (!before) return tl::unexpected(before.error());
     rocksdb::ReadOptions options;
@@ -45,11 +47,19 @@ Result<void> RocksCommitStore::read(Revision from, Revision to,
     if (next > last) return {};
     if (!at->status().ok())
         return damagedAt(next, ("cannot be read: " + at->status().ToString()).c_str());
-    return damagedAt(next, "is missing or out of its place");
+    return missing(next);
+}
+
+tl::unexpected<Error> RocksCommitStore::missing(Revision revision) const {
+    if (const Revision first = base().revision; revision <= first)
+        return historyReplaced(revision, first);
+    return damagedAt(revision, "is missing or out of its place");
 }
 
 Result<Hash> RocksCommitStore::hashAt(Revision revision) const {
-    if (revision == 0) return Hash{};
+    const Base first = base();
+    if (revision == first.revision) return first.hash;
+    if (revision < first.revision) return historyReplaced(revision, first.revision);
     const Head newest = head();
     if (revision == newest.revision) return newest.hash;
     if (revision > newest.revision)
@@ -60,7 +70,7 @@ Result<Hash> RocksCommitStore::hashAt(Revision revision) const {
                                  storekeys::commit(revision), &value);
     if (!status.ok() && !status.IsNotFound())
         return damagedAt(revision, ("cannot be read: " + status.ToString()).c_str());
-    if (!status.ok() || value.size() < kHashBytes) return damagedAt(revision, "is missing");
+    if (!status.ok() || value.size() < kHashBytes) return missing(revision);
     return hashOf(bytes(value));
 }
 
@@ -103,12 +113,14 @@ Result<std::vector<RocksCommitStore::Run>> RocksCommitStore::runsAfter(std::uint
 }
 
 Result<std::size_t> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer,
-                                             const std::vector<Run>& runs) const {
+                                             const std::vector<Run>& runs,
+                                             const GoesOn& goesOn) const {
     std::size_t cost = 0;
     Result<void> followed;
     for (const auto& [first, last] : runs) {
         const auto done = read(first, last, [&](const StoredCommit& stored) {
-            followed = decodeCommit(stored).and_then([&](const Commit& commit) {
+            followed = decodeCommit(stored).and_then([&](const Commit& commit) -> Result<void> {
+                if (!goesOn()) return fail(ErrorCode::ShuttingDown, "reading the log was ended");
                 cost += replayCost(stored.frame->size(), commit.edits.size());
                 return replay(doc, layer, commit);
             });
@@ -128,27 +140,70 @@ std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer)
     return hash && *hash == snapshot->hash ? std::move(snapshot) : std::nullopt;
 }
 
-/// A snapshot that is missing costs the time to do the whole log again.
+Result<std::optional<LayerSnapshot>> RocksCommitStore::readBaseOf(const LayerId& layer,
+                                                                  const Base& base) const {
+    LayerBase of;
+    std::uint32_t number = 0;
+    {
+        const std::shared_lock lock(mutex_);
+        const auto known = layers_.find(layer);
+        if (known == layers_.end()) return std::optional<LayerSnapshot>();
+        of = known->second.base;
+        number = known->second.number;
+    }
+    if (of.revision == 0) return std::optional<LayerSnapshot>();
+    const auto path = folder_.base(number, of.revision);
+    const auto content = sealedfile::read(path);
+    auto found =
+        content && sha256(*content) == of.content ? decodeSnapshot(*content) : std::nullopt;
+    if (!found)
+        return damaged("what " + layer.value + " held at revision " + std::to_string(of.revision) +
+                       " cannot be read from " + path.string());
+    found->revision = base.revision;
+    found->hash = base.hash;
+    return found;
+}
+
 Result<std::optional<LayerDoc>> RocksCommitStore::layerAt(const LayerId& layer, Revision revision,
                                                           Replayed* replayed) const {
+    for (;;) {
+        const Base from = base();
+        auto found = layerFrom(from, layer, revision, replayed);
+        // What it is made of may have been removed while it was read.
+        if (found || from == base()) return found;
+    }
+}
+
+/// A snapshot that is missing costs the time to do the whole log again.
+Result<std::optional<LayerDoc>> RocksCommitStore::layerFrom(const Base& base, const LayerId& layer,
+                                                            Revision revision,
+                                                            Replayed* replayed) const {
+    if (revision < base.revision) return historyReplaced(revision, base.revision);
     const std::uint32_t number = numberOf(layer);
     if (number == 0) return std::optional<LayerDoc>();
-    auto kept = readSnapshot(number);
-    LayerSnapshot from = kept && kept->revision <= revision ? std::move(*kept) : LayerSnapshot();
-    auto runs = runsAfter(number, from.revision);
+    auto from = readSnapshot(number);
+    auto path = folder_.snapshot(number);
+    if (!from || from->revision > revision) {
+        auto first = readBaseOf(layer, base);
+        if (!first) return tl::unexpected(first.error());
+        from = std::move(*first);
+        path = folder_.base(number, base.revision);
+    }
+    auto runs = runsAfter(number, from ? from->revision : base.revision);
     if (!runs) return tl::unexpected(runs.error());
     // The first commit of a layer is the one that brought it in.
-    if (from.revision == 0 && !runs->empty()) revision = std::max(revision, runs->front().first);
+    if (!from && !runs->empty()) revision = std::max(revision, runs->front().first);
     std::erase_if(*runs, [&](const Run& run) { return run.first > revision; });
     if (!runs->empty()) runs->back().last = std::min(runs->back().last, revision);
-    const auto cost = follow(from.doc, layer, *runs);
+    LayerDoc doc = from ? std::move(from->doc) : LayerDoc();
+    const auto cost = follow(doc, layer, *runs, [] { return true; });
     if (!cost) return tl::unexpected(cost.error());
     if (replayed) {
         std::error_code none;
-        const auto bytes = std::filesystem::file_size(folder_.snapshot(number), none);
-        *replayed = {from.revision == 0 || none ? 0 : bytes, *cost};
+        const auto bytes = std::filesystem::file_size(path, none);
+        *replayed = {none ? 0 : bytes, *cost};
     }
-    return std::optional(std::move(from.doc));
+    return std::optional(std::move(doc));
 }
 
 Result<SavedState> RocksCommitStore::saved(const LayerId& layer) const {

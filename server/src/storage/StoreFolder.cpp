@@ -19,15 +19,16 @@ constexpr std::size_t kMostBytes = 4096;  // of a sealed file
 Result<StoreFolder> StoreFolder::open(const std::filesystem::path& path) {
     StoreFolder folder;
     folder.path_ = path;
-    auto done =
-        makeFolders(path / "snapshots").and_then([&] { return folder.lock(); }).and_then([&] {
-            return folder.checkFormat();
-        });
+    auto done = makeFolders(folder.snapshots())
+                    .and_then([&] { return makeFolders(folder.bases()); })
+                    .and_then([&] { return folder.lock(); })
+                    .and_then([&] { return folder.checkFormat(); });
     if (!done) return tl::unexpected(done.error());
     std::error_code ignored;  // drafts that were never finished only take space
-    for (const auto& entry : std::filesystem::directory_iterator(path / "snapshots", ignored))
-        if (entry.path().extension() == sealedfile::kDraft)
-            std::filesystem::remove(entry.path(), ignored);
+    for (const auto& files : {folder.snapshots(), folder.bases()})
+        for (const auto& entry : std::filesystem::directory_iterator(files, ignored))
+            if (entry.path().extension() == sealedfile::kDraft)
+                std::filesystem::remove(entry.path(), ignored);
     auto mark = openFile(path / "head", O_RDWR | O_CREAT);
     if (!mark) return tl::unexpected(mark.error());
     folder.mark_ = std::move(*mark);

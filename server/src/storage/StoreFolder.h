@@ -10,10 +10,13 @@
 namespace usdlive::server {
 
 /// The files that stand beside the database: `lock`, `format`, `head`, `reserve`, and those in
-/// `snapshots`; and `db`, the database itself. Whoever has one, has the folder to themselves.
+/// `snapshots` and `base`; and `db`, the database itself. Whoever has one, has the folder to
+/// themselves.
 class StoreFolder {
 public:
-    static constexpr std::uint32_t kFormat = 2;
+    static constexpr std::uint32_t kFormat = 3;
+    /// The first whose records of layers and clients are as they are now.
+    static constexpr std::uint32_t kSameRecords = 2;
 
     /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is not told), or of the
     /// disk.
@@ -25,8 +28,15 @@ public:
 
     /// Of what a layer held, by its number.
     [[nodiscard]] std::filesystem::path snapshot(std::uint32_t layer) const {
-        return path_ / "snapshots" / std::to_string(layer);
+        return snapshots() / std::to_string(layer);
     }
+
+    /// Of what a layer held at the revision of a base. Unlike a snapshot it must not be lost.
+    [[nodiscard]] std::filesystem::path base(std::uint32_t layer, Revision revision) const {
+        return bases() / (std::to_string(layer) + "-" + std::to_string(revision));
+    }
+    [[nodiscard]] std::filesystem::path bases() const { return path_ / "base"; }
+    [[nodiscard]] std::filesystem::path snapshots() const { return path_ / "snapshots"; }
 
     /// What the store was made as, at most kFormat.
     [[nodiscard]] std::uint32_t format() const { return format_; }

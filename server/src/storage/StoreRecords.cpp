@@ -69,6 +69,18 @@ std::optional<SavedState> decodedSaved(ByteView bytes) {
     return in.finished() ? std::optional(saved) : std::nullopt;
 }
 
+Bytes encoded(Revision revision, const Hash& hash) {
+    Bytes bytes = encoded<Revision>(revision);
+    appendBytes(bytes, hash.bytes);
+    return bytes;
+}
+std::optional<std::pair<Revision, Hash>> decodedRevision(ByteView bytes) {
+    if (bytes.size() != sizeof(Revision) + kHashBytes) return std::nullopt;
+    ByteReader in(bytes);
+    const Revision revision = in.u64();
+    return std::pair(revision, hashOf(in.take(kHashBytes)));
+}
+
 Bytes encodedCheckpoint(const Checkpoint& checkpoint) {
     Bytes bytes = encoded<Revision>(checkpoint.revision);
     appendNumber<std::uint64_t>(bytes, checkpoint.timeMs);

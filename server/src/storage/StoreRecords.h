@@ -17,10 +17,12 @@ namespace usdlive::server {
 // Keys of the meta family. Lower-case names stand alone, a capital begins the key of each of many.
 inline constexpr const char* kHeadKey = "head";    // revision, hash
 inline constexpr const char* kEpochKey = "epoch";  // u64
+inline constexpr const char* kBaseKey = "base";    // revision, hash; absent: 0
 inline constexpr char kLayerPrefix = 'L';          // name -> number
 inline constexpr char kEditedPrefix = 'T';  // number, revision -> the last of a run of commits
 inline constexpr char kFormerChangedPrefix = 'C';  // of format 1
 inline constexpr char kSavedPrefix = 'S';          // number -> revision, file
+inline constexpr char kLayerBasePrefix = 'B';      // number -> revision, SHA-256 of its file
 inline constexpr char kCheckpointPrefix = 'K';     // name -> revision, time, user
 inline constexpr char kNamespacePrefix = 'N';      // revision -> its moves and deletes
 // In `clients`, behind them all: the revision that it is of.
@@ -55,6 +57,10 @@ template <Number T>
 
 [[nodiscard]] Bytes encodedSaved(const SavedState& saved);
 [[nodiscard]] std::optional<SavedState> decodedSaved(ByteView bytes);
+
+/// A revision and a hash: the head, the base, and the file of a layer's base.
+[[nodiscard]] Bytes encoded(Revision revision, const Hash& hash);
+[[nodiscard]] std::optional<std::pair<Revision, Hash>> decodedRevision(ByteView bytes);
 
 [[nodiscard]] Bytes encodedCheckpoint(const Checkpoint& checkpoint);
 [[nodiscard]] std::optional<Checkpoint> decodedCheckpoint(std::string_view name, ByteView bytes);

@@ -342,7 +342,7 @@ TEST(RocksCommitStore, AnOlderFormatIsUpgraded) {
 TEST(RocksCommitStore, ANewerFormatIsLeftAlone) {
     TestFolder folder;
     (void)open(folder.path);
-    writeFormat(folder.path, 3);
+    writeFormat(folder.path, 4);
     const auto opened = createRocksCommitStore(folder.path, options());
     ASSERT_FALSE(opened);
     EXPECT_EQ(opened.error().code, ErrorCode::StorageTooNew);

@@ -25,6 +25,9 @@ struct NamespaceChange {
     bool operator==(const NamespaceChange&) const = default;
 };
 
+/// Moves and deletes of so many revisions are kept, whatever becomes of their commits (SE6).
+inline constexpr Revision kNamespaceLogRevisions = 100'000;
+
 /// How a file looks from outside: when that is other than it was, its content may be, too.
 struct FileTrace {
     std::uint64_t size = 0, inode = 0;
@@ -113,10 +116,30 @@ public:
         Epoch epoch = 0;  ///< the one this opening took
     };
 
+    /// Where the history begins: commits up to this one were replaced by what each layer held then.
+    struct Base {
+        Revision revision = 0;  ///< 0: none was, the first commit there is is 1
+        Hash hash;              ///< chain hash at the revision
+        bool operator==(const Base&) const = default;
+    };
+
     virtual ~CommitStore() = default;
 
     /// The newest commit that is durable.
     [[nodiscard]] virtual Head head() const = 0;
+    /// Grows only, and never beyond head(). What asks for an older revision fails with
+    /// HistoryReplaced.
+    [[nodiscard]] virtual Base base() const = 0;
+
+    /// Asked again and again by what takes long, which ends when it says false.
+    using GoesOn = std::function<bool()>;
+    /// Replaces the commits up to `revision`, which is durable, by what each layer held then: as
+    /// done again from the log, written, synced, read back and compared. After a crash at any point
+    /// the base is what it was or this, and all that can be read is what it was. Beside everything
+    /// else, from any thread; one call at a time; takes long. An older revision than base() does
+    /// nothing. Errors: FutureRevision, StorageFull, StorageFailed, StorageCorrupt, ShuttingDown
+    /// (`goesOn` said false); nothing was replaced then.
+    virtual Result<void> compact(Revision revision, const GoesOn& goesOn) = 0;
 
     /// Appends a group, all or nothing; durable when it returns (unless opened with durability
     /// `os`). Revisions contiguous from head().revision + 1. Errors: StorageFull (nothing was
@@ -124,16 +147,19 @@ public:
     /// it has to be opened anew).
     virtual Result<void> append(std::span<const CommitRecord> commits) = 0;
 
-    /// Calls `visit` with each commit of [from, to] in order until it returns false. Checks the
-    /// chain as it goes: StorageCorrupt names the revision.
+    /// Calls `visit` with each commit of [from, to] in order until it returns false; `from` 0 is
+    /// the first there is. Checks the chain as it goes: StorageCorrupt names the revision.
+    /// HistoryReplaced: `from` is not there any more.
     virtual Result<void> read(Revision from, Revision to,
                               const std::function<bool(const StoredCommit&)>& visit) const = 0;
+    /// Chain hash at a revision from base() on. HistoryReplaced, FutureRevision.
     [[nodiscard]] virtual Result<Hash> hashAt(Revision revision) const = 0;
 
     /// Layers that commits have edited or brought in.
     [[nodiscard]] virtual Result<std::vector<LayerId>> layers() const = 0;
     /// As it stood at a revision. What was first brought in later stands as it was then, for its
-    /// file was nobody's work. Nothing: no commit is for it. Errors: StorageCorrupt, StorageFailed.
+    /// file was nobody's work. Nothing: no commit is for it. Errors: HistoryReplaced,
+    /// StorageCorrupt, StorageFailed.
     /// `replayed`: what it was made of.
     [[nodiscard]] virtual Result<std::optional<LayerDoc>> layerAt(
         const LayerId& layer, Revision revision, Replayed* replayed = nullptr) const = 0;

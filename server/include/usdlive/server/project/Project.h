@@ -175,7 +175,8 @@ public:
         std::size_t maxEditsPerTransaction = 1'000'000;
         std::size_t maxSessions = 1'000;
         std::size_t recentCommitBytes = 64ull << 20;  ///< kept in memory for who resumes
-        std::size_t namespaceLogRevisions = 100'000;  ///< how far back a base may lie
+        std::size_t namespaceLogRevisions =
+            kNamespaceLogRevisions;    ///< how far back a base may lie
         Revision maxBehind = 100'000;  ///< commits that a session may lag by; then it is cut
         std::size_t leastReplay = kLeastReplay;  ///< see snapshotDue()
         /// From one snapshot of a layer to the next, also when much is written: they cost time.

@@ -1,0 +1,190 @@
+// The base: commits of long ago are replaced by what the layers held then.
+#include <fcntl.h>
+#include <rocksdb/convenience.h>
+
+#include "RocksCommitStoreImpl.h"
+#include "StoreRules.h"
+
+namespace usdlive::server {
+
+namespace {
+
+const tl::unexpected<Error> kEnded =
+    fail(ErrorCode::ShuttingDown, "the commits of long ago are kept for now: this was ended");
+
+}  // namespace
+
+/// Until the one record is written that says so, nothing refers to what is new. From then on
+/// nothing reads what is old, which is removed afterwards, or when the store is opened next.
+Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& goesOn) {
+    const std::lock_guard alone(compactMutex_);
+    if (revision <= base().revision) return isRemoved() ? Result<void>() : removeReplaced();
+    const auto hash = hashAt(revision);
+    if (!hash) return tl::unexpected(hash.error());
+    const Base to{revision, *hash};
+    if (const auto verified = verifyReplaced(revision, goesOn); !verified) return verified;
+
+    Layers known;
+    {
+        const std::shared_lock lock(mutex_);
+        known = layers_;
+    }
+    rocksdb::WriteBatch batch;
+    std::map<LayerId, LayerBase> made;
+    const auto makeAll = [&]() -> Result<void> {
+        for (const auto& [name, layer] : known) {
+            const auto base = makeBase(name, layer, to, goesOn);
+            if (!base) return tl::unexpected(base.error());
+            if (!*base) continue;
+            made[name] = **base;
+            batch.Put(family(Family::Meta), key(kLayerBasePrefix, layer.number),
+                      slice(encoded((*base)->revision, (*base)->content)));
+        }
+        batch.Put(family(Family::Meta), kBaseKey, slice(encoded(to.revision, to.hash)));
+        return checkFailed()
+            .and_then([&] { return checkSpace(batch.GetDataSize()); })
+            .and_then([&] { return write(batch, true); });
+    };
+    if (const auto done = makeAll(); !done) {
+        // Whether the record was written only opening anew tells, which removes what is not wanted.
+        if (checkFailed()) (void)removeReplacedFiles();
+        return done;
+    }
+    {
+        const std::unique_lock lock(mutex_);
+        base_ = to;
+        for (const auto& [name, base] : made) layers_[name].base = base;
+    }
+    const auto removed = removeReplaced();
+    if (!removed) return removed;
+    rocksdb::CompactRangeOptions options;
+    options.exclusive_manual_compaction = false;
+    const std::string first = storekeys::commit(0), last = storekeys::commit(to.revision);
+    const rocksdb::Slice from(first), end(last);
+    // Without room for that now, RocksDB does it some time.
+    db_->CompactRange(options, family(Family::Commits), &from, &end).PermitUncheckedError();
+    (void)measureSpace();
+    return {};
+}
+
+/// What cannot be read, or breaks the chain, is not replaced: somebody may want to look at it.
+Result<void> RocksCommitStore::verifyReplaced(Revision to, const GoesOn& goesOn) const {
+    bool ended = false;
+    const auto read = this->read(0, to, [&](const StoredCommit&) {
+        ended = !goesOn() || !checkFailed();
+        return !ended;
+    });
+    if (!read) return read;
+    if (ended) return kEnded;
+    return {};
+}
+
+Result<std::optional<RocksCommitStore::LayerBase>> RocksCommitStore::makeBase(
+    const LayerId& layer, const Layer& known, const Base& to, const GoesOn& goesOn) {
+    const Base before = base();
+    auto runs = runsAfter(known.number, before.revision);
+    if (!runs) return tl::unexpected(runs.error());
+    std::erase_if(*runs, [&](const Run& run) { return run.first > to.revision; });
+    if (runs->empty()) return std::optional<LayerBase>();
+    runs->back().last = std::min(runs->back().last, to.revision);
+
+    auto found = readBaseOf(layer, before);
+    if (!found) return tl::unexpected(found.error());
+    LayerSnapshot made{to.revision, to.hash, *found ? std::move((*found)->doc) : LayerDoc()};
+    if (const auto followed = follow(made.doc, layer, *runs, goesOn); !followed)
+        return tl::unexpected(followed.error());
+    const Bytes content = encodeSnapshot(made);
+    if (const Space space = measureSpace(); space.usable < space.least + kCopies * content.size())
+        return fail(ErrorCode::StorageFull, "too little space for the base of " + layer.value);
+    const auto path = folder_.base(known.number, to.revision);
+    if (auto done = sealedfile::replace(path, content); !done) return tl::unexpected(done.error());
+    const auto written = sealedfile::read(path);
+    const auto again = written ? decodeSnapshot(*written) : std::nullopt;
+    if (!again || again->revision != made.revision || again->hash != made.hash ||
+        !(again->doc == made.doc))
+        return fail(ErrorCode::StorageFailed, "what " + layer.value + " held at revision " +
+                                                  std::to_string(to.revision) +
+                                                  " was written and is not in " + path.string());
+    return std::optional(LayerBase{to.revision, sha256(content)});
+}
+
+bool RocksCommitStore::isRemoved() const {
+    const Revision base = this->base().revision;
+    if (base == 0) return true;
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Commits)));
+    at->SeekToFirst();
+    return !at->Valid() || storekeys::bigEndian64(text(at->key())) > base;
+}
+
+/// The commits last: while there are some, it is done again when the store is opened.
+Result<void> RocksCommitStore::removeReplaced() {
+    // Files of commits go without a word in the log, and so the base must not stand there alone.
+    auto status = db_->Flush(rocksdb::FlushOptions(), handles_);
+    if (!status.ok()) return tl::unexpected(error(status, "write to"));
+    if (auto done = removeReplacedRecords(); !done) return done;
+    if (auto done = removeReplacedFiles(); !done) return done;
+    const std::string first = storekeys::commit(0), end = storekeys::commit(base().revision + 1);
+    const rocksdb::Slice from(first), to(end);
+    // Whole files go at once, which makes room also where there is too little to merge any.
+    const rocksdb::RangePtr range(&from, &to);
+    status = rocksdb::DeleteFilesInRanges(db_.get(), family(Family::Commits), &range, 1, false);
+    if (!status.ok()) return tl::unexpected(error(status, "take commits out of"));
+    rocksdb::WriteBatch batch;
+    batch.DeleteRange(family(Family::Commits), from, to);
+    return write(batch);
+}
+
+/// Moves and deletes that nobody asks for any more, and the runs of commits before the one in which
+/// the base is. The last run of a layer stays: it tells when the layer was changed last.
+Result<void> RocksCommitStore::removeReplacedRecords() {
+    const Revision base = this->base().revision, newest = head().revision;
+    rocksdb::WriteBatch batch;
+    std::string previous;  // key of a run that begins at the base or before
+    const auto read = each(kEditedPrefix, {}, [&](std::string_view run, ByteView) {
+        constexpr std::size_t kNumberBytes = sizeof(std::uint32_t);
+        if (run.size() != kNumberBytes + sizeof(Revision)) return false;
+        if (storekeys::bigEndian64(run.substr(kNumberBytes)) > base) return true;
+        if (previous.substr(0, kNumberBytes) == run.substr(0, kNumberBytes))
+            batch.Delete(family(Family::Meta), key(kEditedPrefix, previous));
+        previous = run;
+        return true;
+    });
+    if (!read) return read;
+    if (newest > kNamespaceLogRevisions)
+        batch.DeleteRange(
+            family(Family::Meta), key(kNamespacePrefix, Revision(0)),
+            key(kNamespacePrefix, std::min(base, newest - kNamespaceLogRevisions) + 1));
+    return write(batch);
+}
+
+Result<void> RocksCommitStore::removeReplacedFiles() {
+    std::set<std::string> wanted;
+    std::vector<std::uint32_t> numbers;
+    {
+        const std::shared_lock lock(mutex_);
+        for (const auto& [name, layer] : layers_) {
+            numbers.push_back(layer.number);
+            wanted.insert(folder_.base(layer.number, layer.base.revision).filename().string());
+        }
+    }
+    std::error_code ignored;  // what cannot be removed only takes space
+    for (const auto& entry : std::filesystem::directory_iterator(folder_.bases(), ignored))
+        if (!wanted.contains(entry.path().filename().string()))
+            std::filesystem::remove(entry.path(), ignored);
+    // A snapshot of before the base says less than the base does.
+    const Revision base = this->base().revision;
+    for (const std::uint32_t number : numbers) {
+        const std::lock_guard lock(snapshotMutex_);
+        const auto path = folder_.snapshot(number);
+        const auto file = openFile(path, O_RDONLY);
+        const auto begin = file ? readAt(*file, 0, sizeof(Revision), path) : Result<Bytes>();
+        const auto revision = begin ? decoded<Revision>(*begin) : std::nullopt;
+        if (!revision || *revision >= base) continue;
+        std::filesystem::remove(path, ignored);
+        snapshots_.erase(number);
+    }
+    return {};
+}
+
+}  // namespace usdlive::server
