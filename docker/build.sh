@@ -7,18 +7,11 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 readonly out=$1
 
 ./run setup
-cmake --preset release -DUSDLIVE_TESTS=OFF -DUSDLIVE_PYTHON=OFF \
-    -DCMAKE_INSTALL_RPATH="\$ORIGIN/../lib/usd_core.libs"
+cmake --preset release -DUSDLIVE_TESTS=OFF -DUSDLIVE_PYTHON=OFF
 cmake --build --preset release --target usdlive usdlive-server -j "${USDLIVE_JOBS:-$(nproc)}"
 cmake --install build/release --component programs --prefix "$out" --strip
 
-# OpenUSD finds its plugins beside the folder of its libraries.
-usd=$(echo build/env/product/lib/python3*/site-packages)
-mkdir -p "$out/lib/pxr"
-cp -r "$usd/usd_core.libs" "$out/lib"
-cp -r "$usd/pxr/pluginfo" "$out/lib/pxr"
-
-ldd "$out"/bin/* "$out"/lib/usd_core.libs/* | awk '$3 ~ /^\/(usr\/)?lib/ {print $3}' |
+ldd "$out"/bin/* "$out"/lib/usdlive/usd_core.libs/* | awk '$3 ~ /^\/(usr\/)?lib/ {print $3}' |
     xargs realpath | sort -u |
     while read -r library; do dpkg -S "*${library#/usr}"; done |
     cut -d : -f 1 | sort -u >"$out/apt.txt"

@@ -105,6 +105,12 @@ function(usdlive_openusd_from_wheels)
     target_link_libraries(usdlive::openusd INTERFACE ${tbb} ${usd}
         $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:${Python_LIBRARIES}>)
     target_link_options(usdlive::openusd INTERFACE -Wl,--no-as-needed -Wl,--disable-new-dtags)
+
+    # For InstallOpenUsd.cmake.
+    set(USDLIVE_SITE ${usdlive_site} PARENT_SCOPE)
+    set(USDLIVE_USD_SITE ${product} PARENT_SCOPE)
+    set(USDLIVE_USD_HEADERS ${includes} PARENT_SCOPE)
+    set(USDLIVE_HEADERS_ENV ${USDLIVE_HEADERS_ENV} PARENT_SCOPE)
 endfunction()
 
 if(NOT TARGET usdlive::openusd)

@@ -1,5 +1,5 @@
-# What is installed: inside a wheel the extension and the programs, else those programs and the C++
-# client as a CMake package.
+# What is installed: inside a wheel the extension and the programs; else those programs and the C++ client as a CMake
+# package, with the OpenUSD they were built with.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
@@ -16,7 +16,11 @@ endfunction()
 function(usdlive_install_package)
     foreach(program usdlive usdlive-server)
         if(TARGET ${program})
-            set_target_properties(${program} PROPERTIES INSTALL_RPATH_USE_LINK_PATH ON)
+            if(USDLIVE_OPENUSD_ROOT)
+                set_target_properties(${program} PROPERTIES INSTALL_RPATH_USE_LINK_PATH ON)
+            else()
+                set_target_properties(${program} PROPERTIES INSTALL_RPATH "$ORIGIN/${USDLIVE_FROM_PROGRAMS}")
+            endif()
             install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
         endif()
     endforeach()
@@ -36,8 +40,13 @@ function(usdlive_install_package)
     install(FILES ${PROJECT_BINARY_DIR}/usdliveConfig.cmake
         ${PROJECT_BINARY_DIR}/usdliveConfigVersion.cmake
         ${PROJECT_SOURCE_DIR}/common/cmake/Dependencies.cmake
-        ${PROJECT_SOURCE_DIR}/common/cmake/OpenUsd.cmake
         DESTINATION ${package})
+    set(openusd ${PROJECT_SOURCE_DIR}/common/cmake/OpenUsd.cmake)
+    if(NOT USDLIVE_OPENUSD_ROOT)
+        set(openusd ${PROJECT_BINARY_DIR}/InstalledOpenUsd.cmake)
+        configure_file(${PROJECT_SOURCE_DIR}/common/cmake/InstalledOpenUsd.cmake.in ${openusd} @ONLY)
+    endif()
+    install(FILES ${openusd} DESTINATION ${package} RENAME OpenUsd.cmake)
 
     foreach(headers common/include client/include)
         install(DIRECTORY ${PROJECT_SOURCE_DIR}/${headers}/ DESTINATION include)
@@ -49,5 +58,8 @@ endfunction()
 if(SKBUILD)
     usdlive_install_wheel()
 else()
+    if(NOT USDLIVE_OPENUSD_ROOT)
+        include(InstallOpenUsd)
+    endif()
     usdlive_install_package()
 endif()

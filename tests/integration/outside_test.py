@@ -1,30 +1,80 @@
-"""A build from outside the tree: the installed package is found and the example of the README runs."""
+"""A build from outside the tree: the installed package is moved to another place, works without the checkout, and the
+example of the README runs."""
 
 import os
 import pathlib
 import shutil
 import subprocess
 
+import pytest
 from conftest import cat
 
-EXAMPLE = pathlib.Path(__file__).parents[2] / "client" / "examples" / "minimal"
+CHECKOUT = pathlib.Path(__file__).parents[2]
+EXAMPLE = CHECKOUT / "client" / "examples" / "minimal"
+# What only a checkout, or Python's development files, have.
+OUT_OF_REACH = (str(CHECKOUT), os.environ["USDLIVE_BUILD"], "/usr/include/python3")
 
 
-def test_find_package_from_outside_the_tree(tmp_path, project, serve):
+def output(*command, **options) -> str:
+    return subprocess.run([str(word) for word in command], check=True, text=True, stdout=subprocess.PIPE,
+                          env=bare_environment(), **options).stdout
+
+
+def bare_environment() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items()
+            if not name.startswith("USDLIVE_") and name not in ("PYTHONPATH", "LD_LIBRARY_PATH")}
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory):
+    """Installed in one place and moved to another."""
+    folder = tmp_path_factory.mktemp("installed")
+    output("cmake", "--install", os.environ["USDLIVE_BUILD"], "--prefix", folder / "first", "--strip")
+    (folder / "first").rename(folder / "moved")
+    return folder / "moved"
+
+
+def test_find_package_from_outside_the_tree(tmp_path, project, serve, prefix):
     (project / "shot.usda").write_text("#usda 1.0\n")
-    prefix, source, build = tmp_path / "prefix", tmp_path / "example", tmp_path / "build"
-    subprocess.run(["cmake", "--install", os.environ["USDLIVE_BUILD"], "--prefix", prefix], check=True,
-                   stdout=subprocess.DEVNULL)
+    source, build = tmp_path / "example", tmp_path / "build"
     shutil.copytree(EXAMPLE, source)
-    subprocess.run(["cmake", "-G", "Ninja", "-S", source, "-B", build, f"-DCMAKE_PREFIX_PATH={prefix}",
-                    "-DCMAKE_BUILD_TYPE=Release",
-                    f"-DUSDLIVE_PRODUCT_ENV={os.environ['USDLIVE_PRODUCT_ENV']}",
-                    f"-DUSDLIVE_HEADERS_ENV={os.environ['USDLIVE_HEADERS_ENV']}"], check=True,
-                   stdout=subprocess.DEVNULL)
-    subprocess.run(["cmake", "--build", build], check=True, stdout=subprocess.DEVNULL)
+    output("cmake", "-G", "Ninja", "-S", source, "-B", build, f"-DCMAKE_PREFIX_PATH={prefix}",
+           "-DCMAKE_BUILD_TYPE=Release")
+    output("cmake", "--build", build)
+    read = output("ninja", "-C", build, "-t", "deps") + (build / "build.ninja").read_text()
+    assert f"{prefix}/lib/usdlive/include/pxr" in read, "the headers of the package are used"
+    assert not [path for path in OUT_OF_REACH if path in read]
+    assert str(prefix) in output("ldd", build / "minimal")
+    assert str(CHECKOUT) not in output("ldd", build / "minimal")
     assert len((source / "main.cpp").read_text().splitlines()) <= 40
     server = serve(project)
     done = subprocess.run([build / "minimal", server.url, "shot.usda", "ada"], capture_output=True,
-                          text=True, timeout=60, check=False)
+                          text=True, timeout=60, check=False, env=bare_environment())
     assert done.returncode == 0, done.stderr
     assert '"frame 119"' in cat(server, "shot.usda")
+
+
+def test_installed_programs_need_no_checkout(tmp_path, project, serve, prefix):
+    for program in ("usdlive", "usdlive-server"):
+        libraries = output("ldd", prefix / "bin" / program)
+        assert str(prefix) in libraries and "not found" not in libraries
+        assert not [path for path in OUT_OF_REACH if path in libraries]
+    (project / "shot.usda").write_text('#usda 1.0\ndef Xform "World" {}\n')
+    server = serve(project)
+    server.stop()
+    server.program = [str(prefix / "bin" / "usdlive"), "serve"]
+    server.start()
+    assert 'def Xform "World"' in output(prefix / "bin" / "usdlive", "cat", f"{server.url}/shot.usda")
+
+
+def test_nothing_installed_names_the_checkout(prefix):
+    for file in (prefix / "lib" / "cmake").rglob("*.cmake"):
+        assert not [path for path in OUT_OF_REACH if path in file.read_text()], file
+    links = [path for path in prefix.rglob("*") if path.is_symlink()]
+    assert all(not os.path.isabs(os.readlink(link)) and link.exists() for link in links)
+
+
+def test_licences_of_what_is_copied_are_installed(prefix):
+    licences = prefix / "share" / "doc" / "usdlive" / "licenses"
+    for name in ("usd-core", "openusd", "tbb", "python"):
+        assert any(file.stat().st_size > 500 for file in (licences / name).iterdir()), name
