@@ -582,6 +582,33 @@ def test_states_are_true_before_the_first_frame(scene, tmp_path):
     assert not state.has_used_layer(str(extra))
 
 
+def test_auto_authoring_removes_a_prim_that_it_has_not_edited(scene):
+    for layer in (scene.strong, scene.weak):
+        Sdf.CreatePrimInLayer(layer, "/Old/Child").specifier = Sdf.SpecifierDef
+    scene.edit()
+    delegate = scene.stage.GetEditTarget().GetLayer()
+    assert scene.stage.GetPrimAtPath("/Old/Child") and not delegate.GetPrimAtPath("/Old")
+    assert scene.stage.RemovePrim("/Old/Child")
+    scene.frame()
+    assert scene.stage.GetPrimAtPath("/Old") and not scene.stage.GetPrimAtPath("/Old/Child")
+    for layer in (scene.strong, scene.weak):
+        assert layer.GetPrimAtPath("/Old") and not layer.GetPrimAtPath("/Old/Child")
+    # As Usd says it: nothing there, and no path of a prim.
+    assert not scene.stage.RemovePrim("/None")
+    assert not scene.stage.RemovePrim("/A.x") and not scene.stage.RemovePrim("/")
+    # Within the frame in which it was edited, and with another edit target.
+    scene.stage.GetPrimAtPath("/Old").SetMetadata("comment", "still here")
+    assert scene.stage.RemovePrim("/Old")
+    scene.frame()
+    assert not scene.stage.GetPrimAtPath("/Old") and not scene.strong.GetPrimAtPath("/Old")
+    with Usd.EditContext(scene.stage, scene.root):
+        assert not scene.stage.RemovePrim("/A"), "the root layer has no opinion"
+    assert scene.stage.GetPrimAtPath("/A")
+    scene.edit(LayerEditMode.NORMAL)
+    assert "RemovePrim" not in vars(scene.stage)
+    assert not scene.stage.RemovePrim("/A")
+
+
 def test_a_muted_layer_that_is_removed_leaves_no_flag(scene):
     state, weak = scene.layers.get_layers_state(), scene.weak.identifier
     state.set_muteness_scope(True)

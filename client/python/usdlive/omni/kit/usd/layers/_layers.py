@@ -15,6 +15,7 @@ from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, get_app
 from usdlive.omni.usd import StageEventType
 
 from ._host import StageHost
+from ._removal import shadow_removal, unshadow_removal
 from ._types import LayerEditMode, LayerErrorType, LayerEventType, layer_event_name, layer_event_type
 
 _NO_STAGE = (LayerErrorType.INVALID_STAGE, "the context has no stage")
@@ -357,7 +358,14 @@ class Layers:
 
     def set_edit_mode(self, edit_mode: LayerEditMode) -> None:
         if native := self._native_layers():
-            native.set_edit_mode(int(edit_mode))
+            self._enter_mode(native, edit_mode)
+
+    def _enter_mode(self, native: "_usdlive.Layers", edit_mode: int) -> None:
+        native.set_edit_mode(int(edit_mode))
+        if native.edit_mode() == LayerEditMode.AUTO_AUTHORING:
+            shadow_removal(self, self._stage)
+        else:
+            unshadow_removal(self._stage)
 
     def get_last_error_type(self) -> LayerErrorType:
         return LayerErrorType(self._last_error()[0])
@@ -447,7 +455,7 @@ class Layers:
         """A stage that was saved as another file is edited on as it was: it has the same session layer."""
         resumed, self._resumed = self._resumed, None
         if resumed and resumed[0] == stage.GetSessionLayer():
-            self._native.set_edit_mode(resumed[1])
+            self._enter_mode(self._native, resumed[1])
             self._native.set_default_layer(resumed[2])
 
     def _distribute(self) -> None:
@@ -463,7 +471,7 @@ class Layers:
         mode, default = self._native.edit_mode(), self._native.default_layer()
         if mode != LayerEditMode.NORMAL:
             if self._stage:  # not one that its owner has ended
-                self._native.set_edit_mode(LayerEditMode.NORMAL)
+                self._enter_mode(self._native, LayerEditMode.NORMAL)
                 self._resumed = (self._stage.GetSessionLayer(), mode, default)
             self._queue_events()
         if self._muting:
