@@ -149,13 +149,17 @@ void Project::Impl::greet(Session& session, const Hello& hello) {
 /// A connection its client has given up may still deliver. What comes over it now would be executed
 /// beside what the client sends anew, after it was told that it is refused.
 void Project::Impl::supersede(const ClientId& client) {
+    bool superseded = false;
     for (auto& [id, other] : sessions_) {
         if (other.client != client || std::holds_alternative<Closing>(other.phase)) continue;
+        superseded = true;
         host_.close(id);
         other.phase = Closing{};
         other.transactions.clear();
         other.answers.clear();
     }
+    // A gesture that is still open is sent anew; one that has ended empty meanwhile is not.
+    if (superseded) withdrawAll(client);
 }
 
 void Project::Impl::checkResume(Session& session) {

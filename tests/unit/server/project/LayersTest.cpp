@@ -275,6 +275,23 @@ TEST(ProjectPreviews, M11AreWithdrawnWhenTheirAuthorGoes) {
     EXPECT_TRUE(world.silent(3));
 }
 
+// Who comes back and has nothing to show any more, sends none: nobody would withdraw the old one.
+TEST(ProjectPreviews, M11AreWithdrawnWhenANewConnectionTakesTheirAuthorsPlace) {
+    World world;
+    world.join(1);
+    world.join(2);
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {set("/A.x", 1)}}));
+    world.next(2);
+    Hello hello = world.hello(3);
+    hello.client = world.client(1);
+    world.connect(3, hello);
+    const auto withdrawn = world.nextFrame<PreviewFrame>(2);
+    EXPECT_EQ(withdrawn.gesture, 7u);
+    EXPECT_TRUE(withdrawn.edits.empty());
+    world.project->disconnected(1);
+    EXPECT_TRUE(world.silent(2));
+}
+
 TEST(ProjectPreviews, B3TheirBigValuesAreInMemoryUntilTheGestureEnds) {
     World world;
     world.join(1);
