@@ -9,7 +9,13 @@
 // `override` is the first opinion on a deep prim in an empty sublayer, and its removal, on a stage
 // of so many prims that both editors have composed. `ratio` is of the follower's tick to what the
 // edit cost its author, both with what they compose again.
+//
+// `arrayMiB` is one array that the editor itself sets: its longest tick until the server has it.
+// `ratio` is to what encoding the array takes, which happens beside the frame.
 #include <pxr/base/gf/vec3d.h>
+#include <pxr/base/gf/vec3f.h>
+#include <pxr/base/vt/array.h>
+#include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/primSpec.h>
 
@@ -26,6 +32,7 @@
 #include "support/Figures.h"
 #include "support/LiveClient.h"
 #include "support/Server.h"
+#include "usdlive/common/usd/ValueCodec.h"
 
 using namespace usdlive::bench;
 
@@ -190,6 +197,47 @@ void measureOverrides(int prims, int rounds) {
     measureOverride("removed", author, follower, rounds, remove, write);
 }
 
+// ---- an array of one's own
+
+struct NoBlobs final : usdlive::usd::BlobSink {
+    void keepBlob(const usdlive::Hash&, usdlive::SharedBytes) override {}
+};
+
+void measureArray(LiveClient& author, const pxr::SdfPath& prim, std::size_t mebibytes) {
+    const std::size_t count = (mebibytes << 20) / sizeof(pxr::GfVec3f);
+    pxr::VtArray<pxr::GfVec3f> points(count);
+    for (std::size_t i = 0; i < count; ++i) points[i] = pxr::GfVec3f(float(i), 1, 2);
+    const pxr::VtValue value(points);
+
+    const auto begin = Clock::now();
+    NoBlobs blobs;
+    if (!usdlive::usd::encodeLeaf(value, blobs))
+        throw std::runtime_error("the array cannot be encoded");
+    const double encodeMs = millisecondsSince(begin);
+
+    const auto spec = pxr::SdfAttributeSpec::New(author.layer->GetPrimAtPath(prim), "cloud",
+                                                 pxr::SdfValueTypeNames->Point3fArray);
+    if (!author.client->flush(60'000)) throw std::runtime_error("the attribute was not committed");
+    const auto revision = author.client->revision();
+    spec->SetDefaultValue(value);
+    double longest = 0;
+    std::size_t ticks = 0;
+    while (author.client->revision() == revision) {
+        const auto tick = Clock::now();
+        author.client->tick();
+        longest = std::max(longest, millisecondsSince(tick));
+        ++ticks;
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    print(nlohmann::ordered_json{{"bench", "tick"},
+                                 {"arrayMiB", mebibytes},
+                                 {"longestTickMs", longest},
+                                 {"encodeMs", encodeMs},
+                                 {"ratio", longest / encodeMs},
+                                 {"ticks", ticks}}
+              .dump());
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -210,5 +258,6 @@ int main(int argc, char** argv) {
         for (int i = 0; i < edits; ++i) paths.emplace_back(attributePath(i));
         for (const bool together : {true, false})
             measure(writer, follower, paths, rounds, together);
+        measureArray(writer, paths.front().GetPrimPath(), 200);
     });
 }

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from conftest import connect, run, wait
-from pxr import Gf, Sdf
+from pxr import Gf, Sdf, Tf, Usd
 
 import usdlive
 from usdlive import events
@@ -33,10 +33,10 @@ def test_a_lock_is_enforced_and_told(project, serve):
         lost = []
         bob.add_handler(lambda event: lost.append(event) if isinstance(event, events.Lost) else None)
         attribute = layers[bob].GetAttributeAtPath("/World.x")
-        attribute.default = 7.0
-        wait(lambda: lost, bob, ada)
-        assert lost[0].code == "locked" and "ada" in lost[0].message and lost[0].refused
-        assert attribute.default == 0.0
+        assert not layers[bob].permissionToEdit and layers[ada].permissionToEdit
+        with pytest.raises(Tf.ErrorException, match="not editable"):
+            attribute.default = 7.0
+        assert attribute.default == 0.0 and not lost
         saved = []
         bob.add_handler(lambda event: saved.append(event) if isinstance(event, events.Saved) else None)
         bob.save("shot.usda")
@@ -47,10 +47,68 @@ def test_a_lock_is_enforced_and_told(project, serve):
         layers[ada].GetAttributeAtPath("/World.x").default = 1.0
         ada.unlock("shot.usda")
         assert ada.flush()
-        wait(lambda: attribute.default == 1.0, bob)
+        wait(lambda: attribute.default == 1.0 and layers[bob].permissionToEdit, bob)
         attribute.default = 2.0
         assert bob.flush()
-        assert len(lost) == 1
+        assert not lost
+
+        # Who has not heard of the lock yet is refused by the server.
+        ada.lock("shot.usda")
+        assert ada.flush()
+        attribute.default = 7.0
+        wait(lambda: lost, bob, ada)
+        assert lost[0].code == "locked" and "ada" in lost[0].message and lost[0].refused
+        assert attribute.default == 2.0 and not layers[bob].permissionToEdit
+        kept = Usd.Stage.Open(layers[bob])
+        bob.close_layer("shot.usda")
+        assert kept.GetRootLayer().permissionToEdit
+
+
+def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project, "--admin", "eve")
+    with connect(server, "ada") as ada, connect(server, "bob") as bob, connect(server, "eve") as eve:
+        ada.open_layer("shot.usda")
+        his, hers = bob.open_layer("shot.usda"), eve.open_layer("shot.usda")
+        his.SetPermissionToEdit(False)  # his editor's own wish
+        ada.lock("shot.usda")
+        wait(lambda: all(one.layer_states().get("shot.usda", events.LayerState("")).locked
+                         for one in (bob, eve)), ada, bob, eve)
+        assert not his.permissionToEdit and hers.permissionToEdit
+        hers.GetAttributeAtPath("/World.x").default = 3.0
+        wait(lambda: his.GetAttributeAtPath("/World.x").default == 3.0, ada, bob, eve)
+        ada.unlock("shot.usda")
+        wait(lambda: not bob.layer_states()["shot.usda"].locked, ada, bob)
+        bob.tick()
+        assert not his.permissionToEdit
+        # One that joins while the lock stands.
+        ada.lock("shot.usda")
+        assert ada.flush()
+        with connect(server, "joe") as joe:
+            stage = Usd.Stage.Open(joe.open_layer("shot.usda"))
+            wait(lambda: not stage.GetRootLayer().permissionToEdit, joe)
+        assert stage.GetRootLayer().permissionToEdit
+
+
+def test_refusals_of_one_register_are_one_event_a_second(project, serve):
+    (project / "shot.usda").write_text(ROOT)
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bob") as bob:
+        hers, his = ada.open_layer("shot.usda"), bob.open_layer("shot.usda")
+        hers.customLayerData = {"omni_layer": {"specs_locking": {"/World.x": "ada"}}}
+        wait(lambda: his.customLayerData, ada, bob)
+        lost = []
+        bob.add_handler(lambda event: lost.append(event) if isinstance(event, events.Lost) else None)
+        writes = 60
+        for frame in range(writes):
+            his.GetAttributeAtPath("/World.x").default = 10.0 + frame
+            assert bob.flush()
+        wait(lambda: sum(event.count for event in lost) == writes, bob)
+        assert lost[0].count == 1 and len(lost) < writes / 3
+        assert all(event.code == "locked" for event in lost)
+        assert [event.index for event in lost] == sorted(event.index for event in lost)
+        newest = bob.lost_work_as_layer(lost[-1].index, "shot.usda")
+        assert newest.GetAttributeAtPath("/World.x").default == 10.0 + writes - 1
 
 
 def test_locking_what_is_locked_and_muting_what_is_muted_commits_nothing(project, serve):

@@ -128,6 +128,7 @@ nb::dict convert(const client::event::Lost& event) {
     nb::dict d = make("Lost");
     put(d, event.work.reason);
     d["index"] = event.index;
+    d["count"] = event.count;
     d["refused"] = event.work.refused;
     nb::list edits;
     for (const client::AuthoredEdit& edit : event.work.edits)

@@ -245,7 +245,9 @@ class Live:
 
     def lock(self, layer: str) -> None:
         """Locks a live layer in one's own name: the server then refuses everybody else's edits of it, and
-        saving it. Sent with the next tick; refused (`events.Lost`, code `locked`) when somebody else has it."""
+        saving it. Sent with the next tick; refused (`events.Lost`, code `locked`) when somebody else has it.
+        While the lock stands, `permissionToEdit` of the layer is False for others, but for administrators:
+        `pxr` raises where they write."""
         self._client.set_locked(layer, True)
 
     def unlock(self, layer: str) -> None:

@@ -104,13 +104,16 @@ class Committed:
 @dataclasses.dataclass(frozen=True)
 class Lost:
     """Work of one's own that is not in the project, and why (M12). `refused`: a whole transaction.
-    `index`: for `Live.lost_work_as_layer()`; it never changes."""
+    `index`: for `Live.lost_work_as_layer()`; it never changes. `count`: what is refused again and
+    again (a tool that writes one attribute every frame into a locked layer) is told once a second;
+    this is the newest of so many. All of them are kept."""
 
     code: str
     message: str
     refused: bool
     edits: tuple[Edit, ...]
     index: int = 0
+    count: int = 1
 
 
 @dataclasses.dataclass(frozen=True)

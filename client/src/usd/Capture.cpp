@@ -1,6 +1,8 @@
 #include "usdlive/client/usd/Capture.h"
 
+#include <pxr/base/gf/matrix4d.h>
 #include <pxr/base/tf/stringUtils.h>
+#include <pxr/base/tf/type.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
@@ -101,6 +103,12 @@ const Value* sampleAt(const FieldValue* field, double time) {
     const auto at = std::lower_bound(samples->samples.begin(), samples->samples.end(), time,
                                      [](const auto& sample, double t) { return sample.first < t; });
     return at != samples->samples.end() && at->first == time ? &at->second : nullptr;
+}
+
+std::size_t bytesOf(const pxr::VtValue& array) {
+    const std::size_t count = array.GetArraySize();
+    if (count < Capture::kBigArrayBytes / sizeof(pxr::GfMatrix4d)) return 0;
+    return count * std::max(pxr::TfType::Find(array.GetElementTypeid()).GetSizeof(), sizeof(char));
 }
 
 }  // namespace
@@ -462,6 +470,7 @@ void Capture::discard() {
     dirty_.clear();
     unclear_.clear();
     lost_.clear();
+    bigArrays_.clear();
 }
 
 void Capture::contentReplaced() {
@@ -604,6 +613,20 @@ void Capture::timeSampleChanged(const SdfPath& path, double time) {
     begin();
     DirtyField& dirty = dirty_[path].fields[timeSamplesToken()];
     if (!dirty.whole) dirty.times.insert(time);
+}
+
+void Capture::arrayWritten(const SdfPath& path, const TfToken& field, std::optional<double> time,
+                           const pxr::VtValue& array) {
+    if (std::this_thread::get_id() != thread_ || path.ContainsTargetPath()) return;
+    Register written(path, field, time);
+    if (bytesOf(array) >= kBigArrayBytes)
+        bigArrays_[std::move(written)] = array;
+    else if (!bigArrays_.empty())
+        bigArrays_.erase(written);
+}
+
+void Capture::appendBigArrays(std::vector<pxr::VtValue>& arrays) const {
+    for (const auto& entry : bigArrays_) arrays.push_back(entry.second);
 }
 
 void Capture::noteForeign(const SdfPath& path, const std::string& field, const std::string& what) {

@@ -17,10 +17,12 @@
 
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/client/transport/SystemUser.h"
+#include "usdlive/client/usd/ArrayEncodings.h"
 #include "usdlive/client/usd/BlobCache.h"
 #include "usdlive/client/usd/LayerClaims.h"
 #include "usdlive/client/usd/LayerFolders.h"
 #include "usdlive/client/usd/LiveLayer.h"
+#include "usdlive/client/usd/LostEvents.h"
 #include "usdlive/client/usd/LostWorkLayer.h"
 #include "usdlive/client/usd/LostWorkStore.h"
 #include "usdlive/client/usd/UnsentWorkStore.h"
@@ -199,7 +201,7 @@ public:
 
     std::optional<client::UnsentWork> leave(double timeoutMs) {
         if (!mayBlock("leave")) return std::nullopt;
-        tick(0);
+        tick(0, Seal::Now);
         session_.endGesture();
         if (flush(timeoutMs)) return std::nullopt;
         return unsent();
@@ -278,10 +280,11 @@ public:
 
     // --- the frame ---
 
-    TickResult tick(double budgetMs) {
+    enum class Seal { WhenEncoded, Now };
+    TickResult tick(double budgetMs, Seal seal = Seal::WhenEncoded) {
         TickResult result;
         if (ticking_) return result;  // from within a notice of ours: the tick goes on after it
-        work(budgetMs, result);
+        work(budgetMs, result, seal);
         dispatch();
         return result;
     }
@@ -351,7 +354,7 @@ public:
     std::uint64_t save(std::vector<LayerId> layers, bool force) {
         // What was written before is saved, too.
         TickResult ticked;
-        if (!ticking_) work(0, ticked);
+        if (!ticking_) work(0, ticked, Seal::Now);
         saveWritten();
         return session_.save(std::move(layers), force);
     }
@@ -489,11 +492,23 @@ private:
         keepEarlyWork(id, layer);
         live_[id] = std::make_unique<LiveLayer>(
             id, layer,
-            LiveLayer::Surroundings{source_, blobs_, blobs_, worker_,
+            LiveLayer::Surroundings{source_, blobs_, encodings_, worker_,
                                     [this, id] { return session_.view(id); },
                                     [this](Error error) { report(std::move(error)); }});
+        followLock(id);
         session_.openLayer(id);
         return true;
+    }
+
+    // While somebody else's lock stands, the layer says so itself: `permissionToEdit` is false.
+    void followLock(const LayerId& id) {
+        auto* live = find(id);
+        if (!live || !session_.welcome()) return;
+        const auto& states = session_.layerStates();
+        const auto state = states.find(id);
+        const bool locked = state != states.end() && state->second.locked;
+        live->setLockedByOther(locked && state->second.holder.value != options_.user &&
+                               !session_.welcome()->administrator.value_or(false));
     }
 
     static Error liveElsewhere(const LayerId& id) {
@@ -644,21 +659,26 @@ private:
 
     // --- parts of a tick ---
 
-    void work(double budgetMs, TickResult& result) {
+    void work(double budgetMs, TickResult& result, Seal seal) {
         const Raised ticking(ticking_);
         const auto start = Clock::now();
         const auto left = [&] { return std::max(budgetMs - msSince(start), 0.1); };
         adoptLoaded(left());
         {
             const pxr::SdfChangeBlock block;
-            seal();
-            hearConnection();
-            result.more = !session_.advance(left(), nowMs());
-            if (session_.pendingTransactions() == 0) saveWritten();
-            bringBlobs();
+            if (seal == Seal::Now || bigArraysAreReady()) {
+                this->seal();
+                hearConnection();
+                result.more = !session_.advance(left(), nowMs());
+                if (session_.pendingTransactions() == 0) saveWritten();
+                bringBlobs();
+            } else {
+                result.more = true;  // until then nobody else's edits may come into the layers
+            }
             result.filling = fillLayers(left());
         }
         takeEvents(result);
+        for (auto& lost : lostEvents_.due(nowMs())) events_.push_back(std::move(lost));
         if (unsent_)
             if (auto error = unsent_->takeError()) report(std::move(*error));
         // Lost work is to be had with its values (M12).
@@ -681,6 +701,13 @@ private:
                            [](const auto& entry) { return entry.second->hasWrites(); });
     }
 
+    // Arrays that take a part of a frame to encode are encoded beside it.
+    [[nodiscard]] bool bigArraysAreReady() {
+        std::vector<pxr::VtValue> arrays;
+        for (const auto& [id, live] : live_) live->appendBigArrays(arrays);
+        return encodings_.areReady(std::move(arrays), nowMs());
+    }
+
     // All that was written in one frame is one transaction, over all layers.
     void seal() {
         std::vector<client::AuthoredEdit> edits;
@@ -694,6 +721,7 @@ private:
                 lose(std::move(work));
             }
         }
+        encodings_.clear();
         if (!edits.empty()) session_.author(std::move(edits));
     }
 
@@ -755,7 +783,8 @@ private:
 
     void lose(LostWork work) {
         if (const auto kept = lost_.add(work); !kept) report(kept.error());
-        events_.push_back(event::Lost{std::move(work), lost_.size() - 1});
+        if (auto told = lostEvents_.add({std::move(work), lost_.size() - 1}, nowMs()))
+            events_.push_back(std::move(*told));
     }
 
     void takeEvents(TickResult& result) {
@@ -781,6 +810,9 @@ private:
             std::set<LayerId> layers;
             for (const LayerInfo& info : connected->welcome.layers) layers.insert(info.layer);
             setProjectLayers(std::move(layers));
+            for (const auto& entry : live_) followLock(entry.first);
+        } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
+            for (const LayerState& state : states->layers) followLock(state.layer);
         } else if (const auto* changed = std::get_if<event::LayersChanged>(&one)) {
             setProjectLayers({changed->layers.begin(), changed->layers.end()});
         } else if (auto* joined = std::get_if<event::Joined>(&one)) {
@@ -830,10 +862,13 @@ private:
     const CacheFolder cacheFolder_;
     LayerFolders folders_;
     BlobCache blobs_;
-    client::Worker worker_;  // makes what the layers hold
+    client::Worker worker_;   // makes what the layers hold
+    client::Worker encoder_;  // encodes what the editor has written
+    client::ArrayEncodings encodings_{blobs_, encoder_};
     Source source_{*this};
     const std::unique_ptr<Connection> connection_;
     client::LostWorkStore lost_;
+    client::LostEvents lostEvents_;
     std::unique_ptr<client::UnsentWorkStore> unsent_;  // once the project is known
     Session session_;
     std::map<LayerId, std::unique_ptr<LiveLayer>> live_;
@@ -924,12 +959,12 @@ Client::TickResult Client::tick(double budgetMs) {
 void Client::beginGesture() {
     impl_->require("beginGesture");
     // What was written before is not part of it.
-    impl_->tick(0);
+    impl_->tick(0, Impl::Seal::Now);
     impl_->session().beginGesture();
 }
 void Client::endGesture() {
     impl_->require("endGesture");
-    impl_->tick(0);
+    impl_->tick(0, Impl::Seal::Now);
     impl_->session().endGesture();
 }
 std::uint64_t Client::save(std::vector<LayerId> layers, bool force) {

@@ -21,9 +21,8 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
     : id_(std::move(id)),
       layer_(std::move(layer)),
       surroundings_(std::move(surroundings)),
-      capture_(id_, surroundings_.view),
-      permitted_(true) {
-    close();
+      capture_(id_, surroundings_.view) {
+    setPermission(true, false);
     const auto self = pxr::TfCreateWeakPtr(this);
     replacedKey_ =
         pxr::TfNotice::Register(self, &LiveLayer::onReplaced, pxr::SdfLayerHandle(layer_));
@@ -36,22 +35,21 @@ LiveLayer::~LiveLayer() {
     pxr::TfNotice::Revoke(mutenessKey_);
     pxr::TfNotice::Revoke(savedKey_);
     store_.reset();
-    open();
+    setPermission(false, false);
 }
 
-void LiveLayer::close() {
-    if (closed_) return;
+void LiveLayer::setPermission(bool closed, bool lockedByOther) {
+    const bool before = closed_ || lockedByOther_;
+    closed_ = closed;
+    lockedByOther_ = lockedByOther;
+    const bool after = closed || lockedByOther;
+    if (before == after) return;
     // A muted layer says no, whatever was set: what was before is not known.
-    permitted_ = layer_->IsMuted() || layer_->PermissionToEdit();
-    layer_->SetPermissionToEdit(false);
-    closed_ = true;
+    if (after) permitted_ = layer_->IsMuted() || layer_->PermissionToEdit();
+    layer_->SetPermissionToEdit(!after && permitted_);
 }
 
-void LiveLayer::open() {
-    if (!closed_) return;
-    layer_->SetPermissionToEdit(permitted_);
-    closed_ = false;
-}
+void LiveLayer::setLockedByOther(bool locked) { setPermission(closed_, locked); }
 
 std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
     return std::make_unique<BackgroundFill>(layer_, surroundings_.workerSource,
@@ -72,7 +70,7 @@ void LiveLayer::arrived(const LayerDoc& snapshot) {
 
 void LiveLayer::reset(const LayerDoc& doc) {
     capture_.discard();
-    close();
+    setPermission(true, lockedByOther_);
     waiting_.clear();
     auto arriving = std::move(arriving_);
     const auto snapshot = std::exchange(snapshot_, std::nullopt);
@@ -96,7 +94,8 @@ void LiveLayer::fill() {
         if (const LayerDoc* view = surroundings_.view()) reset(*view);
         return;
     }
-    open();
+    const bool lockedByOther = lockedByOther_;
+    setPermission(false, false);  // content is only brought into a layer that may be edited
     const bool wasFilled = bool(store_);
     if (!wasFilled)
         store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
@@ -105,6 +104,7 @@ void LiveLayer::fill() {
     namesLayers_ = fill_->namesLayers();
     const auto filled = fill_->into(*store_);
     fill_.reset();
+    setPermission(false, lockedByOther);
     if (!filled) surroundings_.report(filled.error());
     for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action);
     usesChanged_ = true;

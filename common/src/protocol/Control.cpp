@@ -57,6 +57,7 @@ void members(auto& io, Is<Welcome> auto& message) {
     io("layers", message.layers);
     io("maxFrameBytes", message.maxFrameBytes);
     io("maxBlobBytes", message.maxBlobBytes);
+    io("administrator", message.administrator);
 }
 void members(auto& io, Is<ProjectLayers> auto& message) { io("layers", message.layers); }
 void members(auto& io, Is<OpenLayer> auto& message) {

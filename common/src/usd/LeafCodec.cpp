@@ -696,6 +696,8 @@ bool readsBack(const LeafCodec& codec, ByteView bytes) {
 }  // namespace
 
 Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
+    if (value.IsArrayValued())
+        if (auto known = blobs.encoded(value)) return *std::move(known);
     const LeafCodec* codec = value.IsEmpty() ? nullptr : codecFor(value);
     if (!codec) return unsupported(value, "");
     Bytes bytes;

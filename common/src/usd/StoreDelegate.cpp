@@ -189,6 +189,17 @@ void SdfLayerStore::Delegate::tellField(const Path& path, const Token& field) {
     tellChildren(path, field, false);
 }
 
+void SdfLayerStore::Delegate::tellArray(const Path& path, const Token& field,
+                                        std::optional<double> time, const pxr::VtValue& value) {
+    if (!value.IsArrayValued()) return;
+    if (auto* observer = told(path)) observer->arrayWritten(path, field, time, value);
+}
+void SdfLayerStore::Delegate::tellArray(const Path& path, const Token& field,
+                                        std::optional<double> time, const ConstValue& value) {
+    pxr::VtValue taken;
+    if (told(path) && value.GetValue(&taken)) tellArray(path, field, time, taken);
+}
+
 void SdfLayerStore::Delegate::tellChildren(const Path& parent, const Token& field, bool appended) {
     auto* observer = told(parent);
     const bool ofModel = std::ranges::any_of(
@@ -208,11 +219,13 @@ void SdfLayerStore::Delegate::_OnSetLayer(const pxr::SdfLayerHandle& layer) {
 void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
                                           const pxr::VtValue& value) {
     Base::_OnSetField(path, field, value);
+    tellArray(path, field, std::nullopt, value);
     tellField(path, field);
 }
 void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
                                           const ConstValue& value) {
     Base::_OnSetField(path, field, value);
+    tellArray(path, field, std::nullopt, value);
     tellField(path, field);
 }
 
@@ -231,11 +244,13 @@ void SdfLayerStore::Delegate::_OnSetFieldDictValueByKey(const Path& path, const 
 void SdfLayerStore::Delegate::_OnSetTimeSample(const Path& path, double time,
                                                const pxr::VtValue& value) {
     Base::_OnSetTimeSample(path, time, value);
+    tellArray(path, pxr::SdfFieldKeys->TimeSamples, time, value);
     if (auto* observer = told(path)) observer->timeSampleChanged(path, time);
 }
 void SdfLayerStore::Delegate::_OnSetTimeSample(const Path& path, double time,
                                                const ConstValue& value) {
     Base::_OnSetTimeSample(path, time, value);
+    tellArray(path, pxr::SdfFieldKeys->TimeSamples, time, value);
     if (auto* observer = told(path)) observer->timeSampleChanged(path, time);
 }
 

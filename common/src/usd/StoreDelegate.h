@@ -125,6 +125,10 @@ private:
         return applying_ && std::this_thread::get_id() == thread_ ? nullptr : observer_;
     }
     void tellField(const Path& path, const Token& field);
+    void tellArray(const Path& path, const Token& field, std::optional<double> time,
+                   const pxr::VtValue& value);
+    void tellArray(const Path& path, const Token& field, std::optional<double> time,
+                   const ConstValue& value);
     void tellChildren(const Path& parent, const Token& field, bool appended);
     [[nodiscard]] std::optional<TargetFields> targetsOf(const Path& path, const Token& field) const;
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);

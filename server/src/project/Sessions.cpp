@@ -220,6 +220,7 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     message.layers = layerInfos();
     message.maxFrameBytes = options_.maxFrameBytes;
     message.maxBlobBytes = options_.maxBlobBytes;
+    message.administrator = options_.administrators.contains(session.user);
     send(session, message);
     tellStatesTo(session);
     tellPresencesTo(session);

@@ -131,6 +131,9 @@ struct Committed {
 struct Lost {
     LostWork work;
     std::uint64_t index = 0;  ///< for Client::lostWork(); set by the client, not by the session
+    /// Of so many losts in a row of the same registers for the same reason, within a second, this
+    /// is the newest; the others are kept as well, before it.
+    std::uint64_t count = 1;
 };  ///< refused or dropped work of one's own
 struct PreviewChanged {
     ClientId author;

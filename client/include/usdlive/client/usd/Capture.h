@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pxr/base/tf/token.h>
+#include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/path.h>
 #include <pxr/usd/sdf/types.h>
 
@@ -13,6 +14,7 @@
 #include <string>
 #include <string_view>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "usdlive/client/session/Session.h"
@@ -65,6 +67,13 @@ public:
     void dictionaryKeyChanged(const pxr::SdfPath& path, const pxr::TfToken& field,
                               const pxr::TfToken& keyPath) override;
     void timeSampleChanged(const pxr::SdfPath& path, double time) override;
+    void arrayWritten(const pxr::SdfPath& path, const pxr::TfToken& field,
+                      std::optional<double> time, const pxr::VtValue& array) override;
+
+    /// Arrays that were written since the last seal and take a part of a frame to encode: the last
+    /// of each register. They share the memory of what the layer holds.
+    static constexpr std::size_t kBigArrayBytes = std::size_t(4) << 20;
+    void appendBigArrays(std::vector<pxr::VtValue>& arrays) const;
 
 private:
     struct DirtyField {
@@ -101,6 +110,8 @@ private:
     // Specs that events and working copy disagree about: compared whole, with all below.
     std::set<pxr::SdfPath> unclear_;
     std::vector<LostWrite> lost_;
+    using Register = std::tuple<pxr::SdfPath, pxr::TfToken, std::optional<double>>;
+    std::map<Register, pxr::VtValue> bigArrays_;
 };
 
 }  // namespace usdlive::client

@@ -120,7 +120,9 @@ public:
 
     /// Locks a live layer in one's own name, or ends its lock: edits of the layer itself (LK1),
     /// sent with the next tick. What the server refuses comes back as lost work, with the holder's
-    /// name. LayerNotOpen; InvalidArgument for a root layer that holds Kit's map of locks.
+    /// name. While the lock stands, `permissionToEdit` of the layer is false for others, but for
+    /// administrators. LayerNotOpen; InvalidArgument for a root layer that holds Kit's map of
+    /// locks.
     Result<void> setLocked(const LayerId& layer, bool locked);
     /// Mutes a layer for everybody on the stages of `root`, a live layer, or ends that: edits of
     /// the root layer (MU1), sent with the next tick. LayerNotOpen; InvalidArgument for the root

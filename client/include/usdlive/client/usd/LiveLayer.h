@@ -46,6 +46,10 @@ public:
     /// All content is in and the editor may write.
     [[nodiscard]] bool isFilled() const { return store_ && !fill_; }
 
+    /// Somebody else's lock holds the layer (LK1): Sdf answers edits of the editor with its own
+    /// error, `permissionToEdit` is false. What the editor had set holds again afterwards.
+    void setLockedByOther(bool locked);
+
     /// As LayerView: content that a reset() will be about. The worker begins with it.
     void arriving(std::shared_ptr<const SnapshotPart> part);
     void arrived(const LayerDoc& snapshot);
@@ -61,6 +65,10 @@ public:
     [[nodiscard]] bool hasWrites() const;
     /// Precondition: not within a change block of ours.
     [[nodiscard]] Capture::Sealed seal();
+    /// As Capture::appendBigArrays().
+    void appendBigArrays(std::vector<pxr::VtValue>& arrays) const {
+        if (isFilled()) capture_.appendBigArrays(arrays);
+    }
 
     void blobArrived(const Hash& hash);
     [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }
@@ -78,8 +86,7 @@ private:
         EditAction action;
     };
 
-    void close();
-    void open();
+    void setPermission(bool closed, bool lockedByOther);
     void startOver();
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
@@ -97,8 +104,10 @@ private:
     std::optional<LayerDoc> snapshot_;  // what arriving_ makes, once all has arrived
     std::unique_ptr<BackgroundFill> fill_;
     std::vector<Waiting> waiting_;  // as long as fill_ works
-    bool permitted_;                // what the editor had set; ours is "no" until all is in
-    bool closed_ = false;
+    // The editor may write unless one of the next two is true; then what it may is what it had set.
+    bool closed_ = false;  // until all content is in
+    bool lockedByOther_ = false;
+    bool permitted_ = true;  // what the editor had set before
     // Sdf tells of a replaced content at the end of a change block, so that ours has to be known
     // again.
     bool expectsReplacement_ = false;

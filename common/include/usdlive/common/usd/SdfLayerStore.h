@@ -30,6 +30,10 @@ public:
     virtual void dictionaryKeyChanged(const pxr::SdfPath& path, const pxr::TfToken& field,
                                       const pxr::TfToken& keyPath) = 0;
     virtual void timeSampleChanged(const pxr::SdfPath& path, double time) = 0;
+    /// An array is written, as a field or as the sample of a time; fieldChanged() or
+    /// timeSampleChanged() follows.
+    virtual void arrayWritten(const pxr::SdfPath& /*path*/, const pxr::TfToken& /*field*/,
+                              std::optional<double> /*time*/, const pxr::VtValue& /*array*/) {}
 };
 
 /// A real SdfLayer as a store of edits: applies the edits of others to it, and tells an observer

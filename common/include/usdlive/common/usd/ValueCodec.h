@@ -22,6 +22,11 @@ public:
     virtual ~BlobSink() = default;
     /// Keeps the bytes of a big value, whose SHA-256 is `hash`.
     virtual void keepBlob(const Hash& hash, SharedBytes bytes) = 0;
+    /// What encodeLeaf() gives for this array, if that has been found out before; its bytes are
+    /// kept.
+    [[nodiscard]] virtual std::optional<Value> encoded(const pxr::VtValue& /*array*/) {
+        return std::nullopt;
+    }
 };
 
 /// The content of a field as the protocol carries it. A leaf of at least kBigValueBytes becomes a
