@@ -13,6 +13,7 @@
 #include <set>
 #include <unordered_map>
 
+#include "LeafCodec.h"
 #include "StoreDelegate.h"
 #include "Tokens.h"
 #include "usdlive/common/core/Utf8.h"
@@ -191,7 +192,8 @@ struct LayerFill::State {
                                      [&](const auto& field) { return field.first == present; }))
                 delegate.SetField(root, present, VtValue());
         for (const auto& [field, value] : rootFields)
-            if (delegate.data().Get(root, field) != value) delegate.SetField(root, field, value);
+            if (!areIdentical(delegate.data().Get(root, field), value))
+                delegate.SetField(root, field, value);
     }
 
     // Writes what differs, spec by spec and field by field, as edits would have done it.
@@ -221,7 +223,7 @@ struct LayerFill::State {
         const TfToken& offsets = pxr::SdfFieldKeys->SubLayerOffsets;
         const auto mergeField = [&](const TfToken& field) {
             VtValue value = data->Get(path, field);
-            if (delegate.data().Get(path, field) == value) return;
+            if (areIdentical(delegate.data().Get(path, field), value)) return;
             const auto list = std::ranges::find(kChildLists, field, childrenField);
             if (list != kChildLists.end())
                 delegate.setChildren(path, *list, value.GetWithDefault<pxr::TfTokenVector>());

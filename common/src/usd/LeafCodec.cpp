@@ -695,6 +695,25 @@ bool readsBack(const LeafCodec& codec, ByteView bytes) {
 
 }  // namespace
 
+bool areIdentical(const VtValue& left, const VtValue& right) {
+    if (left != right) return false;
+    const auto sameEntries = [&]<class Map>(std::in_place_type_t<Map>) {
+        const auto& ours = left.UncheckedGet<Map>();
+        const auto& theirs = right.UncheckedGet<Map>();
+        return std::equal(ours.begin(), ours.end(), theirs.begin(), theirs.end(),
+                          [](const auto& one, const auto& other) {
+                              return areIdentical(VtValue(one.second), VtValue(other.second));
+                          });
+    };
+    if (left.IsHolding<pxr::VtDictionary>())
+        return sameEntries(std::in_place_type<pxr::VtDictionary>);
+    if (left.IsHolding<pxr::SdfTimeSampleMap>())
+        return sameEntries(std::in_place_type<pxr::SdfTimeSampleMap>);
+    const LeafCodec* codec = left.IsEmpty() ? nullptr : codecFor(left);
+    Bytes ours, theirs;
+    return !codec || !codec->write(left, ours) || !codec->write(right, theirs) || ours == theirs;
+}
+
 Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
     if (value.IsArrayValued())
         if (auto known = blobs.encoded(value)) return *std::move(known);

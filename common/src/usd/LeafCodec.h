@@ -15,6 +15,10 @@ namespace usdlive::usd {
 [[nodiscard]] Result<ListOp> encodeListOp(const pxr::VtValue& value);
 [[nodiscard]] Result<pxr::VtValue> decodeListOp(const ListOp& list);
 
+/// Are the two the same to others, too? `==` takes -0.0 for 0.0, and text and wire do not. Looks
+/// into dictionaries and time samples; of what is no leaf `==` decides.
+[[nodiscard]] bool areIdentical(const pxr::VtValue& left, const pxr::VtValue& right);
+
 /// An absolute path, or the empty one, if this OpenUSD writes it as exactly this text; InvalidValue
 /// otherwise.
 [[nodiscard]] Result<pxr::SdfPath> parsePath(std::string_view text);

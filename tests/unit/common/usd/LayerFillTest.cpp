@@ -141,6 +141,24 @@ TEST(LayerFill, WhatIsAlreadyThereIsNotToldAgain) {
     EXPECT_EQ(textOf(layer), textOf(other));
 }
 
+// `==` says that they are the same; texts, and other editors, say that they are not.
+TEST(LayerFill, TheSignOfZeroIsBroughtIn) {
+    MemoryBlobs blobs;
+    const auto with = [](const std::string& zero) {
+        return fromText("#usda 1.0\n(\nstartTimeCode = " + zero +
+                        "\n)\ndef \"A\" (customData = {\n" +
+                        "dictionary d = {\ndouble x = " + zero + "\n}\n})\n{\ndouble s = " + zero +
+                        "\nfloat3[] a = [(1, 2, " + zero + ")]\nmatrix2d m = ((1, " + zero +
+                        "), (0, 1))\ndouble t.timeSamples = {\n1: " + zero + ",\n}\n}\n");
+    };
+    const auto layer = with("0"), other = with("-0");
+    SdfLayerStore store(layer, blobs, nullptr);
+    ChangeCount changes;
+    fillWhole(*readLayer(other, blobs), blobs, store);
+    EXPECT_EQ(textOf(layer), textOf(other));
+    EXPECT_EQ(changes.entries, 6U);
+}
+
 TEST(LayerFill, ReplacesWhatWasThere) {
     MemoryBlobs blobs;
     const auto layer =
