@@ -1,4 +1,4 @@
-"""D2: a call of the server that fails, or writes less than it was asked to. What is acknowledged is on the
+"""A call of the server that fails, or writes less than it was asked to. What is acknowledged is on the
 disk all the same, what is not is refused with a code, and nothing but the truth is found afterwards."""
 
 import collections

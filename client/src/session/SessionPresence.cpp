@@ -1,4 +1,4 @@
-// Where one is oneself, and where the others are (PS1-PS4).
+// Where one is oneself, and where the others are (PS1-PS3).
 #include <algorithm>
 
 #include "SessionImpl.h"

@@ -1,4 +1,4 @@
-// Where everybody is (PS1-PS4): passed on in sweeps, so that it costs a frame for each listener
+// Where everybody is (PS1-PS3): passed on in sweeps, so that it costs a frame for each listener
 // however many move; never stored.
 #include <utility>
 

@@ -245,7 +245,7 @@ public:
     /// unlocked and open nowhere.
     [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
 
-    // Presence (PS1-PS4): others see it within a tenth of a second, as long as there is a
+    // Presence (PS1-PS3): others see it within a tenth of a second, as long as there is a
     // connection.
     void showPresence(Presence presence);
     void hidePresence();

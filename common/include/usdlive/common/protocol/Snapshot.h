@@ -9,7 +9,7 @@
 
 namespace usdlive {
 
-/// SN1: a layer's content as records, parents before children, cut into chunks of about
+/// SN1, SN4: a layer's content as records, parents before children, cut into chunks of about
 /// kChunkBytes. Any thread; `doc` is a copy and costs nothing.
 class SnapshotEncoder {
 public:
