@@ -8,6 +8,7 @@ namespace usdlive::simulation {
 /// What happened in one run, for the report.
 struct SimReport {
     std::uint64_t commits = 0, lost = 0, restarts = 0, snapshots = 0;
+    std::uint64_t unloads = 0;         ///< of layers, since the last start
     std::uint64_t together = 0;        ///< commits that reached somebody within a later one (CF1)
     std::uint64_t previewedBlobs = 0;  ///< big values that came for a preview
     std::string failure;               ///< empty: everything holds

@@ -46,6 +46,7 @@ public:
             all.lost += one.lost;
             all.restarts += one.restarts;
             all.snapshots += one.snapshots;
+            all.unloads += one.unloads;
             all.together += one.together;
             all.previewedBlobs += one.previewedBlobs;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
@@ -71,11 +72,11 @@ private:
     static unsigned long long number(std::uint64_t count) { return count; }
     static void print(const std::string& what, const SimReport& report) {
         std::printf(
-            "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu together, "
-            "%llu big values of previews%s\n",
+            "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu unloads, "
+            "%llu together, %llu big values of previews%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
-            number(report.snapshots), number(report.together), number(report.previewedBlobs),
-            report.failure.empty() ? "" : ", FAILED");
+            number(report.snapshots), number(report.unloads), number(report.together),
+            number(report.previewedBlobs), report.failure.empty() ? "" : ", FAILED");
     }
 
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();

@@ -88,10 +88,11 @@ public:
     }
 
     /// The identifier of the live layer; the client keeps the layer alive.
-    std::string openLayer(const std::string& name) {
+    std::string openLayer(const std::string& name, bool payloads) {
         const LayerId layer = orRaise(parseLayerId(name));
-        return orRaise(
-                   work("open_layer", true, [&](Client& live) { return live.openLayer(layer); }))
+        const auto load = payloads ? client::LoadSet::All : client::LoadSet::NoPayloads;
+        return orRaise(work("open_layer", true,
+                            [&](Client& live) { return live.openLayer(layer, load); }))
             ->GetIdentifier();
     }
 

@@ -82,15 +82,17 @@ class Live:
         """What the project has, by path relative to it."""
         return self._client.layers()
 
-    def open_layer(self, layer: str) -> Sdf.Layer:
-        """A layer of the project, live, with all layers of the project it uses. Blocks until it is here."""
-        return Sdf.Layer.Find(self._client.open_layer(layer))
+    def open_layer(self, layer: str, payloads: bool = True) -> Sdf.Layer:
+        """A layer of the project, live, with all layers of the project it uses; without `payloads`, those
+        that only payloads bring in are left out until a stage loads them. Blocks until it is here."""
+        return Sdf.Layer.Find(self._client.open_layer(layer, payloads))
 
     def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
                    follow_muteness: bool = True) -> Usd.Stage:
-        """An ordinary `Usd.Stage` on a layer of the project, whose layers are live. With
-        `follow_muteness`, layers that are muted for everybody (`mute`) are muted on it."""
-        stage = Usd.Stage.Open(self.open_layer(layer), load)
+        """An ordinary `Usd.Stage` on a layer of the project, whose layers are live. Opened with `LoadNone`,
+        it joins no layer that only payloads bring in; `stage.Load()` brings it in with the next ticks.
+        With `follow_muteness`, layers that are muted for everybody (`mute`) are muted on it."""
+        stage = Usd.Stage.Open(self.open_layer(layer, load == Usd.Stage.LoadAll), load)
         if follow_muteness:
             self._follow(stage, layer)
         return stage

@@ -448,8 +448,8 @@ private:
     const pxr::SdfLayerHandle layer_;
 };
 
-Capture::Capture(LayerId layer, std::function<const LayerDoc*()> view)
-    : layer_(std::move(layer)), view_(std::move(view)) {}
+Capture::Capture(LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun)
+    : layer_(std::move(layer)), view_(std::move(view)), begun_(std::move(begun)) {}
 
 bool Capture::hasWrites() const { return working_.has_value() || foreign_; }
 
@@ -483,6 +483,7 @@ void Capture::begin() {
     const LayerDoc* shown = view_();
     working_ = shown ? *shown : LayerDoc();
     firstNew_ = working_->nextId();
+    begun_();
 }
 
 // ED8, ED9, ED11: what no file could hold.
@@ -517,7 +518,7 @@ Result<void> Capture::record(std::string_view path, EditAction action) {
 // Nothing else of this object is for other threads.
 bool Capture::isForeign() {
     if (std::this_thread::get_id() == thread_) return false;
-    foreign_ = true;
+    if (!foreign_.exchange(true)) begun_();
     return true;
 }
 

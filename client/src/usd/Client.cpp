@@ -13,7 +13,6 @@
 #include <map>
 #include <set>
 #include <thread>
-#include <unordered_set>
 
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/client/transport/SystemUser.h"
@@ -21,11 +20,14 @@
 #include "usdlive/client/usd/BlobCache.h"
 #include "usdlive/client/usd/LayerClaims.h"
 #include "usdlive/client/usd/LayerFolders.h"
-#include "usdlive/client/usd/LiveLayer.h"
+#include "usdlive/client/usd/LiveSet.h"
+#include "usdlive/client/usd/LoadedLayers.h"
 #include "usdlive/client/usd/LostEvents.h"
 #include "usdlive/client/usd/LostWorkLayer.h"
 #include "usdlive/client/usd/LostWorkStore.h"
+#include "usdlive/client/usd/Placeholders.h"
 #include "usdlive/client/usd/UnsentWorkStore.h"
+#include "usdlive/client/usd/UsedLayers.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/usd/LayerFill.h"
@@ -37,6 +39,7 @@ using client::Connection;
 using client::LayerClaims;
 using client::LayerFolders;
 using client::LiveLayer;
+using client::LoadSet;
 using client::LostWork;
 using client::Session;
 namespace event = client::event;
@@ -56,7 +59,10 @@ std::int64_t wallClockMs() {
 // time-out is for one that is there and does not answer.
 constexpr double kRefusedMs = 1000;
 constexpr std::size_t kMessagesPerTick = 4096;
-constexpr auto kLookForLayersEvery = milliseconds(100);
+// Placeholders of layers that are made before the first tick that knows them ends, and a later one.
+constexpr double kFirstPlaceholdersMs = 200, kPlaceholdersMs = 1;
+// Loaded layers that one tick looks at.
+constexpr std::size_t kLookedAtPerTick = 100;
 // Parts of big values wait while more than this is on its way, so that edits pass them soon.
 constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
 // A join of a connected client that hears nothing for so long is given up.
@@ -107,6 +113,7 @@ public:
         : options_(std::move(options)),
           cacheFolder_{folders.cacheFolder(), ownCacheFolder},
           folders_(std::move(folders)),
+          placeholders_(folders_.cacheFolder()),
           blobs_(folders_.cacheFolder() / ".usdlive-blobs", kMaxCacheMemory, kMaxCacheBytes),
           connection_(std::move(connection)),
           lost_(folders_.cacheFolder() / ".usdlive-lost"),
@@ -119,7 +126,7 @@ public:
         seal();
         session_.endGesture();
         session_.advance(kBlockingBudgetMs, nowMs());
-        while (!live_.empty()) leave(live_.begin()->first);
+        while (!live_.all().empty()) leave(live_.all().begin()->first);
     }
 
     // --- misuse ---
@@ -219,10 +226,11 @@ public:
 
     // --- layers ---
 
-    Result<pxr::SdfLayerRefPtr> openLayer(const LayerId& id) {
-        if (const auto* live = find(id); live && live->isFilled()) return live->layer();
-        const auto made = folders_.makePlaceholder(id);
-        if (!made && !projectLayers_.contains(id))
+    Result<pxr::SdfLayerRefPtr> openLayer(const LayerId& id, LoadSet load) {
+        if (const auto* live = find(id); live && live->isFilled() && usesLive(id, load))
+            return live->layer();
+        const auto made = placeholders_.make(id);
+        if (!made && !isOfProject(id))
             return fail(ErrorCode::LayerNotFound, "the project has no layer " + id.value);
         if (!made) return tl::unexpected(made.error());
         failed_.erase(id);
@@ -230,8 +238,8 @@ public:
         if (!layer)
             return fail(ErrorCode::LayerUnreadable, "cannot open " + folders_.placeOf(id).string());
         if (!join(id, layer)) return tl::unexpected(liveElsewhere(id));
-        auto opened = waitForJoins({id});
-        if (!opened && *made && !projectLayers_.contains(id)) folders_.removePlaceholder(id);
+        auto opened = waitForJoins({id}, load);
+        if (!opened && *made && !isOfProject(id)) placeholders_.remove(id);
         if (!opened) return tl::unexpected(opened.error());
         return layer;
     }
@@ -243,8 +251,10 @@ public:
             return fail(ErrorCode::InvalidArgument, projectFolder.string() + " is not a folder");
         folders_.add(folder);
         std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> found;
-        for (auto& [id, layer] : loadedLayers()) {
-            if (find(id) || !projectLayers_.contains(id)) continue;
+        for (const auto& loaded : pxr::SdfLayer::GetLoadedLayers()) {
+            const auto file = live_.find(loaded) ? std::nullopt : layerOf(loaded);
+            if (!file) continue;
+            const auto& [id, layer] = std::pair(*file, pxr::SdfLayerRefPtr(loaded));
             if (LayerClaims::ofProcess().isLiveElsewhere(layer, this))
                 return tl::unexpected(liveElsewhere(id));
             if (const auto work = workOf(layer); !work || !work->empty())
@@ -260,7 +270,8 @@ public:
             if (!join(id, layer)) return tl::unexpected(liveElsewhere(id));
             ids.push_back(id);
         }
-        if (auto joined = waitForJoins(ids); !joined) return tl::unexpected(joined.error());
+        if (auto joined = waitForJoins(ids, LoadSet::NoPayloads); !joined)
+            return tl::unexpected(joined.error());
         return ids;
     }
 
@@ -403,7 +414,7 @@ public:
         arrivedBlobs_.push_back(hash);
     }
     bool needsBlob(const Hash& hash) override {
-        return std::ranges::any_of(live_,
+        return std::ranges::any_of(live_.all(),
                                    [&](const auto& one) { return one.second->waitsFor(hash); });
     }
 
@@ -424,9 +435,7 @@ public:
 
     // --- what Client asks for directly ---
 
-    [[nodiscard]] std::vector<LayerId> layers() const {
-        return {projectLayers_.begin(), projectLayers_.end()};
-    }
+    [[nodiscard]] std::vector<LayerId> layers() const { return projectLayers_; }
     [[nodiscard]] std::uint64_t lostWorkCount() const { return lost_.size(); }
     [[nodiscard]] Result<LostWork> lostWork(std::uint64_t index) const { return lost_.at(index); }
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
@@ -437,10 +446,8 @@ public:
         return usd::makeLayer(doc, blobs_, "usda");
     }
     [[nodiscard]] std::optional<LayerId> layerId(const pxr::SdfLayerHandle& layer) const {
-        // A RefPtr == a handle calls itself for ever in C++20.
-        for (const auto& [id, live] : live_)
-            if (pxr::SdfLayerHandle(live->layer()) == layer) return id;
-        return std::nullopt;
+        const auto* live = live_.find(layer);
+        return live ? std::optional(live->id()) : std::nullopt;
     }
     [[nodiscard]] const fs::path& cacheFolder() const { return folders_.cacheFolder(); }
     [[nodiscard]] Session& session() { return session_; }
@@ -474,9 +481,9 @@ private:
         return lastLoss_.value_or(Error{ErrorCode::NotConnected, "the server did not answer"});
     }
 
-    [[nodiscard]] LiveLayer* find(const LayerId& id) {
-        const auto found = live_.find(id);
-        return found == live_.end() ? nullptr : found->second.get();
+    [[nodiscard]] LiveLayer* find(const LayerId& id) { return live_.find(id); }
+    [[nodiscard]] bool isOfProject(const LayerId& id) const {
+        return std::ranges::binary_search(projectLayers_, id);
     }
 
     // --- joining ---
@@ -490,11 +497,12 @@ private:
         }
         closed_.erase(id);
         keepEarlyWork(id, layer);
-        live_[id] = std::make_unique<LiveLayer>(
+        live_.add(std::make_unique<LiveLayer>(
             id, layer,
             LiveLayer::Surroundings{source_, blobs_, encodings_, worker_,
                                     [this, id] { return session_.view(id); },
-                                    [this](Error error) { report(std::move(error)); }});
+                                    [this](Error error) { report(std::move(error)); },
+                                    [this, id] { live_.wake(id); }}));
         followLock(id);
         session_.openLayer(id);
         return true;
@@ -520,12 +528,13 @@ private:
 
     // The layer stops being live; it keeps its content.
     void leave(const LayerId& id) {
-        const auto found = live_.find(id);
-        if (found == live_.end()) return;
-        const pxr::SdfLayerRefPtr layer = found->second->layer();
-        const LayerDoc* view = found->second->isFilled() ? session_.view(id) : nullptr;
+        const LiveLayer* live = find(id);
+        if (!live) return;
+        const pxr::SdfLayerRefPtr layer = live->layer();
+        const LayerDoc* view = live->isFilled() ? session_.view(id) : nullptr;
         auto left = view ? std::optional(*view) : std::nullopt;
-        live_.erase(found);
+        live_.remove(id);
+        usesLive_.erase(id);
         LayerClaims::ofProcess().release(layer, this, std::move(left));
     }
 
@@ -566,7 +575,7 @@ private:
     }
 
     // Until these and the layers they use, all the way down, are filled, with their big values.
-    Result<void> waitForJoins(std::vector<LayerId> ids) {
+    Result<void> waitForJoins(std::vector<LayerId> ids, LoadSet load) {
         const std::vector<LayerId> asked = ids;
         std::set<LayerId> seen(ids.begin(), ids.end());
         auto heard = Clock::now();
@@ -581,7 +590,7 @@ private:
                 auto* live = find(id);
                 if (live && !live->isFilled()) waiting.push_back(id);
                 if (!live || !live->isFilled()) continue;
-                for (auto& used : joinUsed(*live))
+                for (auto& used : joinUsed(*live, load))
                     if (seen.insert(used).second) waiting.push_back(std::move(used));
             }
             const bool advanced = waiting != ids;
@@ -598,63 +607,87 @@ private:
     }
 
     // The layers of the project that this one names, opened; those that are on their way here.
-    std::vector<LayerId> joinUsed(LiveLayer& live) {
+    std::vector<LayerId> joinUsed(LiveLayer& live, LoadSet load) {
         std::vector<LayerId> joining;
-        if (!live.namesLayers()) return joining;
-        const auto& layer = live.layer();
-        for (const auto& asset : layer->GetCompositionAssetDependencies()) {
-            const auto path = pxr::SdfComputeAssetPathRelativeToLayer(layer, asset);
-            const auto id = folders_.layerAt(fs::path(path).lexically_normal().string());
-            if (!id || !projectLayers_.contains(*id)) continue;
-            if (!find(*id) && !failed_.contains(*id) && !closed_.contains(*id))
-                if (auto used = pxr::SdfLayer::FindOrOpen(path); used && !join(*id, used))
-                    events_.push_back(event::JoinFailed{*id, liveElsewhere(*id)});
-            if (find(*id)) joining.push_back(*id);
+        usesLive_[live.id()] = load;
+        for (const auto& [path, id] : usedBy(live, load)) {
+            if (const auto made = placeholders_.make(id); !made) report(made.error());
+            if (!find(id) && !failed_.contains(id) && !closed_.contains(id))
+                if (auto used = pxr::SdfLayer::FindOrOpen(path); used && !join(id, used))
+                    events_.push_back(event::JoinFailed{id, liveElsewhere(id)});
+            if (find(id)) joining.push_back(id);
         }
         return joining;
+    }
+
+    // Those that are in the project, with their files.
+    [[nodiscard]] std::vector<std::pair<std::string, LayerId>> usedBy(const LiveLayer& live,
+                                                                      LoadSet load) const {
+        std::vector<std::pair<std::string, LayerId>> used;
+        if (!live.namesLayers()) return used;
+        for (const auto& asset : client::usedAssets(live.layer(), load)) {
+            auto path = pxr::SdfComputeAssetPathRelativeToLayer(live.layer(), asset);
+            auto id = folders_.layerAt(fs::path(path).lexically_normal().string());
+            if (id && isOfProject(*id)) used.emplace_back(std::move(path), std::move(*id));
+        }
+        return used;
+    }
+
+    // Have the layers that it uses been joined with it?
+    [[nodiscard]] bool usesLive(const LayerId& id, LoadSet load) const {
+        const auto found = usesLive_.find(id);
+        return load == LoadSet::NoPayloads ||
+               (found != usesLive_.end() && found->second == LoadSet::All);
     }
 
     // Layers that the editor's composition has opened meanwhile become live.
     void adoptLoaded(double budgetMs) {
         const auto start = Clock::now();
-        bool due = Clock::now() >= nextLook_;
-        for (const auto& [id, live] : live_) due = live->takeUsesChanged() || due;
-        if (!due || !session_.welcome()) return;
-        nextLook_ = Clock::now() + kLookForLayersEvery;
-        for (const auto& [id, layer] : loadedLayers()) {
-            if (find(id) || !projectLayers_.contains(id) || failed_.contains(id) ||
-                closed_.contains(id) || LayerClaims::ofProcess().isLiveElsewhere(layer, this))
+        bool just = false;
+        for (LiveLayer* live : live_.active()) just = live->takeUsesChanged() || just;
+        if (!session_.welcome()) return;
+        loaded_.look(just, live_.known(), background_);
+        for (std::size_t looked = 0; looked < kLookedAtPerTick; ++looked) {
+            const auto layer = loaded_.next();
+            if (!layer) return;
+            const auto id = live_.find(layer) ? std::nullopt : layerOf(layer);
+            if (!id || failed_.contains(*id) || closed_.contains(*id) ||
+                LayerClaims::ofProcess().isLiveElsewhere(layer, this))
                 continue;
-            static_cast<void>(join(id, layer));
-            if (msSince(start) < budgetMs) continue;
-            nextLook_ = Clock::now();
-            return;
+            static_cast<void>(join(*id, layer));
+            if (msSince(start) >= budgetMs) return;
         }
     }
 
-    // Layers in this process that are not live and stand where a layer of the project does.
-    [[nodiscard]] std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> loadedLayers() const {
-        std::unordered_set<const pxr::SdfLayer*> known;
-        for (const auto& [id, live] : live_) known.insert(get_pointer(live->layer()));
-        std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> layers;
-        for (const auto& layer : pxr::SdfLayer::GetLoadedLayers()) {
-            if (known.contains(get_pointer(layer))) continue;
-            // One with file format arguments is another view of its file, never the file itself.
-            if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
-                continue;
-            if (const auto id = folders_.layerAt(layer->GetRealPath()))
-                layers.emplace_back(*id, layer);
-        }
-        return layers;
+    // The layer of the project whose file this is, unless that is live.
+    [[nodiscard]] std::optional<LayerId> layerOf(const pxr::SdfLayerHandle& layer) {
+        // One with file format arguments is another view of its file, never the file itself.
+        if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
+            return std::nullopt;
+        auto id = folders_.layerAt(layer->GetRealPath());
+        return id && isOfProject(*id) && !find(*id) ? id : std::nullopt;
     }
 
-    void setProjectLayers(std::set<LayerId> layers) {
-        for (const LayerId& id : layers)
-            if (!projectLayers_.contains(id))
-                if (const auto made = folders_.makePlaceholder(id); !made) report(made.error());
+    void setProjectLayers(std::vector<LayerId> layers) {
+        std::ranges::sort(layers);
+        std::vector<LayerId> added;
+        std::ranges::set_difference(layers, projectLayers_, std::back_inserter(added));
+        placeholders_.add(std::move(added),
+                          projectLayers_.empty() ? kFirstPlaceholdersMs : kPlaceholdersMs,
+                          background_);
         projectLayers_ = std::move(layers);
         // What failed may be there now.
         failed_.clear();
+    }
+
+    // Composition opens the layers that others name when the change block ends.
+    void makeNamedPlaceholders() {
+        if (placeholders_.isComplete()) return;
+        for (const LiveLayer* live : live_.active()) {
+            if (!live->usesChanged()) continue;
+            for (const auto& [path, id] : usedBy(*live, LoadSet::All))
+                if (const auto made = placeholders_.make(id); !made) report(made.error());
+        }
     }
 
     // --- parts of a tick ---
@@ -676,11 +709,13 @@ private:
                 result.more = true;  // until then nobody else's edits may come into the layers
             }
             result.filling = fillLayers(left());
+            makeNamedPlaceholders();
         }
         takeEvents(result);
         for (auto& lost : lostEvents_.due(nowMs())) events_.push_back(std::move(lost));
         if (unsent_)
             if (auto error = unsent_->takeError()) report(std::move(*error));
+        if (auto error = placeholders_.takeError()) report(std::move(*error));
         // Lost work is to be had with its values (M12).
         const bool idle = session_.pendingTransactions() == 0 && !session_.inGesture();
         if (idle && lost_.size() == 0) blobs_.releaseKept();
@@ -691,27 +726,26 @@ private:
     void saveWritten() {
         if (!session_.isConnected()) return;
         std::vector<LayerId> written;
-        for (const auto& [id, live] : live_)
-            if (live->takeSaved()) written.push_back(id);
+        for (LiveLayer* live : live_.active())
+            if (live->takeSaved()) written.push_back(live->id());
         if (!written.empty()) session_.save(std::move(written), true);
     }
 
-    [[nodiscard]] bool hasWrites() const {
-        return std::any_of(live_.begin(), live_.end(),
-                           [](const auto& entry) { return entry.second->hasWrites(); });
+    [[nodiscard]] bool hasWrites() {
+        return std::ranges::any_of(live_.active(), &LiveLayer::hasWrites);
     }
 
     // Arrays that take a part of a frame to encode are encoded beside it.
     [[nodiscard]] bool bigArraysAreReady() {
         std::vector<pxr::VtValue> arrays;
-        for (const auto& [id, live] : live_) live->appendBigArrays(arrays);
+        for (const LiveLayer* live : live_.active()) live->appendBigArrays(arrays);
         return encodings_.areReady(std::move(arrays), nowMs());
     }
 
     // All that was written in one frame is one transaction, over all layers.
     void seal() {
         std::vector<client::AuthoredEdit> edits;
-        for (const auto& [id, live] : live_) {
+        for (LiveLayer* live : live_.active()) {
             auto sealed = live->seal();
             std::move(sealed.edits.begin(), sealed.edits.end(), std::back_inserter(edits));
             for (auto& write : sealed.lost) {
@@ -751,7 +785,7 @@ private:
     void bringBlobs() {
         for (const auto& hash : std::exchange(arrivedBlobs_, {})) {
             awaitedBlobs_.erase(hash);
-            for (const auto& [id, live] : live_) live->blobArrived(hash);
+            for (const auto& [id, live] : live_.all()) live->blobArrived(hash);
         }
         requestMissing();
     }
@@ -764,7 +798,7 @@ private:
     std::size_t fillLayers(double budgetMs) {
         const auto start = Clock::now();
         std::size_t filling = 0;
-        for (const auto& [id, live] : live_) {
+        for (LiveLayer* live : live_.active()) {
             if (live->isFilling() && msSince(start) < budgetMs) live->fill();
             filling += live->isFilling() ? 1 : 0;
         }
@@ -807,14 +841,14 @@ private:
     // False: not for the editor, or not yet.
     bool note(client::Event& one) {
         if (const auto* connected = std::get_if<event::Connected>(&one)) {
-            std::set<LayerId> layers;
-            for (const LayerInfo& info : connected->welcome.layers) layers.insert(info.layer);
+            std::vector<LayerId> layers;
+            for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
             setProjectLayers(std::move(layers));
-            for (const auto& entry : live_) followLock(entry.first);
+            for (const auto& entry : live_.all()) followLock(entry.first);
         } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
             for (const LayerState& state : states->layers) followLock(state.layer);
         } else if (const auto* changed = std::get_if<event::LayersChanged>(&one)) {
-            setProjectLayers({changed->layers.begin(), changed->layers.end()});
+            setProjectLayers(changed->layers);
         } else if (auto* joined = std::get_if<event::Joined>(&one)) {
             joined_.push_back(std::move(*joined));
             return false;
@@ -861,6 +895,7 @@ private:
     const Options options_;
     const CacheFolder cacheFolder_;
     LayerFolders folders_;
+    client::Placeholders placeholders_;
     BlobCache blobs_;
     client::Worker worker_;   // makes what the layers hold
     client::Worker encoder_;  // encodes what the editor has written
@@ -871,12 +906,14 @@ private:
     client::LostEvents lostEvents_;
     std::unique_ptr<client::UnsentWorkStore> unsent_;  // once the project is known
     Session session_;
-    std::map<LayerId, std::unique_ptr<LiveLayer>> live_;
+    client::LiveSet live_;
+    client::LoadedLayers loaded_;
+    std::map<LayerId, LoadSet> usesLive_;  // of joined layers, which of those they use were joined
 
-    std::set<LayerId> projectLayers_;
-    std::map<LayerId, Error> failed_;  // not tried again by itself until the next welcome
-    std::set<LayerId> closed_;         // closed by the editor: not adopted again by itself
-    Clock::time_point nextLook_;
+    std::vector<LayerId> projectLayers_;  // sorted
+    std::map<LayerId, Error> failed_;     // not tried again by itself until the next welcome
+    std::set<LayerId> closed_;            // closed by the editor: not adopted again by itself
+    client::Worker background_;           // looks for loaded layers and makes placeholders
 
     std::set<Hash> missingBlobs_;  // noticed within a tick, to be asked for at its end
     std::set<Hash> awaitedBlobs_;  // asked for
@@ -943,9 +980,9 @@ Result<std::unique_ptr<Client>> Client::make(std::unique_ptr<Connection> connect
 }
 
 std::vector<LayerId> Client::layers() const { return impl_->layers(); }
-Result<pxr::SdfLayerRefPtr> Client::openLayer(const LayerId& layer) {
+Result<pxr::SdfLayerRefPtr> Client::openLayer(const LayerId& layer, client::LoadSet load) {
     if (const auto error = impl_->misuse("openLayer", true)) return tl::unexpected(*error);
-    return impl_->openLayer(layer);
+    return impl_->openLayer(layer, load);
 }
 Result<std::vector<LayerId>> Client::attach(const fs::path& projectFolder) {
     if (const auto error = impl_->misuse("attach", true)) return tl::unexpected(*error);

@@ -1,10 +1,6 @@
 #include "usdlive/client/usd/LayerFolders.h"
 
-#include <pxr/usd/sdf/layer.h>
-
 #include <algorithm>
-#include <fstream>
-#include <sstream>
 #include <system_error>
 
 #include "usdlive/common/core/LayerPath.h"
@@ -44,39 +40,5 @@ std::optional<LayerId> LayerFolders::layerAt(const std::string& path) const {
 }
 
 fs::path LayerFolders::placeOf(const LayerId& layer) const { return cacheFolder() / layer.value; }
-
-Result<bool> LayerFolders::makePlaceholder(const LayerId& layer) {
-    const fs::path place = placeOf(layer);
-    std::error_code error;
-    if (fs::exists(place, error)) return false;
-    const auto content = emptyFile(place.extension().string());
-    if (!content) return tl::unexpected(content.error());
-    fs::create_directories(place.parent_path(), error);
-    std::ofstream file(place, std::ios::binary);
-    if (!(file << *content).flush())
-        return fail(ErrorCode::InvalidArgument, "cannot write " + place.string());
-    return true;
-}
-
-void LayerFolders::removePlaceholder(const LayerId& layer) {
-    std::error_code ignored;
-    fs::remove(placeOf(layer), ignored);
-}
-
-Result<std::string> LayerFolders::emptyFile(const std::string& extension) {
-    if (extension != ".usdc") return std::string("#usda 1.0\n");
-    if (emptyCrate_.empty()) {
-        const fs::path path = cacheFolder() / ".usdlive-empty.usdc";
-        const auto layer = pxr::SdfLayer::CreateAnonymous(".usdc");
-        if (!layer || !layer->Export(path.string()))
-            return fail(ErrorCode::InvalidArgument, "cannot write " + path.string());
-        std::ostringstream content;
-        content << std::ifstream(path, std::ios::binary).rdbuf();
-        emptyCrate_ = content.str();
-        std::error_code ignored;
-        fs::remove(path, ignored);
-    }
-    return emptyCrate_;
-}
 
 }  // namespace usdlive::client

@@ -21,7 +21,7 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
     : id_(std::move(id)),
       layer_(std::move(layer)),
       surroundings_(std::move(surroundings)),
-      capture_(id_, surroundings_.view) {
+      capture_(id_, surroundings_.view, surroundings_.wake) {
     setPermission(true, false);
     const auto self = pxr::TfCreateWeakPtr(this);
     replacedKey_ =
@@ -51,6 +51,16 @@ void LiveLayer::setPermission(bool closed, bool lockedByOther) {
 
 void LiveLayer::setLockedByOther(bool locked) { setPermission(closed_, locked); }
 
+bool LiveLayer::isIdle() const {
+    return !fill_ && !capture_.hasWrites() && !expectsReplacement_ && !startOver_ &&
+           !writtenBeforeMuted_ && !usesChanged_ && !saved_;
+}
+
+void LiveLayer::noteUses() {
+    usesChanged_ = true;
+    surroundings_.wake();
+}
+
 std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
     return std::make_unique<BackgroundFill>(layer_, surroundings_.workerSource,
                                             surroundings_.worker);
@@ -69,6 +79,7 @@ void LiveLayer::arrived(const LayerDoc& snapshot) {
 }
 
 void LiveLayer::reset(const LayerDoc& doc) {
+    surroundings_.wake();
     capture_.discard();
     setPermission(true, lockedByOther_);
     waiting_.clear();
@@ -107,7 +118,7 @@ void LiveLayer::fill() {
     setPermission(false, lockedByOther);
     if (!filled) surroundings_.report(filled.error());
     for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action);
-    usesChanged_ = true;
+    noteUses();
 }
 
 void LiveLayer::apply(const std::string& path, const EditAction& action) {
@@ -119,7 +130,10 @@ void LiveLayer::apply(const std::string& path, const EditAction& action) {
 
 void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
     const auto applied = store_->apply(path, action);
-    if (namesOthers(action)) namesLayers_ = usesChanged_ = true;
+    if (namesOthers(action)) {
+        namesLayers_ = true;
+        noteUses();
+    }
     if (!applied && !layer_->IsMuted())
         surroundings_.report(
             {applied.error().code, id_.value + " <" + path + ">: " + applied.error().message});
@@ -135,7 +149,10 @@ Capture::Sealed LiveLayer::seal() {
     if (!hasWrites()) return {};
     auto sealed = capture_.seal(*store_, surroundings_.sink);
     for (const auto& edit : sealed.edits)
-        if (namesOthers(edit.action)) namesLayers_ = usesChanged_ = true;
+        if (namesOthers(edit.action)) {
+            namesLayers_ = true;
+            noteUses();
+        }
     return sealed;
 }
 
@@ -175,12 +192,19 @@ void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice)
         startOver_ = true;
     else
         capture_.contentReplaced();
+    surroundings_.wake();
+}
+
+void LiveLayer::onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&) {
+    saved_ = true;
+    surroundings_.wake();
 }
 
 void LiveLayer::onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice) {
     if (notice.GetLayerPath() != layer_->GetIdentifier()) return;
     writtenBeforeMuted_ = notice.WasMuted() && isFilled() && !startOver_ && capture_.hasWrites();
     startOver_ = true;
+    surroundings_.wake();
 }
 
 }  // namespace usdlive::client

@@ -105,6 +105,8 @@ std::string Metrics::page(const Figures& figures) const {
         counter("usdlive_duplicate_transactions_total", "Transactions that came twice",
                 project.duplicates),
         counter("usdlive_previews_total", "Previews of gestures passed on", project.previews),
+        counter("usdlive_unloaded_layers_total", "Layers unloaded, as nobody had them open",
+                project.unloaded),
         counter("usdlive_delivered_commits_total", "Commits handed to sessions", project.delivered),
         total("usdlive_sent_frames_total", "Frames sent", &Of::framesOut),
         total("usdlive_sent_messages_total", "Messages sent: of a WebSocket, or samples of DDS",

@@ -74,14 +74,15 @@ auto resultOf(Work& work) -> decltype(work()) {
 
 }  // namespace
 
-ServerHost::ServerHost(asio::io_context& network, asio::thread_pool& workers, SharedStore& store,
+ServerHost::ServerHost(asio::io_context& network, WorkerLanes& workers, SharedStore& store,
                        StorageThread& storage, BlobStore& blobs, ProjectFiles files,
                        Metrics& metrics, WallClock clock, Log& log)
     : network_(network),
       workers_(workers),
-      blobWriter_(asio::make_strand(workers.get_executor())),
-      saver_(asio::make_strand(workers.get_executor())),
-      snapshotWriter_(asio::make_strand(workers.get_executor())),
+      blobWriter_(asio::make_strand(workers.joins.get_executor())),
+      saver_(asio::make_strand(workers.files.get_executor())),
+      checkpoints_(asio::make_strand(workers.history.get_executor())),
+      snapshotWriter_(asio::make_strand(workers.history.get_executor())),
       store_(store),
       storage_(storage),
       blobs_(blobs),
@@ -337,21 +338,29 @@ void ServerHost::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revis
 
 void ServerHost::loadLayer(const LayerId& layer) {
     inBackground(
-        workers_, 0, 0, [this, layer] { return loadOrImport(layer); },
-        [layer](Project& project, Result<LoadedLayer> loaded) {
-            project.layerLoaded(layer, std::move(loaded));
+        workers_.joins, 0, 0, [this, layer] { return loadStored(layer); },
+        [this, layer](Project& project, Result<std::optional<LoadedLayer>> stored) {
+            if (!stored) return project.layerLoaded(layer, tl::unexpected(stored.error()));
+            if (*stored) return project.layerLoaded(layer, std::move(**stored));
+            inBackground(
+                workers_.files, 0, 0, [this, layer] { return import(layer); },
+                [layer](Project& project, Result<LoadedLayer> imported) {
+                    project.layerLoaded(layer, std::move(imported));
+                });
         });
 }
 
-Result<LoadedLayer> ServerHost::loadOrImport(const LayerId& layer) {
+Result<std::optional<LoadedLayer>> ServerHost::loadStored(const LayerId& layer) {
     Replayed replayed;
     auto stored = store_.use([&](CommitStore& store) { return store.loadLayer(layer, &replayed); });
     if (!stored) return tl::unexpected(stored.error());
-    if (*stored) {
-        auto saved = store_.use([&](CommitStore& store) { return store.saved(layer); });
-        if (!saved) return tl::unexpected(saved.error());
-        return LoadedLayer{std::move(**stored), {}, std::move(*saved), replayed};
-    }
+    if (!*stored) return std::nullopt;
+    auto saved = store_.use([&](CommitStore& store) { return store.saved(layer); });
+    if (!saved) return tl::unexpected(saved.error());
+    return LoadedLayer{std::move(**stored), {}, std::move(*saved), replayed};
+}
+
+Result<LoadedLayer> ServerHost::import(const LayerId& layer) {
     faultPoint("import");
     const auto begin = steady_clock::now();
     auto imported = files_.layers.import(layer);
@@ -371,7 +380,7 @@ Result<LoadedLayer> ServerHost::loadOrImport(const LayerId& layer) {
 
 void ServerHost::readCommits(SessionId session, Revision from, Revision to) {
     inBackground(
-        workers_, session, Intake::kJobBytes,
+        workers_.joins, session, Intake::kJobBytes,
         [this, from, to] {
             return store_.use([&](CommitStore& store) -> Result<std::vector<StoredCommit>> {
                 std::vector<StoredCommit> commits;
@@ -391,7 +400,7 @@ void ServerHost::readCommits(SessionId session, Revision from, Revision to) {
 void ServerHost::readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
                              Revision revision) {
     inBackground(
-        workers_, session, Intake::kJobBytes,
+        workers_.history, session, Intake::kJobBytes,
         [this, layer, revision] { return layerInHistory(layer, revision); },
         [session, request](Project& project, Result<LayerDoc> doc) {
             project.historyRead(session, request, std::move(doc));
@@ -449,7 +458,7 @@ void ServerHost::saveLayers(SessionId session, std::uint64_t request, std::vecto
 void ServerHost::addCheckpoint(SessionId session, std::uint64_t request,
                                const Checkpoint& checkpoint) {
     inBackground(
-        saver_, session, Intake::kJobBytes,
+        checkpoints_, session, Intake::kJobBytes,
         [this, checkpoint] {
             return store_.use([&](CommitStore& store) { return store.addCheckpoint(checkpoint); })
                 .map([&] { return checkpoint; });
@@ -461,7 +470,7 @@ void ServerHost::addCheckpoint(SessionId session, std::uint64_t request,
 
 void ServerHost::readCheckpoints(SessionId session, std::uint64_t request) {
     inBackground(
-        saver_, session, Intake::kJobBytes,
+        checkpoints_, session, Intake::kJobBytes,
         [this] { return store_.use([](CommitStore& store) { return store.checkpoints(); }); },
         [session, request](Project& project, Result<std::vector<Checkpoint>> read) {
             project.checkpointsRead(session, request, std::move(read));
@@ -589,7 +598,7 @@ void ServerHost::scanFilesIn(milliseconds pause) {
     scanTimer_.expires_after(pause);
     scanTimer_.async_wait([this](const boost::system::error_code& error) {
         if (error) return;
-        asio::post(workers_, [this] {
+        asio::post(workers_.files, [this] {
             const auto begin = steady_clock::now();
             auto files = resultOf(files_.list);
             const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
@@ -618,6 +627,9 @@ void ServerHost::sweepSoon() {
 
 void ServerHost::filesScanned(Result<std::vector<LayerFile>> files, milliseconds time) {
     scanFilesIn(std::max(kScanPause, time * kScanPart));
+    guarded([&] {
+        if (project_) project_->unloadIdle();
+    });
     if (!files || *files == scanned_) return;
     scanned_ = std::move(*files);
     guarded([&] {

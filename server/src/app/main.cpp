@@ -6,7 +6,6 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/signal_set.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <chrono>
 #include <fstream>
 #include <iostream>
@@ -34,7 +33,6 @@ namespace asio = boost::asio;
 
 constexpr std::uint64_t kMib = 1024 * 1024;
 constexpr int kStartError = 1;
-constexpr int kWorkers = 2;
 // A message holds its frames and their lengths.
 constexpr std::size_t kMessageSlack = 64 * 1024;
 // Beside sessions there are /metrics, /healthz, and those that are told that there are too many.
@@ -179,7 +177,7 @@ int serve(const ServerOptions& options) {
     // Threads: this one for the network and the project, one that appends, some that read and
     // write.
     asio::io_context network(1);
-    asio::thread_pool workers(kWorkers);
+    WorkerLanes workers;
     StorageThread storage(store, std::chrono::milliseconds(options.flushIntervalMs), *log);
     Metrics metrics;
 
@@ -195,7 +193,7 @@ int serve(const ServerOptions& options) {
     routes["/healthz"] = [&] { return host.health(); };
     routes["/metrics"] = [&] { return host.metricsPage(); };
     const Background background = [&](std::function<void()> job) {
-        asio::post(workers, std::move(job));
+        asio::post(workers.joins, std::move(job));
     };
     auto transport = createWebSocketServer(network, transportOptions(options), host,
                                            std::move(routes), background, *log);
@@ -243,7 +241,6 @@ int serve(const ServerOptions& options) {
     dds::setDomainLog(nullptr);
     transport->reset();
     workers.stop();
-    workers.join();
     storage.stop();
     store.close();
     log->write(LogLevel::Info, "stopped");

@@ -143,7 +143,7 @@ void Project::Impl::commitDurable(const InFlightCommit& commit) {
         if (std::ranges::none_of(inFlight_, [&](const InFlightCommit& later) {
                 return later.layerData.contains(layer);
             }))
-            noteMutes(layer, layers_[layer]);
+            noteMutes(layer);
     broadcast(commit);
     if (const auto author = authors_.find(commit.id.client); author != authors_.end()) {
         author->second.inFlight.erase(commit.id.sequence);

@@ -11,6 +11,7 @@ void Project::Impl::setFiles(const std::vector<LayerFile>& files) {
     for (const LayerFile& file : files) listed.insert(file.layer);
     bool changed = std::erase_if(layers_, [&](const auto& entry) {
                        return std::holds_alternative<NotLoaded>(entry.second.state) &&
+                              entry.second.changed == 0 && entry.second.saved.revision == 0 &&
                               !listed.contains(entry.first);
                    }) > 0;
     for (const LayerFile& file : files) {
@@ -20,23 +21,24 @@ void Project::Impl::setFiles(const std::vector<LayerFile>& files) {
         found->second.file.present = file;
         checkFile(file.layer, found->second);
     }
-    // One that is loaded stays without its file: the store has it.
+    // One that was loaded stays without its file: the store has it.
     for (auto& [layer, entry] : layers_) {
         if (listed.contains(layer) || !entry.file.present.trace) continue;
         entry.file.present.trace.reset();
         checkFile(layer, entry);
     }
     if (!changed) return;
-    const ProjectLayers message{layerInfos()};
-    for (auto& [id, session] : sessions_)
-        if (std::holds_alternative<Greeted>(session.phase)) send(session, message);
+    const auto frame = std::make_shared<const Bytes>(
+        encodeFrame(ControlFrame{encodeControl(ProjectLayers{layerInfos()})}));
+    for (const auto& [id, session] : sessions_)
+        if (session.isGreeted()) host_.send(id, frame);
 }
 
 /// Asks for what the file holds when it looks other than it did.
 void Project::Impl::checkFile(const LayerId& layer, LayerEntry& entry) {
     EntryFile& file = entry.file;
     suspects_.insert(layer);
-    if (!entry.saved.file || !std::holds_alternative<Loaded>(entry.state)) return;
+    if (!entry.saved.file) return;
     const auto& trace = file.present.trace;
     if (!trace) {
         file.missing = true;

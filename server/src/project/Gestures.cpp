@@ -22,7 +22,7 @@ void Project::Impl::receivePreview(Session& session, PreviewFrame preview, std::
         return;
     }
     for (const Edit& edit : preview.edits)
-        if (docs_.contains(edit.layer) && lockObjection(session.user, edit.layer)) return;  // LK1
+        if (lockObjection(session.user, edit.layer)) return;  // LK1
     preview.author = session.client;
     const auto frame = std::make_shared<const Bytes>(encodeFrame(preview));
     const std::uint64_t pushedOut = previews_.keep(session.client, preview.gesture, frame);

@@ -37,12 +37,10 @@ LayerState Project::Impl::stateOf(const LayerId& layer, const LayerEntry& entry)
     state.outdated = entry.file.outdated;
     state.writable = entry.file.present.writable;
     state.owner = entry.file.present.owner;
-    if (const auto doc = docs_.find(layer); doc != docs_.end()) {
-        const LayerLock lock = lockOf(doc->second);
-        state.locked = lock.locked;
-        state.holder = lock.holder;
-        state.lockedAtMs = std::uint64_t(lock.atMs);
-    }
+    const LayerLock lock = lockAt(layer);
+    state.locked = lock.locked;
+    state.holder = lock.holder;
+    state.lockedAtMs = std::uint64_t(lock.atMs);
     std::set<UserName> editors;
     for (const auto& [id, session] : sessions_)
         if (session.isGreeted() && session.open.contains(layer)) editors.insert(session.user);
@@ -83,23 +81,28 @@ void Project::Impl::tellStatesTo(Session& session) {
 
 std::set<LayerId> Project::Impl::mutedLayers() const {
     std::set<LayerId> muted;
-    for (const auto& [layer, entry] : layers_) muted.insert(entry.mutes.begin(), entry.mutes.end());
+    for (const auto& [root, mutes] : mutes_) muted.insert(mutes.begin(), mutes.end());
     return muted;
 }
 
 /// To be called when a layer has been loaded, or its custom layer data edited.
-void Project::Impl::noteMutes(const LayerId& layer, LayerEntry& entry) {
+void Project::Impl::noteMutes(const LayerId& layer) {
     const auto doc = docs_.find(layer);
     if (doc == docs_.end()) return;
     std::set<LayerId> mutes = globallyMuted(layer, doc->second);
-    if (mutes == entry.mutes) return;
+    const auto before = mutes_.find(layer);
+    if (before != mutes_.end()) suspects_.insert(before->second.begin(), before->second.end());
     suspects_.insert(mutes.begin(), mutes.end());
-    suspects_.insert(entry.mutes.begin(), entry.mutes.end());
-    entry.mutes = std::move(mutes);
+    if (mutes.empty())
+        mutes_.erase(layer);
+    else
+        mutes_[layer] = std::move(mutes);
 }
 
 void Project::Impl::closeLayer(Session& session, const LayerId& layer) {
-    if (session.open.erase(layer) > 0) suspects_.insert(layer);
+    if (session.open.erase(layer) == 0) return;
+    suspects_.insert(layer);
+    noteIdle(layer);
 }
 
 }  // namespace usdlive::server

@@ -98,7 +98,7 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     found->second.replayCost = loaded->replayed.cost;
     found->second.snapshotBytes = loaded->replayed.snapshotBytes;
     fileWas(layer, loaded->saved);
-    noteMutes(layer, found->second);
+    noteMutes(layer);
     noteSpecLocks(layer);
     if (loaded->import) {
         if (const auto imported = import(layer, std::move(*loaded->import)); !imported) {
@@ -110,6 +110,7 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     keepSnapshots();
     const auto opens = std::exchange(found->second.opens, {});
     for (const WaitingOpen& open : opens) openLoaded(open, layer);
+    noteIdle(layer);
     workAll();
     continueSaves();
     continueReloads();

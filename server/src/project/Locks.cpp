@@ -16,6 +16,13 @@ Error lockedError(const LayerId& layer, const LayerLock& lock) {
 
 }  // namespace
 
+/// Also of a layer that was unloaded.
+LayerLock Project::Impl::lockAt(const LayerId& layer) const {
+    if (const auto doc = docs_.find(layer); doc != docs_.end()) return lockOf(doc->second);
+    const auto entry = layers_.find(layer);
+    return entry == layers_.end() ? LayerLock() : entry->second.lock;
+}
+
 bool Project::Impl::holds(const UserName& user, const LayerLock& lock) const {
     return options_.administrators.contains(user) || (!lock.holder.empty() && lock.holder == user);
 }
@@ -32,7 +39,7 @@ bool Project::Impl::isFree(const LayerLock& lock) const {
 
 std::optional<Error> Project::Impl::lockObjection(const UserName& user,
                                                   const LayerId& layer) const {
-    const LayerLock lock = lockOf(docs_.at(layer));
+    const LayerLock lock = lockAt(layer);
     if (!lock.locked || holds(user, lock)) return std::nullopt;
     return lockedError(layer, lock);
 }

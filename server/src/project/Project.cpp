@@ -49,15 +49,18 @@ void Project::connected(SessionId session) { impl_->connected(session); }
 void Project::received(SessionId session, ByteView message) {
     impl_->received(session, message);
     impl_->tellStates();
+    impl_->unloadIdle();
 }
 void Project::disconnected(SessionId session) {
     impl_->disconnected(session);
     impl_->tellStates();
+    impl_->unloadIdle();
 }
 void Project::drained(SessionId session) { impl_->drained(session); }
 void Project::appended(Revision upTo) {
     impl_->appended(upTo);
     impl_->tellStates();
+    impl_->unloadIdle();
 }
 void Project::appendFailed(Error error, CommitStore::Head head) {
     impl_->appendFailed(error, head);
@@ -67,6 +70,7 @@ void Project::storeClosed() { impl_->storeClosed(); }
 void Project::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded) {
     impl_->layerLoaded(layer, std::move(loaded));
     impl_->tellStates();
+    impl_->unloadIdle();
 }
 void Project::snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes) {
     impl_->snapshotKept(layer, bytes);
@@ -105,6 +109,7 @@ void Project::setFiles(const std::vector<LayerFile>& files) {
     impl_->setFiles(files);
     impl_->tellStates();
 }
+void Project::unloadIdle() { impl_->unloadIdle(); }
 void Project::sweep(std::int64_t nowMs) { impl_->sweep(nowMs); }
 bool Project::hasPresence() const { return impl_->hasPresence(); }
 Revision Project::durableRevision() const { return impl_->durableRevision(); }

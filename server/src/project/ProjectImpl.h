@@ -141,8 +141,16 @@ struct LayerEntry {
     SavedState saved;                        ///< as far as known
     bool unsaved = false;                    ///< differed from its file when the server started
     EntryFile file;
-    std::set<LayerId> mutes;  ///< on its stages, for everybody (MU1)
-    LayerState told;          ///< as everybody was told last
+    LayerState told;         ///< as everybody was told last
+    LayerLock lock;          ///< when it was unloaded
+    std::uint64_t idle = 0;  ///< its key in idle_, 0 none
+};
+
+/// A loaded layer that no session had open, at least when it was noted.
+struct IdleLayer {
+    LayerId layer;
+    std::int64_t sinceMs = 0;
+    std::size_t bytes = 0;  ///< that it takes in memory, about
 };
 
 /// A copy of a layer that is sent once everything in it is durable.
@@ -234,6 +242,9 @@ public:
 
     // LayerStates.cpp
     void tellStates();
+
+    // Unloading.cpp
+    void unloadIdle();
 
     // Presence.cpp
     void sweep(std::int64_t nowMs);
@@ -346,6 +357,12 @@ private:
     Result<void> import(const LayerId& layer, LayerImport import);
     void workAll();
 
+    // Unloading.cpp
+    void noteIdle(const LayerId& layer);
+    [[nodiscard]] std::set<LayerId> lockingStacks() const;
+    [[nodiscard]] bool isOpen(const LayerId& layer) const;
+    [[nodiscard]] bool isNeeded(const LayerId& layer, const LayerEntry& entry) const;
+
     // Blobs.cpp
     void requestBlob(Session& session, const RequestBlob& request);
     void receiveBlob(Session& session, BlobFrame part);
@@ -356,7 +373,7 @@ private:
     void tellStatesTo(Session& session);
     [[nodiscard]] LayerState stateOf(const LayerId& layer, const LayerEntry& entry) const;
     [[nodiscard]] std::set<LayerId> mutedLayers() const;
-    void noteMutes(const LayerId& layer, LayerEntry& entry);
+    void noteMutes(const LayerId& layer);
     void closeLayer(Session& session, const LayerId& layer);
 
     // Locks.cpp
@@ -364,6 +381,7 @@ private:
                                                        const Transaction& transaction) const;
     [[nodiscard]] std::optional<Error> lockObjection(const UserName& user,
                                                      const LayerId& layer) const;
+    [[nodiscard]] LayerLock lockAt(const LayerId& layer) const;
     [[nodiscard]] bool holds(const UserName& user, const LayerLock& lock) const;
     [[nodiscard]] bool isFree(const LayerLock& lock) const;
 
@@ -420,6 +438,10 @@ private:
 
     LayerDocs docs_;  ///< as executed, ahead of what is durable
     std::map<LayerId, LayerEntry> layers_;
+    std::map<LayerId, std::set<LayerId>> mutes_;  ///< by root layer, for everybody (MU1)
+    std::map<std::uint64_t, IdleLayer> idle_;     ///< by when they were noted
+    std::uint64_t lastIdle_ = 0;
+    std::size_t idleBytes_ = 0;      ///< of all of them
     std::set<LayerId> specLockers_;  ///< root layers that lock specs, as executed
     std::set<LayerId> suspects_;     ///< whose state may be other than everybody was told
     std::unordered_map<UserName, std::int64_t> leftMs_;  ///< of users without a session

@@ -261,9 +261,11 @@ void Project::Impl::disconnected(SessionId id) {
     if (found == sessions_.end()) return;
     const ClientId client = found->second.client;
     const bool wasShown = found->second.presence.has_value();
-    for (const LayerId& layer : found->second.open) suspects_.insert(layer);
+    const std::set<LayerId> open = std::move(found->second.open);
+    suspects_.insert(open.begin(), open.end());
     if (!found->second.user.empty()) left(found->second.user);
     sessions_.erase(found);
+    for (const LayerId& layer : open) noteIdle(layer);
     if (wasShown) presenceLeft(client);
     if (client.empty() || isConnected(client)) return;
     withdrawAll(client);

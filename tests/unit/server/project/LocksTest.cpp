@@ -11,6 +11,7 @@ class ProjectLocks : public ::testing::Test {
 protected:
     void SetUp() override {
         world.options.administrators = {{"user3"}};
+        world.options.idleLayerMs = 100 * world.options.lockTakeoverMs;  // it stays loaded
         world.start({});
         for (const SessionId session : {1, 2, 3}) world.join(session);
         world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));

@@ -74,6 +74,21 @@ TEST_F(ProjectSpecLocks, LK5HoldsInEveryLayerOfTheStack) {
     EXPECT_EQ(refusal(2, {create("/A/New"), create("/B/New", kSub)}), "");
 }
 
+// The locks of a root layer hold in the others, so that it stays loaded.
+TEST_F(ProjectSpecLocks, LK5HoldsWhenNobodyHasTheLayersOpen) {
+    world.receive(1, ControlMessage(CloseLayer{kRoot}));
+    world.receive(1, ControlMessage(CloseLayer{kSub}));
+    world.host.nowMs += 2 * world.options.idleLayerMs;
+    world.project->unloadIdle();
+    ASSERT_NE(world.project->layer(kSub), nullptr);
+    EXPECT_EQ(refusal(2, {set("/A.x", 1, kSub)}), "/A.x is locked by user1");
+    EXPECT_EQ(refusal(1, {unlock("/A.x")}), "");
+    world.host.nowMs += 2 * world.options.idleLayerMs;
+    world.project->unloadIdle();
+    EXPECT_EQ(world.project->layer(kRoot), nullptr);
+    EXPECT_EQ(world.project->layer(kSub), nullptr);
+}
+
 TEST_F(ProjectSpecLocks, LK5WhatHoldsALockedSpecIsNeitherMovedNorDeleted) {
     EXPECT_EQ(refusal(2, {erase("/A", kSub)}), "/A.x is locked by user1");
     EXPECT_EQ(refusal(2, {move("/A", "/B", "C")}), "/A.x is locked by user1");

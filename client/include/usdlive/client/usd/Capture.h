@@ -32,8 +32,10 @@ namespace usdlive::client {
 /// back and returns them as lost. Between two seals nothing but the editor may change it.
 class Capture final : public usd::LayerWriteObserver {
 public:
-    /// `view` gives what the session shows of the layer, see Session::view().
-    Capture(LayerId layer, std::function<const LayerDoc*()> view);
+    /// `view` gives what the session shows of the layer, see Session::view(). `begun` is called,
+    /// by whatever thread writes, when hasWrites() becomes true.
+    Capture(
+        LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun = [] {});
 
     [[nodiscard]] bool hasWrites() const;
 
@@ -99,6 +101,7 @@ private:
 
     const LayerId layer_;
     const std::function<const LayerDoc*()> view_;
+    const std::function<void()> begun_;
     const std::thread::id thread_ = std::this_thread::get_id();  // that owns the layer
     std::atomic<bool> foreign_ = false;  // another thread has written since the last seal
     // The session's view with edits_ applied to it; there from the first write to the seal.

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "usdlive/client/session/Session.h"
+#include "usdlive/client/usd/UsedLayers.h"
 
 namespace usdlive {
 
@@ -93,8 +94,11 @@ public:
 
     /// A layer of the project as a live SdfLayer; blocks until it is here. It stands at
     /// cacheFolder/<layer>. The layers it uses (sublayers, references, payloads inside the project,
-    /// all the way down) are opened with it.
-    [[nodiscard]] Result<pxr::SdfLayerRefPtr> openLayer(const LayerId& layer);
+    /// all the way down) are opened with it. For a stage that is opened without its payloads,
+    /// `NoPayloads` leaves out what only payloads bring in: such a layer becomes live within the
+    /// ticks after composition has opened it.
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> openLayer(
+        const LayerId& layer, client::LoadSet load = client::LoadSet::All);
     /// Makes layers live that the editor has opened itself from `projectFolder` (the folder the
     /// server serves, or a copy): each found layer of the project that is loaded in this process.
     /// Returns them sorted. Refuses with InvalidArgument when one of them has unsaved edits.

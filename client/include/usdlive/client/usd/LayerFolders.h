@@ -11,7 +11,7 @@
 namespace usdlive::client {
 
 /// Where layers of the project stand for this process: the cache folder, which mirrors the project
-/// with placeholders, so that relative paths resolve, and folders the editor has opened layers from
+/// with Placeholders, so that relative paths resolve, and folders the editor has opened layers from
 /// itself.
 class LayerFolders {
 public:
@@ -26,16 +26,8 @@ public:
     /// Where the layer stands in the cache folder.
     [[nodiscard]] std::filesystem::path placeOf(const LayerId& layer) const;
 
-    /// Makes the layer's file in the cache folder, without content, unless there is one. True:
-    /// made.
-    Result<bool> makePlaceholder(const LayerId& layer);
-    void removePlaceholder(const LayerId& layer);
-
 private:
-    Result<std::string> emptyFile(const std::string& extension);
-
     std::vector<std::filesystem::path> folders_;  // absolute, without links; the cache folder first
-    std::string emptyCrate_;
 };
 
 }  // namespace usdlive::client

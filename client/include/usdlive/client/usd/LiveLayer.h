@@ -35,6 +35,8 @@ public:
         std::function<const LayerDoc*()> view;
         /// The layer cannot show what it should; it differs from the project there.
         std::function<void(Error)> report;
+        /// Any thread: isIdle() has become false.
+        std::function<void()> wake;
     };
 
     LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings);
@@ -49,6 +51,8 @@ public:
     /// Somebody else's lock holds the layer (LK1): Sdf answers edits of the editor with its own
     /// error, `permissionToEdit` is false. What the editor had set holds again afterwards.
     void setLockedByOther(bool locked);
+    /// There is nothing for a tick to do, until `wake` is called.
+    [[nodiscard]] bool isIdle() const;
 
     /// As LayerView: content that a reset() will be about. The worker begins with it.
     void arriving(std::shared_ptr<const SnapshotPart> part);
@@ -75,7 +79,8 @@ public:
 
     /// False: the layer names no others, for sure. Sdf looks at every spec to tell which.
     [[nodiscard]] bool namesLayers() const { return namesLayers_; }
-    /// Composition changed what the layer uses, since the last call.
+    /// Composition changed what the layer uses, since the last takeUsesChanged().
+    [[nodiscard]] bool usesChanged() const { return usesChanged_; }
     [[nodiscard]] bool takeUsesChanged() { return std::exchange(usesChanged_, false); }
     /// The editor itself has written the layer to its file, since the last call.
     [[nodiscard]] bool takeSaved() { return std::exchange(saved_, false); }
@@ -88,12 +93,13 @@ private:
 
     void setPermission(bool closed, bool lockedByOther);
     void startOver();
+    void noteUses();
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     void applyNow(const std::string& path, const EditAction& action);
     void onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice);
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged& notice);
-    void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile&) { saved_ = true; }
+    void onSaved(const pxr::SdfNotice::LayerDidSaveLayerToFile& notice);
 
     const LayerId id_;
     const pxr::SdfLayerRefPtr layer_;

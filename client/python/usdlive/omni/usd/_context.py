@@ -370,7 +370,8 @@ class UsdContext:
             if not address or address.folder:
                 root = yield loading.read
             else:
-                root = live.live.open_layer(address.layer)  # waited for here: layers belong to this thread
+                root = live.live.open_layer(
+                    address.layer, _load(load_set) == Usd.Stage.LoadAll)  # waited for here: layers belong to this thread
             session = yield (lambda: open_root(session_layer_url)) if session_layer_url else (lambda: None)
             text = ""
             self._check_not_shared(loading.layers.values())

@@ -33,15 +33,32 @@ struct ProjectFiles {
     LayerFiles& layers;
 };
 
+/// The threads that block for the project, by how long somebody may have to wait for them.
+struct WorkerLanes {
+    /// Layers that the store has, commits for who resumes, parts of big values, what transports
+    /// send: quick, and people wait for it.
+    boost::asio::thread_pool joins{2};
+    /// Imports, saves and whatever else reads and writes the project's files.
+    boost::asio::thread_pool files{2};
+    /// Layers as they were, checkpoints; snapshots, which nobody waits for.
+    boost::asio::thread_pool history{2};
+
+    /// Ends what is at work and drops the rest.
+    void stop() {
+        for (boost::asio::thread_pool* lane : {&joins, &files, &history}) lane->stop();
+        for (boost::asio::thread_pool* lane : {&joins, &files, &history}) lane->join();
+    }
+};
+
 /// The process around a project: passes between it and sockets, store, files and disk. The
 /// project's strand is the network thread, so that what a client sends is ordered and sent on
 /// without a hand-over; what blocks runs on the storage thread and on workers and comes back by a
 /// post.
 class ServerHost final : public ProjectHost, public SessionHandler {
 public:
-    ServerHost(boost::asio::io_context& network, boost::asio::thread_pool& workers,
-               SharedStore& store, StorageThread& storage, BlobStore& blobs, ProjectFiles files,
-               Metrics& metrics, WallClock clock, Log& log);
+    ServerHost(boost::asio::io_context& network, WorkerLanes& workers, SharedStore& store,
+               StorageThread& storage, BlobStore& blobs, ProjectFiles files, Metrics& metrics,
+               WallClock clock, Log& log);
 
     // Network thread, as all that is not said otherwise.
     Result<void> start(ProjectFactory factory);
@@ -107,7 +124,8 @@ private:
     void closeAll(const Error& why);
 
     // What workers do.
-    Result<LoadedLayer> loadOrImport(const LayerId& layer);
+    Result<std::optional<LoadedLayer>> loadStored(const LayerId& layer);
+    Result<LoadedLayer> import(const LayerId& layer);
     Result<LayerDoc> layerInHistory(const LayerId& layer, Revision revision);
     SaveOutcome save(const std::vector<SaveJob>& jobs);
     Result<bool> write(SessionId session, const BlobFrame& part);
@@ -126,9 +144,10 @@ private:
     void filesScanned(Result<std::vector<LayerFile>> files, std::chrono::milliseconds time);
 
     boost::asio::io_context& network_;
-    boost::asio::thread_pool& workers_;
-    // In order: parts of a big value; saves of a layer, of which the last has to win; snapshots.
-    boost::asio::strand<boost::asio::thread_pool::executor_type> blobWriter_, saver_,
+    WorkerLanes& workers_;
+    // In order: parts of a big value; saves of a layer, of which the last has to win; checkpoints;
+    // snapshots.
+    boost::asio::strand<boost::asio::thread_pool::executor_type> blobWriter_, saver_, checkpoints_,
         snapshotWriter_;
     SharedStore& store_;
     StorageThread& storage_;

@@ -162,6 +162,7 @@ struct SaveOutcome {
 struct ProjectCounters {
     std::uint64_t commits = 0, edits = 0, dropped = 0, refused = 0, previews = 0, duplicates = 0;
     std::uint64_t delivered = 0;  ///< commit frames handed to sessions
+    std::uint64_t unloaded = 0;   ///< layers
 };
 
 /// The authority over one project: greets sessions, orders and executes their transactions, tells
@@ -184,6 +185,10 @@ public:
         std::set<UserName> administrators = {};  ///< who may edit and unlock what others lock
         /// When nobody of a lock's holder has been connected for so long, others may take it.
         std::int64_t lockTakeoverMs = 15 * 60'000;
+        /// Layers that nobody has open stay in memory for so long, and all of them together
+        /// take about so much.
+        std::int64_t idleLayerMs = 60'000;
+        std::size_t idleLayerBytes = 256ull << 20;
     };
 
     /// `head`: what the store says; `layers`: the files served and those with state in the store
@@ -237,6 +242,9 @@ public:
     /// How the project's folder looks: to be told when that has changed. Layers that only the store
     /// has are among them.
     void setFiles(const std::vector<LayerFile>& files);
+
+    /// To be called now and then, also while nothing happens.
+    void unloadIdle();
 
     /// Tells everybody what changed in where the others are, and who is gone. To be called every
     /// kSweepMs while hasPresence(); `nowMs`: any steady clock.

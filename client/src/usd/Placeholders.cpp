@@ -1,0 +1,128 @@
+#include "usdlive/client/usd/Placeholders.h"
+
+#include <pxr/usd/sdf/layer.h>
+
+#include <algorithm>
+#include <chrono>
+#include <fstream>
+#include <mutex>
+#include <sstream>
+#include <system_error>
+
+namespace usdlive::client {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// One task's; what else the worker does waits so long.
+constexpr std::size_t kMadeInOneTask = 100;
+
+Result<std::string> emptyCrate(const fs::path& folder) {
+    const fs::path path = folder / ".usdlive-empty.usdc";
+    const auto layer = pxr::SdfLayer::CreateAnonymous(".usdc");
+    if (!layer || !layer->Export(path.string()))
+        return fail(ErrorCode::InvalidArgument, "cannot write " + path.string());
+    std::ostringstream content;
+    content << std::ifstream(path, std::ios::binary).rdbuf();
+    std::error_code ignored;
+    fs::remove(path, ignored);
+    return content.str();
+}
+
+}  // namespace
+
+struct Placeholders::State : std::enable_shared_from_this<State> {
+    explicit State(fs::path folder) : folder(std::move(folder)) {}
+
+    // The mutex is held: nobody is to find a file that is half written.
+    Result<bool> make(const LayerId& layer) {
+        const fs::path place = folder / layer.value;
+        std::error_code error;
+        if (fs::exists(place, error)) return false;
+        const bool isCrate = place.extension() == ".usdc";
+        if (isCrate && crate.empty()) {
+            auto content = emptyCrate(folder);
+            if (!content) return tl::unexpected(content.error());
+            crate = std::move(*content);
+        }
+        fs::create_directories(place.parent_path(), error);
+        std::ofstream file(place, std::ios::binary);
+        if (!(file << (isCrate ? crate : "#usda 1.0\n")).flush())
+            return fail(ErrorCode::InvalidArgument, "cannot write " + place.string());
+        return true;
+    }
+
+    void makeNext() {
+        const std::lock_guard lock(mutex);
+        const LayerId layer = std::move(left.back());
+        left.pop_back();
+        const auto made = make(layer);
+        if (!made && !failure) failure = made.error();
+    }
+
+    [[nodiscard]] bool isComplete() {
+        const std::lock_guard lock(mutex);
+        return left.empty();
+    }
+
+    // Posts itself again, so that the worker's other tasks come in between.
+    void work(Worker& worker) {
+        for (std::size_t i = 0; i < kMadeInOneTask; ++i) {
+            if (isComplete()) break;
+            makeNext();
+        }
+        const std::lock_guard lock(mutex);
+        isAtWork = !left.empty();
+        if (isAtWork) worker.post([self = shared_from_this(), &worker] { self->work(worker); });
+    }
+
+    const fs::path folder;
+    std::mutex mutex;  // guards all below
+    std::string crate;
+    std::vector<LayerId> left;  // the next one last; only one thread at a time takes from it
+    bool isAtWork = false;      // the worker is
+    std::optional<Error> failure;
+};
+
+Placeholders::Placeholders(fs::path folder) : state_(std::make_shared<State>(std::move(folder))) {}
+Placeholders::~Placeholders() = default;
+Placeholders::Placeholders(Placeholders&&) noexcept = default;
+
+void Placeholders::add(std::vector<LayerId> layers, double budgetMs, Worker& worker) {
+    using Clock = std::chrono::steady_clock;
+    const auto end = Clock::now() + std::chrono::duration<double, std::milli>(budgetMs);
+    State& state = *state_;
+    std::unique_lock lock(state.mutex);
+    state.left.insert(state.left.begin(), std::make_move_iterator(layers.rbegin()),
+                      std::make_move_iterator(layers.rend()));
+    while (!state.isAtWork && !state.left.empty()) {
+        if (Clock::now() > end) {
+            state.isAtWork = true;
+            worker.post([self = state_, &worker] { self->work(worker); });
+            return;
+        }
+        lock.unlock();
+        state.makeNext();
+        lock.lock();
+    }
+}
+
+bool Placeholders::isComplete() const { return state_->isComplete(); }
+
+Result<bool> Placeholders::make(const LayerId& layer) {
+    const std::lock_guard lock(state_->mutex);
+    return state_->make(layer);
+}
+
+void Placeholders::remove(const LayerId& layer) {
+    std::error_code ignored;
+    fs::remove(state_->folder / layer.value, ignored);
+}
+
+std::optional<Error> Placeholders::takeError() {
+    const std::lock_guard lock(state_->mutex);
+    return std::exchange(state_->failure, std::nullopt);
+}
+
+}  // namespace usdlive::client
