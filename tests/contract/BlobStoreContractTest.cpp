@@ -4,6 +4,7 @@
 
 #include <fstream>
 #include <random>
+#include <set>
 
 #include "unit/server/storage/TestCommits.h"
 #include "usdlive/server/storage/BlobStore.h"
@@ -112,6 +113,55 @@ TYPED_TEST(BlobStoreContract, RefusesWhatIsTooLarge) {
               ErrorCode::BlobTooLarge);
 }
 
+TYPED_TEST(BlobStoreContract, B6WhatIsDroppedIsGoneUntilItComesAgain) {
+    std::vector<Hash> hashes;
+    for (unsigned seed = 0; seed < 5; ++seed) {
+        const Bytes value = someBytes(1'000, seed);
+        hashes.push_back(sha256(value));
+        ASSERT_TRUE(this->blobs.write(hashes.back(), 1'000, 0, value).value());
+    }
+    auto listed = *this->blobs.list();
+    EXPECT_EQ(std::set<Hash>(listed.begin(), listed.end()),
+              std::set<Hash>(hashes.begin(), hashes.end()));
+
+    this->blobs.drop(std::span(hashes).first(4));
+    for (std::size_t index = 0; index < 4; ++index) {
+        EXPECT_FALSE(this->blobs.has(hashes[index]));
+        EXPECT_EQ(codeOf(this->blobs.read(hashes[index], 0, 1)), ErrorCode::BlobNotFound);
+    }
+    EXPECT_EQ(*this->blobs.list(), std::vector<Hash>{hashes[4]});
+    // One comes again before its bytes are removed, and stays.
+    EXPECT_EQ(this->blobs.write(hashes[1], 1'000, 0, someBytes(1'000, 1)), true);
+    EXPECT_TRUE(this->blobs.has(hashes[1]));
+    std::size_t removed = 0;
+    for (;;) {
+        const auto purged = this->blobs.purge(2);
+        ASSERT_TRUE(purged);
+        EXPECT_EQ(purged->bytes, purged->values * 1'000);
+        removed += purged->values;
+        if (purged->values < 2) break;
+    }
+    EXPECT_GE(removed, 3u);
+    EXPECT_EQ(this->blobs.read(hashes[1], 0, 1'000), someBytes(1'000, 1));
+    listed = *this->blobs.list();
+    EXPECT_EQ(std::set<Hash>(listed.begin(), listed.end()), (std::set<Hash>{hashes[1], hashes[4]}));
+    // And one after that.
+    EXPECT_EQ(this->blobs.write(hashes[0], 1'000, 0, someBytes(1'000, 0)), true);
+    EXPECT_EQ(this->blobs.read(hashes[0], 0, 1'000), someBytes(1'000, 0));
+}
+
+TYPED_TEST(BlobStoreContract, B6WhatAWriterLeftUnfinishedIsThrownAway) {
+    const Bytes value = someBytes(1'000);
+    const Hash hash = sha256(value);
+    const ByteView all(value);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(600), 1), false);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 0, all.first(600), 2), false);
+    this->blobs.forget(1);
+    EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 600, all.subspan(600), 1)),
+              ErrorCode::BlobMismatch);
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 600, all.subspan(600), 2), true);
+}
+
 TYPED_TEST(BlobStoreContract, TakesAnEmptyValue) {
     EXPECT_EQ(this->blobs.write(sha256(Bytes()), 0, 0, {}), true);
     EXPECT_EQ(this->blobs.size(sha256(Bytes())), 0u);
@@ -131,6 +181,26 @@ TEST(FileBlobStore, KeepsValuesAndThrowsUnfinishedOnesAway) {
     EXPECT_TRUE(std::filesystem::is_empty(folder.path / "unfinished"));
     const std::string hex = sha256(value).hex();
     EXPECT_TRUE(std::filesystem::exists(folder.path / hex.substr(0, 2) / hex));
+}
+
+// The process is killed between the two: nothing is lost by it, and nothing is left behind.
+TEST(FileBlobStore, B6WhatWasDroppedAndNotRemovedIsThereAgain) {
+    test::TestFolder folder;
+    const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);
+    const std::vector<Hash> both{sha256(value), sha256(other)};
+    {
+        const auto store = createFileBlobStore(folder.path, options());
+        ASSERT_TRUE((*store)->write(both[0], 1'000, 0, value).value());
+        ASSERT_TRUE((*store)->write(both[1], 1'000, 0, other).value());
+        (*store)->drop(both);
+        EXPECT_EQ((*store)->purge(1)->values, 1u);
+    }
+    const auto store = createFileBlobStore(folder.path, options());
+    EXPECT_EQ((*store)->has(both[0]) + (*store)->has(both[1]), 1);
+    std::size_t files = 0;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(folder.path))
+        files += entry.is_regular_file() ? 1 : 0;
+    EXPECT_EQ(files, 1u);
 }
 
 TEST(FileBlobStore, BoundsWhatIsUnfinished) {

@@ -449,6 +449,51 @@ TYPED_TEST(CommitStoreContract, KeepsMovesAndDeletes) {
     }
 }
 
+TYPED_TEST(CommitStoreContract, M14ForgetsTheClientsThatCameFirst) {
+    const auto id = [](std::uint64_t number) {
+        return ClientId{"client" + std::to_string(number)};
+    };
+    std::vector<CommitRecord> group;
+    const auto commit = [&](std::uint64_t number, std::uint64_t sequence) {
+        this->commits.id = {id(number), sequence - 1};
+        group.push_back(this->commits.empty());
+    };
+    for (std::uint64_t number = 1; number <= 20; ++number) commit(number, 1);
+    for (std::uint64_t sequence = 2; sequence <= 30; ++sequence) commit(3, sequence);
+    commit(4, 2'000);
+    commit(4, 5);  // late (SE4), and the newest there is
+    ASSERT_TRUE(this->store->append(group));
+    EXPECT_EQ(this->store->forgottenUpTo(), 0u);
+    EXPECT_EQ(*this->store->forgetClients(20), 0u);
+    EXPECT_EQ(*this->store->committed({id(1), 1}), Revision(1));
+
+    const auto expectKnown = [&] {
+        for (std::uint64_t number = 1; number <= 20; ++number) {
+            const bool known = number == 3 || number == 4 || number > 14;
+            EXPECT_EQ(*this->store->lastSequence(id(number)) != 0, known) << number;
+            EXPECT_EQ(this->store->committed({id(number), 1})->has_value(), known && number != 4)
+                << number;
+        }
+        EXPECT_EQ(*this->store->committed({id(3), 30}), Revision(49));
+        EXPECT_EQ(*this->store->committed({id(4), 2'000}), Revision(50));
+        EXPECT_EQ(*this->store->committed({id(4), 5}), Revision(51));
+        EXPECT_EQ(this->store->forgottenUpTo(), 14u);
+    };
+    // Some more than too many, so that it is not due at once again.
+    EXPECT_EQ(*this->store->forgetClients(10), 12u);
+    expectKnown();
+    this->reopen();
+    expectKnown();
+    EXPECT_EQ(*this->store->forgetClients(10), 0u);
+    // Who comes again is known again.
+    group.clear();
+    commit(1, 2);
+    ASSERT_TRUE(this->store->append(group));
+    EXPECT_EQ(*this->store->lastSequence(id(1)), 2u);
+    EXPECT_EQ(*this->store->committed({id(1), 2}), Revision(52));
+    EXPECT_EQ(*this->store->committed({id(1), 1}), std::nullopt);
+}
+
 TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
     const ClientId ada = this->commits.id.client, bo{"ffeeddccbbaa99887766554433221100"};
     std::vector<CommitRecord> group;

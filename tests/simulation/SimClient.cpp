@@ -358,6 +358,7 @@ void SimClient::on(const event::Connected& event) {
 void SimClient::on(const event::Lost& event) {
     require(!event.work.edits.empty(), "work was lost and it is not said which");
     if (event.work.gesture == 0) lostEdits += event.work.edits.size();
+    if (event.work.reason.code == ErrorCode::ClientForgotten) uncertain.insert(event.work.sequence);
 }
 void SimClient::on(const event::CheckpointMade& event) {
     const auto asked = naming_.extract(event.answer.request);

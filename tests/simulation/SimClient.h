@@ -56,6 +56,9 @@ public:
     std::uint64_t rejoins = 0;
     std::uint64_t previewedBlobs = 0;  ///< that came for a preview
 
+    /// Is lost because the server does not know whether it has committed it (M14).
+    std::set<std::uint64_t> uncertain;
+
     struct Peeked {
         LayerId layer;
         Revision revision;

@@ -4,6 +4,7 @@
 #include <iterator>
 
 #include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/protocol/Snapshot.h"
 
 namespace usdlive::simulation {
@@ -37,6 +38,7 @@ SimServer::SimServer(SimClock& clock, SimRandom& random, SimNetwork& network,
 void SimServer::start() {
     disk.open();
     ++process_;
+    named_ = {};
     const CommitStore::Head head = store().head();
     std::vector<LayerId> layers = *store().layers();
     for (const auto& [layer, doc] : files_)
@@ -104,25 +106,8 @@ std::uint64_t SimServer::lastSequence(const ClientId& client) {
 
 void SimServer::append(CommitRecord commit) {
     require(!closed_, "the project writes to a closed store");
-    noteNamed(commit);
     appends_.push_back(std::move(commit));
     if (appending_ == 0) appendNext();
-}
-
-void SimServer::noteNamed(const CommitRecord& commit) {
-    if (unnamed_.empty()) return;
-    const auto frame = decodeFrame(splitMessage(*commit.frame)->front());
-    require(frame.has_value(), "a commit does not decode");
-    for (const Edit& edit : std::get<CommitFrame>(*frame).commit.edits)
-        if (const auto* set = std::get_if<SetField>(&edit.action))
-            forEachBlob(set->value, [&](const Value& blob) {
-                require(!lost_.contains(blob.hash()), "a commit names a value that is lost");
-                unnamed_.erase(blob.hash());
-            });
-}
-
-void SimServer::loseValues() {
-    for (const Hash& hash : std::exchange(unnamed_, {})) lost_.insert(hash);
 }
 
 void SimServer::appendNext() {
@@ -309,11 +294,78 @@ void SimServer::writeBlob(SessionId session, BlobFrame part) {
                                          fail(ErrorCode::StorageFull, "no room for it"));
         const auto raw = inflate(part.data, part.rawBytes, kChunkBytes);
         require(raw.has_value(), "a part of a big value does not inflate");
-        const bool known = disk.blobs->has(part.hash);
         const auto whole = disk.blobs->write(part.hash, part.size, part.offset, *raw, session);
-        if (whole && *whole && (lost_.erase(part.hash) > 0 || !known)) unnamed_.insert(part.hash);
         project_->blobWritten(session, part.hash, whole);
     });
+}
+
+void SimServer::forgetClients() {
+    if (closed_) return;
+    const auto some = store().forgetClients(2);
+    require(some.has_value(), "clients cannot be forgotten");
+    forgotten += *some;
+}
+
+// Of no random numbers, either.
+void SimServer::collect() {
+    if (!project_) return;
+    const auto delay = [this] { return std::int64_t(++rounds_ * 7'919 % 30'000) * slowness; };
+    later(delay(), [this, delay, stored = *disk.blobs->list()] {
+        if (closed_) return;
+        while (!*named_.read(store(), 2'000)) {
+        }
+        std::vector<Hash> unnamed;
+        for (const Hash& hash : stored)
+            if (!named_.contains(hash)) unnamed.push_back(hash);
+        later(delay(), [this, delay, unnamed, upTo = named_.upTo()] {
+            drop(project_->unusedBlobs(unnamed, upTo, clock_.nowMs()));
+            later(delay(), [this] {
+                const auto purged = disk.blobs->purge(1 + rounds_ % 3);
+                require(purged.has_value(), "what is dropped cannot be removed");
+            });
+        });
+    });
+}
+
+void SimServer::drop(const std::vector<Hash>& unused) {
+    const std::set<Hash> named = namedByCommits();
+    for (const Hash& hash : unused)
+        require(!named.contains(hash), "a value is removed that a commit names");
+    disk.blobs->drop(unused);
+    collected += unused.size();
+}
+
+std::set<Hash> SimServer::namedByCommits() const {
+    std::set<Hash> named;
+    const auto look = [&](const Bytes& message) {
+        const auto frames = splitMessage(message);
+        for (const ByteView frame : *frames) {
+            const auto looked = forEachBlob(frame, [&](const Hash& hash) { named.insert(hash); });
+            require(looked.has_value(), "a commit does not decode");
+        }
+    };
+    (void)store().read(1, ~Revision(0), [&](const StoredCommit& stored) {
+        look(*stored.frame);
+        return true;
+    });
+    for (const CommitRecord& commit : appends_) look(*commit.frame);
+    return named;
+}
+
+void SimServer::checkBlobs() {
+    const std::set<Hash> named = namedByCommits();
+    for (const Hash& hash : named)
+        require(disk.blobs->has(hash), "a commit names a value that is gone");
+    while (!*named_.read(store(), ~std::size_t(0))) {
+    }
+    std::vector<Hash> unnamed;
+    const auto stored = disk.blobs->list();
+    for (const Hash& hash : *stored)
+        if (!named_.contains(hash)) unnamed.push_back(hash);
+    // Two rounds, and the time that values are kept between them.
+    for (const std::int64_t afterMs : {0, 3'600'000, 7'200'000})
+        drop(project_->unusedBlobs(unnamed, named_.upTo(), clock_.nowMs() + afterMs));
+    require(disk.blobs->list()->size() == named.size(), "unused values are never removed");
 }
 
 }  // namespace usdlive::simulation

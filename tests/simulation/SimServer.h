@@ -7,6 +7,7 @@
 
 #include "SimDisk.h"
 #include "SimNetwork.h"
+#include "usdlive/server/project/NamedBlobs.h"
 #include "usdlive/server/project/Project.h"
 
 namespace usdlive::simulation {
@@ -49,9 +50,7 @@ public:
     void sendSnapshot(server::SessionId session, std::uint64_t request, LayerDoc doc) override;
     void sendBlob(server::SessionId session, const Hash& hash, std::uint64_t offset) override;
     void writeBlob(server::SessionId session, BlobFrame part) override;
-    [[nodiscard]] bool hasBlob(const Hash& hash) override {
-        return disk.blobs->has(hash) && !lost_.contains(hash);
-    }
+    [[nodiscard]] bool hasBlob(const Hash& hash) override { return disk.blobs->has(hash); }
     [[nodiscard]] bool hasSpace() override { return disk.reportsSpace; }
     void saveLayers(server::SessionId session, std::uint64_t request,
                     std::vector<SaveJob> jobs) override;
@@ -63,18 +62,26 @@ public:
     [[nodiscard]] std::vector<LayerId> unsavedLayers() override { return *store().unsavedLayers(); }
     [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override;
     [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override;
+    [[nodiscard]] Revision forgottenUpTo() override { return store().forgottenUpTo(); }
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
 
     std::uint64_t snapshots = 0;  ///< that were kept
+    std::uint64_t collected = 0;  ///< big values that nothing named
+    std::uint64_t forgotten = 0;  ///< clients
 
-    /// Loses big values that no commit names, as a collection of garbage does.
-    void loseValues();
+    /// Removes big values that nothing names (B6), in steps between which other things happen.
+    void collect();
+    /// The store forgets what clients have committed (M14).
+    void forgetClients();
+    /// What commits name is there, and nothing else is when nothing goes on any more.
+    void checkBlobs();
 
     /// A layer at a revision, from the log alone.
     [[nodiscard]] LayerDoc replay(const LayerId& layer, Revision revision) const;
 
 private:
-    void noteNamed(const server::CommitRecord& commit);
+    void drop(const std::vector<Hash>& unused);
+    [[nodiscard]] std::set<Hash> namedByCommits() const;
     void appendNext();
     void appendDone();
     // Answers of this process come to this process only.
@@ -93,7 +100,8 @@ private:
     std::size_t appending_ = 0;
     bool closed_ = false;  // the store has failed and is not opened again yet
     std::int64_t blobUs_ = 0;
-    std::set<Hash> unnamed_, lost_;  // values that were uploaded
+    server::NamedBlobs named_;
+    std::uint64_t rounds_ = 0;  // of collection
 };
 
 }  // namespace usdlive::simulation

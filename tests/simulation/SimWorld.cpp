@@ -1,6 +1,7 @@
 #include "SimWorld.h"
 
 #include <algorithm>
+#include <array>
 #include <memory>
 
 #include "SimClient.h"
@@ -18,7 +19,7 @@ constexpr std::int64_t kSecondUs = 1'000'000;
 class World {
 public:
     explicit World(std::uint64_t seed)
-        : random_(seed), style_(style(seed)), server_(makeServer(seed)) {
+        : seed_(seed), random_(seed), style_(style(seed)), server_(makeServer(seed)) {
         server_.slowness = random_.chance(20) ? 10 : 1;
         if (random_.chance(40)) {
             network_.ddsPercent = random_.chance(50) ? 100 : 50;
@@ -77,6 +78,7 @@ private:
         options.leastReplay = 500;
         options.snapshotIntervalMs = 0;
         if (unloads(seed)) options.idleLayerBytes = 0;
+        options.keepUnusedBlobsMs = std::array{0, 60, 600}[seed_ % 3];
         if (random_.chance(30)) options.recentCommitBytes = 2'000;
         forgetful_ = random_.chance(15);
         if (forgetful_) options.namespaceLogRevisions = 5;
@@ -109,8 +111,20 @@ private:
         if (random_.chance(10)) clock_.at(sometime(), [this] { server_.disk.failed = true; });
         if (style_.bigValues)
             for (auto count = random_.below(6); count > 0; --count)
-                clock_.at(sometime(), [this] { server_.loseValues(); });
+                clock_.at(sometime(), [this] { server_.collect(); });
+        if (style_.bigValues) collectAgain();
+        if (seed_ % 4 == 1) forgetAgain();
         rollsBack_ = random_.chance(5);
+    }
+
+    void collectAgain() {
+        server_.collect();
+        clock_.in(kSecondUs / 25, [this] { collectAgain(); });
+    }
+
+    void forgetAgain() {
+        server_.forgetClients();
+        clock_.in(kSecondUs / 15, [this] { forgetAgain(); });
     }
 
     void kill() {
@@ -191,6 +205,9 @@ private:
         }
         checkLog();
         checkPeeks();
+        if (style_.bigValues) server_.checkBlobs();
+        report_.collected = server_.collected;
+        report_.forgotten = server_.forgotten;
     }
 
     // M9 and M12.
@@ -198,6 +215,10 @@ private:
         std::map<ClientId, std::uint64_t> executed;
         std::set<TransactionId> seen;
         std::map<ClientId, std::uint64_t> last;
+        std::set<TransactionId> uncertain;  // were given back to their authors (M14)
+        for (const auto& client : clients_)
+            for (const std::uint64_t sequence : client->uncertain)
+                uncertain.insert({client->session().id(), sequence});
         // Otherwise some overtake others that wait for their big values, or are sent anew.
         const bool inOrder =
             !style_.bigValues && !forgetful_ && style_.cutPerMille == 0 && report_.restarts == 0;
@@ -214,7 +235,8 @@ private:
                     "transactions of " + commit.id.client.value +
                         " are out of order: " + std::to_string(commit.id.sequence) +
                         " in revision " + std::to_string(commit.revision));
-            if (commit.gesture == 0) executed[commit.id.client] += commit.edits.size();
+            if (commit.gesture == 0 && !uncertain.contains(commit.id))
+                executed[commit.id.client] += commit.edits.size();
             return true;
         });
         for (const auto& client : clients_) {
@@ -264,6 +286,7 @@ private:
                             " shows another " + peeked.layer.value);
     }
 
+    const std::uint64_t seed_;
     SimRandom random_;
     SimClock clock_;
     SimNetwork network_{clock_, random_};

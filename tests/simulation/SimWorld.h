@@ -11,6 +11,8 @@ struct SimReport {
     std::uint64_t unloads = 0;         ///< of layers, since the last start
     std::uint64_t together = 0;        ///< commits that reached somebody within a later one (CF1)
     std::uint64_t previewedBlobs = 0;  ///< big values that came for a preview
+    std::uint64_t collected = 0;       ///< big values that nothing named (B6)
+    std::uint64_t forgotten = 0;       ///< clients (M14)
     std::string failure;               ///< empty: everything holds
 };
 

@@ -49,6 +49,8 @@ public:
             all.unloads += one.unloads;
             all.together += one.together;
             all.previewedBlobs += one.previewedBlobs;
+            all.collected += one.collected;
+            all.forgotten += one.forgotten;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -73,10 +75,12 @@ private:
     static void print(const std::string& what, const SimReport& report) {
         std::printf(
             "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu unloads, "
-            "%llu together, %llu big values of previews%s\n",
+            "%llu together, %llu big values of previews, %llu collected, "
+            "%llu clients forgotten%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
             number(report.snapshots), number(report.unloads), number(report.together),
-            number(report.previewedBlobs), report.failure.empty() ? "" : ", FAILED");
+            number(report.previewedBlobs), number(report.collected), number(report.forgotten),
+            report.failure.empty() ? "" : ", FAILED");
     }
 
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();

@@ -33,6 +33,7 @@ struct Pending {
     Prognosis prognosis;
     std::vector<Value> blobs;  ///< big values it names
     bool sent = false;         ///< on this connection
+    bool everSent = false;     ///< under its present number
     std::size_t sentBytes = 0;
     int attempts = 0;  ///< how often it has been sent anew under another number
     /// While the history it was meant for is gone (HistoryDiverged): its edits where they stood

@@ -100,6 +100,7 @@ void PendingTransactions::renumber(Pending& pending) {
     numbers_.erase(before);
     numbers_.insert(number);
     pending.transaction.id.sequence = number;
+    pending.everSent = false;
     const auto& edits = pending.transaction.edits;
     if (std::none_of(edits.begin(), edits.end(), [](const Edit& edit) {
             return std::holds_alternative<CreateSpec>(edit.action);
@@ -110,7 +111,7 @@ void PendingTransactions::renumber(Pending& pending) {
 }
 
 void PendingTransactions::markSent(Pending& pending, std::size_t bytes) {
-    pending.sent = true;
+    pending.sent = pending.everSent = true;
     pending.sentBytes = bytes;
     ++sent_;
 }

@@ -4,6 +4,7 @@
 #include <random>
 
 #include "SessionImpl.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::client {
 
@@ -122,6 +123,18 @@ void Session::Impl::requestBlob(const Hash& hash) {
     if (downloads_.want(hash, true, online_)) askForBlobs({hash});
 }
 
+std::set<Hash> Session::Impl::namedBlobs() const {
+    std::set<Hash> named;
+    const auto add = [&](const Pending& pending) {
+        for (const AuthoredEdit& edit : pending.authored)
+            forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
+    };
+    for (const Pending& pending : pending_) add(pending);
+    for (const Missed& missed : missed_) add(missed.pending);
+    if (gesture_) add(gesture_->pending);
+    return named;
+}
+
 // ---- Session
 
 Session::Session(Options options, SessionHost& host, LayerView& view)
@@ -180,6 +193,7 @@ std::size_t Session::pendingTransactions() const {
 const std::optional<Welcome>& Session::welcome() const { return impl_->welcome_; }
 const ClientId& Session::id() const { return impl_->options_.client; }
 void Session::requestBlob(const Hash& hash) { impl_->requestBlob(hash); }
+std::set<Hash> Session::namedBlobs() const { return impl_->namedBlobs(); }
 
 ClientId newClientId() {
     static constexpr char kDigits[] = "0123456789abcdef";

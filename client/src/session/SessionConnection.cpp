@@ -33,6 +33,7 @@ Error toError(const ErrorMessage& message) {
 
 void Session::Impl::connected() {
     linked_ = true;
+    forgotten_.reset();
     inbox_.clear();
     Hello hello{.protocol = kProtocolVersion,
                 .oldestProtocol = kOldestProtocolVersion,
@@ -270,6 +271,7 @@ void Session::Impl::on(const Welcome& message) {
     online_ = true;
     takesPreviewValues_ = std::ranges::count(message.features, kPreviewValues) > 0;
     layerStates_.clear();  // the server says again what is to say of them
+    if (!message.resumed && forgotten_) loseSent(*forgotten_);
     if (!message.resumed) {
         if (hasHistory_) freeze();
         revision_ = message.revision;
@@ -283,6 +285,14 @@ void Session::Impl::on(const Welcome& message) {
     for (const Missed& missed : missed_) readMissed(missed);
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
     events_.push_back(event::Connected{message, message.resumed});
+}
+
+// M14: nobody knows whether what was sent and not answered is committed.
+void Session::Impl::loseSent(const Error& why) {
+    std::vector<std::uint64_t> sent;
+    for (const Pending& pending : pending_)
+        if (pending.everSent) sent.push_back(pending.transaction.id.sequence);
+    for (const std::uint64_t sequence : sent) lose(*pending_.take(sequence), why);
 }
 
 void Session::Impl::on(const ProjectLayers& message) {
@@ -373,6 +383,7 @@ void Session::Impl::on(const LogEnd& message) {
 void Session::Impl::on(const ErrorMessage& message) {
     const Error error = toError(message);
     if (answered(message, error)) return;
+    if (error.code == ErrorCode::ClientForgotten && !online_) forgotten_ = error;
     if (message.blob) {
         if (downloads_.isAsked(*message.blob)) return blobFailed(*message.blob, error);
         uploads_.refused(*message.blob, error.code, nowMs_);

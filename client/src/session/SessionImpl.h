@@ -75,6 +75,7 @@ public:
     std::uint64_t createCheckpoint(std::string name);
     std::uint64_t listCheckpoints();
     void requestBlob(const Hash& hash);
+    [[nodiscard]] std::set<Hash> namedBlobs() const;
 
     void showPresence(Presence presence);
     void hidePresence();
@@ -179,6 +180,7 @@ private:
     void on(const LogEnd& message);
     void on(const ErrorMessage& message);
     void on(const auto&) {}  // messages to a server
+    void loseSent(const Error& why);
     void readMissed(const Missed& missed);
     [[nodiscard]] bool answered(const ErrorMessage& message, const Error& error);
     void protocolFault(Error error);
@@ -259,6 +261,7 @@ private:
 
     // The connection.
     bool linked_ = false;
+    std::optional<Error> forgotten_;  // the server said so before its welcome (M14)
     std::deque<Result<Received>> inbox_;
     std::uint64_t lastRequest_ = 0;
     bool takesPreviewValues_ = false;  // the server does (B3)

@@ -4,6 +4,7 @@
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/frames_generated.h"
 
@@ -415,6 +416,23 @@ ByteView aligned(ByteView frame, Bytes& copy) {
     return copy;
 }
 
+/// Calls `visit` with the values that an edit sets.
+Result<void> forEachContent(const wire::Edit& edit,
+                            const std::function<void(const FieldValue&)>& visit) {
+    const auto* set = edit.action_as_SetField();
+    if (!set) return {};
+    const auto* item = set->part_as_ListItem();
+    const auto* key = set->part_as_MapKey();
+    for (const ByteVector* bytes :
+         {set->value(), item ? item->item() : nullptr, key ? key->key() : nullptr}) {
+        if (!bytes) continue;
+        const auto content = decodeFieldValue({bytes->data(), bytes->size()});
+        if (!content) return tl::unexpected(content.error());
+        visit(*content);
+    }
+    return {};
+}
+
 }  // namespace
 
 Result<Frame> decodeFrame(ByteView bytes) {
@@ -447,6 +465,33 @@ Result<std::optional<Bytes>> importStub(ByteView encodedCommit, const Hash& hash
               stub.commit.previous.bytes.begin());
     stub.hashAfter = hash;
     return encodeFrame(stub);
+}
+
+void forEachBlob(const EditAction& action, const std::function<void(const Value&)>& visit) {
+    const auto* set = std::get_if<SetField>(&action);
+    if (!set) return;
+    forEachBlob(set->value, visit);
+    if (const auto* item = std::get_if<ListItem>(&set->part)) forEachBlob(item->item, visit);
+    if (const auto* key = std::get_if<MapKey>(&set->part)) forEachBlob(key->key, visit);
+}
+
+Result<void> forEachBlob(ByteView encodedCommit, const std::function<void(const Hash&)>& visit) {
+    Bytes copy;
+    const wire::Frame* root = verified(aligned(encodedCommit, copy));
+    const wire::Commit* commit = root ? root->body_as_Commit() : nullptr;
+    if (!commit) return fail(ErrorCode::MalformedFrame, "a stored commit failed verification");
+    const auto look = [&](const wire::Edit& edit) {
+        return forEachContent(edit, [&](const FieldValue& content) {
+            forEachBlob(content, [&](const Value& blob) { visit(blob.hash()); });
+        });
+    };
+    if (commit->edits())
+        for (const wire::Edit* edit : *commit->edits())
+            if (auto looked = look(*edit); !looked) return looked;
+    if (commit->dropped())
+        for (const wire::Dropped* dropped : *commit->dropped())
+            if (auto looked = look(*dropped->edit()); !looked) return looked;
+    return {};
 }
 
 }  // namespace usdlive

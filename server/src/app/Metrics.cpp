@@ -79,7 +79,8 @@ void Metrics::appended(std::size_t commits, std::chrono::nanoseconds time) {
 }
 
 std::string Metrics::page(const Figures& figures) const {
-    const auto& [project, transports, sessions, revision, appendQueue, free, hasSpace] = figures;
+    const auto& [project, transports, sessions, revision, appendQueue, free, hasSpace, removed] =
+        figures;
     const auto total = [&](const char* name, const char* help, auto member) {
         return ofTransports(name, help, MetricType::Counter, figures.transports, member);
     };
@@ -121,6 +122,9 @@ std::string Metrics::page(const Figures& figures) const {
         gauge("usdlive_storage_free_bytes", "Free space of the disk the store is on", free),
         gauge("usdlive_storage_has_space", "0 while edits are refused for lack of space",
               hasSpace ? 1 : 0),
+        counter("usdlive_removed_blobs_total", "Big values removed that nothing named",
+                removed.values),
+        counter("usdlive_removed_blob_bytes_total", "Bytes of them", removed.bytes),
         histogram("usdlive_append_seconds", "Time of one group's append and sync",
                   histograms_->appendSeconds),
         histogram("usdlive_append_commits", "Commits in one group", histograms_->appendCommits),

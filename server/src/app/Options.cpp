@@ -95,6 +95,12 @@ void addStorageOptions(CLI::App& app, ServerOptions& options) {
         ->default_str("")
         ->check(between(0, 1ull << 40))
         ->group(group);
+    app.add_option("--keep-unused-blobs", options.keepUnusedBlobsMinutes,
+                   "Minutes until a big value is removed that nothing names:\n"
+                   "uploaded and not used, or of history that was replaced")
+        ->type_name(kNumber)
+        ->check(between(0, 1'000'000))
+        ->group(group);
 }
 
 void addLimits(CLI::App& app, ServerOptions& options) {

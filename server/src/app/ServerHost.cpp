@@ -22,6 +22,10 @@ constexpr milliseconds kRetryPause{1'000};
 // Looking for files that are new or changed: so often, and never more than this part of the time.
 constexpr milliseconds kScanPause{1'000};
 constexpr int kScanPart = 20;
+// Of so many clients the store knows what they have committed (M14); every so often the others are
+// forgotten.
+constexpr std::size_t kKnownClients = 20'000;
+constexpr milliseconds kForgetPause{10 * 60'000};
 
 SharedBytes encoded(const Frame& frame) {
     return std::make_shared<const Bytes>(encodeFrame(frame));
@@ -76,7 +80,7 @@ auto resultOf(Work& work) -> decltype(work()) {
 
 ServerHost::ServerHost(asio::io_context& network, WorkerLanes& workers, SharedStore& store,
                        StorageThread& storage, BlobStore& blobs, ProjectFiles files,
-                       Metrics& metrics, WallClock clock, Log& log)
+                       milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock, Log& log)
     : network_(network),
       workers_(workers),
       blobWriter_(asio::make_strand(workers.joins.get_executor())),
@@ -93,6 +97,8 @@ ServerHost::ServerHost(asio::io_context& network, WorkerLanes& workers, SharedSt
       retryTimer_(network),
       scanTimer_(network),
       sweepTimer_(network),
+      clientsTimer_(network),
+      collector_(network, workers.history, store, blobs, keepUnusedBlobs, log),
       intake_([this](SessionId session, bool reading) {
           transportOf(session).setReading(session, reading);
       }) {}
@@ -130,6 +136,14 @@ Result<void> ServerHost::start(ProjectFactory factory) {
 void ServerHost::serve(std::vector<Transport*> transports) {
     transports_ = std::move(transports);
     scanFilesIn(kScanPause);
+    forgetClientsIn(kForgetPause);
+    collector_.start([this](const std::vector<Hash>& unnamed, Revision upTo, std::int64_t nowMs) {
+        std::vector<Hash> unused;
+        guarded([&] {
+            if (project_) unused = project_->unusedBlobs(unnamed, upTo, nowMs);
+        });
+        return unused;
+    });
 }
 
 void ServerHost::stop(std::function<void()> done) {
@@ -162,6 +176,7 @@ HttpReply ServerHost::metricsPage() {
         figures.transports.emplace_back(transport->name(), transport->counters());
     figures.appendQueueBytes = intake_.storeBytes();
     figures.storageHasSpace = hasSpace();
+    figures.removedBlobs = collector_.removed();
     std::error_code ignored;
     figures.storageFreeBytes = std::filesystem::space(files_.folder, ignored).available;
     if (project_) {
@@ -189,6 +204,7 @@ void ServerHost::received(SessionId session, ByteView message) {
 
 void ServerHost::closed(SessionId session) {
     intake_.closed(session);
+    asio::post(blobWriter_, [this, session] { blobs_.forget(session); });
     guarded([&] {
         if (project_) project_->disconnected(session);
     });
@@ -560,6 +576,26 @@ std::uint64_t ServerHost::lastSequence(const ClientId& client) {
     const auto last = store_.use([&](CommitStore& store) { return store.lastSequence(client); });
     if (!last) throw std::runtime_error(last.error().message);
     return *last;
+}
+
+Revision ServerHost::forgottenUpTo() {
+    const auto upTo =
+        store_.use([](CommitStore& store) -> Result<Revision> { return store.forgottenUpTo(); });
+    return forgottenUpTo_ = upTo.value_or(forgottenUpTo_);
+}
+
+void ServerHost::forgetClientsIn(milliseconds pause) {
+    clientsTimer_.expires_after(pause);
+    clientsTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        asio::post(workers_.history, [this] {
+            const auto forgotten =
+                store_.use([](CommitStore& store) { return store.forgetClients(kKnownClients); });
+            if (forgotten && *forgotten > 0)
+                log_.write(LogLevel::Info, "clients forgotten", {{"clients", *forgotten}});
+            asio::post(network_, [this] { forgetClientsIn(kForgetPause); });
+        });
+    });
 }
 
 // --- The project itself

@@ -69,6 +69,7 @@ ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
     project.maxSessions = options.maxSessions;
     for (const std::string& user : options.administrators) project.administrators.insert({user});
     project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;
+    project.keepUnusedBlobsMs = std::int64_t(options.keepUnusedBlobsMinutes) * 60'000;
     return [=, &store, &files](ProjectHost& host) -> Result<std::unique_ptr<Project>> {
         const auto served = servedLayers(files, store);
         if (!served) return tl::unexpected(served.error());
@@ -185,8 +186,9 @@ int serve(const ServerOptions& options) {
     LayerFiles& layerFiles = **files;
     ProjectFiles projectFiles{std::filesystem::canonical(options.folder),
                               [&] { return servedLayers(layerFiles, store); }, layerFiles};
-    ServerHost host(network, workers, store, storage, **blobs, std::move(projectFiles), metrics,
-                    wallClockMs, *log);
+    ServerHost host(network, workers, store, storage, **blobs, std::move(projectFiles),
+                    std::chrono::minutes(options.keepUnusedBlobsMinutes), metrics, wallClockMs,
+                    *log);
     if (const auto made = host.start(projectFactory(options, store, **files)); !made)
         return failed(made.error());
     HttpRoutes routes;

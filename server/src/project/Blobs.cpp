@@ -1,6 +1,9 @@
 // Big values (V9): they travel beside the stream and have to be here before a transaction names
 // them.
+#include <algorithm>
+
 #include "ProjectImpl.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::server {
 
@@ -27,12 +30,13 @@ void Project::Impl::receiveBlob(Session& session, BlobFrame part) {
         part.rawBytes > part.size - part.offset)
         return refuse(ErrorCode::BlobMismatch, "a part that is not within its value");
     if (part.gesture != 0) return previews_.values.add(session.client, std::move(part));
+    session.uploads = true;
     // The rest of what is here already is on its way and passed over, but for the last part:
     // another one's may have completed the value since this one's first, which was then not
     // answered.
     if (host_.hasBlob(part.hash)) {
         if (part.offset == 0 || part.offset + part.rawBytes == part.size)
-            send(session, BlobStored{part.hash});
+            sendStored(session, part.hash);
         return;
     }
     if (storeClosed_) return refuse(ErrorCode::StorageFailed, "the store has failed");
@@ -46,7 +50,52 @@ void Project::Impl::blobWritten(SessionId id, const Hash& hash, const Result<boo
     if (!whole)
         sendError(*session, whole.error(), {}, hash);
     else if (*whole)
-        send(*session, BlobStored{hash});
+        sendStored(*session, hash);
+}
+
+void Project::Impl::sendStored(Session& session, const Hash& hash) {
+    unusedBlobs_.stored(hash, session.id);
+    send(session, BlobStored{hash});
+}
+
+// ---- what is of no use any more (B6)
+
+std::vector<Hash> Project::Impl::unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
+                                             std::int64_t nowMs) {
+    // A project that was made after the store was looked through does not know what was committed
+    // in between; what is in a failed store nobody knows.
+    if (upTo < firstRevision_ || storeClosed_ || handlesFiles()) return {};
+    const std::unordered_set<Hash> named = namedHere();
+    auto unused = unusedBlobs_.take({unnamed, upTo, nowMs, options_.keepUnusedBlobsMs,
+                                     [&](const Hash& hash) { return named.contains(hash); },
+                                     [&](SessionId id) {
+                                         const Session* session = find(id);
+                                         return session && session->uploads;
+                                     }});
+    for (auto& [id, session] : sessions_) session.uploads = false;
+    return unused;
+}
+
+/// Files that are read have big values that no commit names yet, and files that are written may
+/// have some that none names any more.
+bool Project::Impl::handlesFiles() const {
+    return savesUnderWay_ > 0 || !reloads_.empty() ||
+           std::ranges::any_of(layers_, [](const auto& one) {
+               return std::holds_alternative<Loading>(one.second.state);
+           });
+}
+
+/// By what is not executed yet, or never will be.
+std::unordered_set<Hash> Project::Impl::namedHere() const {
+    std::unordered_set<Hash> named;
+    for (const auto& [id, session] : sessions_)
+        for (const QueuedTransaction& queued : session.transactions)
+            for (const Edit& edit : queued.transaction.edits)
+                forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
+    previews_.forEach([&](const ClientId&, const Previews::Preview& preview) {
+        named.insert(preview.named.begin(), preview.named.end());
+    });
+    return named;
 }
 
 }  // namespace usdlive::server

@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "ProjectImpl.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
@@ -40,9 +41,12 @@ std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit
                     {},
                     std::move(executed.dropped),
                     executedHash_};
+    const auto note = [&](const Value& blob) { made.blobs.push_back(blob.hash()); };
+    for (const DroppedEdit& dropped : frame.commit.dropped) forEachBlob(dropped.edit.action, note);
     for (ExecutedEdit& edit : executed.edits) {
         made.layers.insert(edit.edit.layer);
         if (touchesLayerData(edit.edit.action)) made.layerData.insert(edit.edit.layer);
+        forEachBlob(edit.edit.action, note);
         frame.commit.edits.push_back(std::move(edit.edit));
     }
     record.layers = made.layers;
@@ -84,6 +88,7 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
         suspects_.insert(layer);
         noteSpecLocks(layer);
     }
+    unusedBlobs_.named(commit.blobs, commit.revision);
     executed_ = commit.revision;
     executedHash_ = commit.hash;
     for (const LayerId& layer : commit.layers) takeSnapshot(layer);

@@ -1,5 +1,6 @@
 // Previews (M11): passed on at once, kept only while their gesture lasts.
 #include "ProjectImpl.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::server {
 
@@ -25,7 +26,11 @@ void Project::Impl::receivePreview(Session& session, PreviewFrame preview, std::
         if (lockObjection(session.user, edit.layer)) return;  // LK1
     preview.author = session.client;
     const auto frame = std::make_shared<const Bytes>(encodeFrame(preview));
-    const std::uint64_t pushedOut = previews_.keep(session.client, preview.gesture, frame);
+    std::vector<Hash> named;
+    for (const Edit& edit : preview.edits)
+        forEachBlob(edit.action, [&](const Value& blob) { named.push_back(blob.hash()); });
+    const std::uint64_t pushedOut =
+        previews_.keep(session.client, preview.gesture, {frame, std::move(named)});
     if (pushedOut != 0) withdraw(session.client, pushedOut);
     // Who is behind gets it when it has caught up.
     for (auto& [id, other] : sessions_)

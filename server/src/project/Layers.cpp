@@ -18,7 +18,12 @@ Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc) {
     auto frame = encodeImport(layer, doc, kMaxImportBytes);
     if (!frame)
         return fail(ErrorCode::LayerUnreadable, layer.value + " is too large to be imported");
-    return LayerImport{std::move(*frame)};
+    LayerImport made{std::move(*frame), {}};
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, value] : *spec.fields)
+            forEachBlob(value, [&](const Value& blob) { made.blobs.push_back(blob.hash()); });
+    });
+    return made;
 }
 
 std::vector<LayerInfo> Project::Impl::layerInfos() const {
@@ -149,6 +154,7 @@ Result<void> Project::Impl::import(const LayerId& layer, LayerImport import) {
     record.saved = CommitRecord::Saved{layer, {made.revision, layers_[layer].saved.file}};
     record.layers = made.layers = {layer};
     made.edits = import.frame.edits;
+    made.blobs = std::move(import.blobs);
     made.mark = history_.log().mark();
 
     CommitFrame stub;

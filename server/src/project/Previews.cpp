@@ -2,9 +2,9 @@
 
 namespace usdlive::server {
 
-std::uint64_t Previews::keep(const ClientId& author, std::uint64_t gesture, SharedBytes frame) {
+std::uint64_t Previews::keep(const ClientId& author, std::uint64_t gesture, Preview preview) {
     auto& gestures = kept_[author];
-    gestures[gesture] = std::move(frame);
+    gestures[gesture] = std::move(preview);
     if (gestures.size() <= kMaxGestures) return 0;
     // Clients number their gestures upwards. The one just kept stays, whatever its number.
     auto oldest = gestures.begin();
@@ -28,15 +28,14 @@ std::vector<std::uint64_t> Previews::endAll(const ClientId& author) {
     std::vector<std::uint64_t> ended;
     const auto found = kept_.find(author);
     if (found == kept_.end()) return ended;
-    for (const auto& [gesture, frame] : found->second) ended.push_back(gesture);
+    for (const auto& [gesture, preview] : found->second) ended.push_back(gesture);
     kept_.erase(found);
     return ended;
 }
 
-void Previews::forEach(
-    const std::function<void(const ClientId&, const SharedBytes&)>& visit) const {
+void Previews::forEach(const std::function<void(const ClientId&, const Preview&)>& visit) const {
     for (const auto& [author, gestures] : kept_)
-        for (const auto& [gesture, frame] : gestures) visit(author, frame);
+        for (const auto& [gesture, preview] : gestures) visit(author, preview);
 }
 
 }  // namespace usdlive::server

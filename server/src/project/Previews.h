@@ -18,20 +18,24 @@ public:
     /// An author's gestures beyond this many at once push out the oldest.
     static constexpr std::size_t kMaxGestures = 16;
 
+    struct Preview {
+        SharedBytes frame;
+        std::vector<Hash> named;  ///< big values
+    };
     /// Returns the gesture it pushed out, 0 for none.
-    std::uint64_t keep(const ClientId& author, std::uint64_t gesture, SharedBytes frame);
+    std::uint64_t keep(const ClientId& author, std::uint64_t gesture, Preview preview);
     /// The gesture is over. False when nothing was kept of it.
     bool end(const ClientId& author, std::uint64_t gesture);
     /// The author's gestures are over. Returns them.
     std::vector<std::uint64_t> endAll(const ClientId& author);
 
-    void forEach(const std::function<void(const ClientId&, const SharedBytes&)>& visit) const;
+    void forEach(const std::function<void(const ClientId&, const Preview&)>& visit) const;
 
     /// The big values that they name; those of a gesture end with it.
     PreviewValues values;
 
 private:
-    std::map<ClientId, std::map<std::uint64_t, SharedBytes>> kept_;
+    std::map<ClientId, std::map<std::uint64_t, Preview>> kept_;
 };
 
 }  // namespace usdlive::server

@@ -12,6 +12,7 @@ Project::Impl::Impl(Options options, ProjectHost& host, CommitStore::Head head,
       epoch_(head.epoch),
       startedMs_(host.wallClockMs()),
       history_(firstNamespaceRevision(options_, head), head.revision, changes),
+      firstRevision_(head.revision),
       executed_(head.revision),
       executedHash_(head.hash),
       durable_(head.revision),
@@ -112,6 +113,10 @@ void Project::setFiles(const std::vector<LayerFile>& files) {
 void Project::unloadIdle() { impl_->unloadIdle(); }
 void Project::sweep(std::int64_t nowMs) { impl_->sweep(nowMs); }
 bool Project::hasPresence() const { return impl_->hasPresence(); }
+std::vector<Hash> Project::unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
+                                       std::int64_t nowMs) {
+    return impl_->unusedBlobs(unnamed, upTo, nowMs);
+}
 Revision Project::durableRevision() const { return impl_->durableRevision(); }
 const ProjectCounters& Project::counters() const { return impl_->counters(); }
 std::size_t Project::sessionCount() const { return impl_->sessionCount(); }

@@ -12,6 +12,7 @@
 #include "NamespaceHistory.h"
 #include "Previews.h"
 #include "RecentCommits.h"
+#include "UnusedBlobs.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/layer/SpecLocks.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
@@ -80,6 +81,7 @@ struct Session {
     bool heard = false;        ///< of its presence, since the last sweep
     std::int64_t heardMs = 0;  ///< by then
     bool shown = true;         ///< everybody was told of its presence as it is
+    bool uploads = false;      ///< big values, since the last look at unused ones
     Revision greetedAt = 0;    ///< the newest durable commit then
     Revision position = 0;     ///< commits up to this one were sent
     bool ahead = false;        ///< it may have later ones (DD6)
@@ -215,6 +217,7 @@ struct InFlightCommit {
     std::size_t edits = 0, dropped = 0;
     std::set<LayerId> layers;
     std::set<LayerId> layerData;  ///< of them, whose custom layer data it changes
+    std::vector<Hash> blobs;      ///< that it names
     std::optional<LayerId> imported;
     std::optional<CommitRecord::Saved> reloaded;
     std::uint64_t mark = 0;  ///< of the NamespaceLog before it
@@ -257,6 +260,8 @@ public:
 
     // Blobs.cpp
     void blobWritten(SessionId id, const Hash& hash, const Result<bool>& whole);
+    [[nodiscard]] std::vector<Hash> unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
+                                                std::int64_t nowMs);
 
     // Files.cpp
     void setFiles(const std::vector<LayerFile>& files);
@@ -286,6 +291,7 @@ private:
     void receive(Session& session, const ControlMessage& message);
     void greet(Session& session, const Hello& hello);
     void checkResume(Session& session);
+    [[nodiscard]] bool mayBeForgotten(const ClientId& client, Revision seen);
     void resumeChecked(Session& session, const Result<Hash>& hash);
     void welcome(Session& session, std::optional<Error> whyNotResumed);
     void send(Session& session, const ControlMessage& message);
@@ -366,6 +372,9 @@ private:
     // Blobs.cpp
     void requestBlob(Session& session, const RequestBlob& request);
     void receiveBlob(Session& session, BlobFrame part);
+    void sendStored(Session& session, const Hash& hash);
+    [[nodiscard]] bool handlesFiles() const;
+    [[nodiscard]] std::unordered_set<Hash> namedHere() const;
 
     void left(const UserName& user);
 
@@ -448,9 +457,11 @@ private:
     const std::int64_t startedMs_;
     std::size_t presences_ = 0;  ///< sessions that show where they are
     std::vector<SaveRequest> saves_;
+    std::size_t savesUnderWay_ = 0;  ///< that the host has begun
     std::vector<ReloadRequest> reloads_;
 
     NamespaceHistory history_;
+    const Revision firstRevision_;  ///< of the store when this began
     Revision executed_;
     Hash executedHash_;
     std::deque<InFlightCommit> inFlight_;
@@ -467,6 +478,7 @@ private:
     std::deque<ReadyCheckpoint> readyCheckpoints_;
 
     Previews previews_;
+    UnusedBlobs unusedBlobs_;
 };
 
 }  // namespace usdlive::server

@@ -79,10 +79,12 @@ void Project::Impl::sendSave(const ReadySave& ready) {
     if (ready.jobs.empty())
         return send(*session, LayersSaved{request, ready.revision, {}, ready.save.failed});
     if (!ready.save.failed.empty()) session->failedSaves[request] = ready.save.failed;
+    ++savesUnderWay_;
     host_.saveLayers(session->id, request, ready.jobs);
 }
 
 void Project::Impl::layersSaved(SessionId id, std::uint64_t request, const SaveOutcome& outcome) {
+    --savesUnderWay_;
     LayersSaved message{request, outcome.revision, {}, outcome.failed};
     for (const auto& [layer, file] : outcome.saved) {
         message.saved.push_back(layer);

@@ -162,9 +162,21 @@ void Project::Impl::supersede(const ClientId& client) {
     if (superseded) withdrawAll(client);
 }
 
+/// M14: who was forgotten has committed nothing that it has not seen, if it has seen so much.
+bool Project::Impl::mayBeForgotten(const ClientId& client, Revision seen) {
+    return seen < host_.forgottenUpTo() && !authors_.contains(client);
+}
+
 void Project::Impl::checkResume(Session& session) {
     const auto& resume = *std::get<CheckingResume>(session.phase).hello.resume;
     const std::string at = "revision " + std::to_string(resume.revision);
+    if (mayBeForgotten(session.client, resume.revision)) {
+        if (storeClosed_) return close(session, {ErrorCode::StorageFailed, "the store has failed"});
+        if (host_.lastSequence(session.client) == 0)
+            return welcome(session, Error{ErrorCode::ClientForgotten,
+                                          "this client was away since " + at +
+                                              ", and the server no longer knows what it has sent"});
+    }
     if (resume.epoch > epoch_)
         return welcome(session, Error{ErrorCode::HistoryDiverged,
                                       "the client has seen epoch " + std::to_string(resume.epoch) +

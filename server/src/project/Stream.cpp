@@ -141,8 +141,8 @@ void Project::Impl::becomeLive(Session& session) {
     session.stream = Live{};
     session.ahead = false;
     host_.releaseCommits(session.id, session.position + 1);
-    previews_.forEach([&](const ClientId& author, const SharedBytes& frame) {
-        if (author != session.client) host_.send(session.id, frame);
+    previews_.forEach([&](const ClientId& author, const Previews::Preview& preview) {
+        if (author != session.client) host_.send(session.id, preview.frame);
     });
 }
 

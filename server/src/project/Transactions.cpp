@@ -4,6 +4,7 @@
 
 #include "ProjectImpl.h"
 #include "usdlive/common/layer/SpecPath.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
@@ -23,14 +24,6 @@ void forEachCreation(const Transaction& transaction,
         const auto* move = std::get_if<MoveSpec>(&edit.action);
         if (move && move->parent.creation) visit(*move->parent.creation);
     }
-}
-
-void forEachValue(const EditAction& action, const std::function<void(const FieldValue&)>& visit) {
-    const auto* set = std::get_if<SetField>(&action);
-    if (!set) return;
-    visit(set->value);
-    if (const auto* item = std::get_if<ListItem>(&set->part)) visit(item->item);
-    if (const auto* key = std::get_if<MapKey>(&set->part)) visit(key->key);
 }
 
 /// Does an executed edit stand in the NamespaceLog?
@@ -145,8 +138,7 @@ std::optional<Refused> Project::Impl::blobObjection(const Transaction& transacti
                 refused = Refused{{ErrorCode::BlobNotFound,
                                    "the value " + blob.hash().hex() + " was not uploaded"}};
         };
-        forEachValue(transaction.edits[index].action,
-                     [&](const FieldValue& value) { forEachBlob(value, check); });
+        forEachBlob(transaction.edits[index].action, check);
         if (!refused) continue;
         refused->edit = std::uint32_t(index);
         return refused;

@@ -3,8 +3,10 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <map>
 #include <mutex>
+#include <unordered_set>
 #include <utility>
 
 #include "BlobRules.h"
@@ -18,6 +20,19 @@ namespace usdlive::server {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// Nothing: the name is none that Hash::hex() gives.
+std::optional<Hash> hashOfName(const std::string& name) {
+    constexpr std::string_view kDigits = "0123456789abcdef";
+    Hash hash;
+    if (name.size() != 2 * hash.bytes.size()) return std::nullopt;
+    for (std::size_t index = 0; index < name.size(); ++index) {
+        const auto digit = kDigits.find(name[index]);
+        if (digit == kDigits.npos) return std::nullopt;
+        hash.bytes[index / 2] = std::uint8_t(hash.bytes[index / 2] << 4 | digit);
+    }
+    return hash;
+}
 
 /// A value that is being written, in a file that goes with it unless it was kept.
 class Unfinished {
@@ -47,13 +62,12 @@ public:
     }
     [[nodiscard]] Hash finish() { return hash_.finish(); }
 
-    /// Durable under its name, or an error.
-    Result<void> keep(const fs::path& name) {
-        if (const auto synced = syncFile(file_, path_); !synced) return synced;
+    Result<void> sync() { return syncFile(file_, path_); }
+    Result<void> rename(const fs::path& name) {
         if (::rename(path_.c_str(), name.c_str()) != 0)
             return tl::unexpected(systemError("rename to", name));
         path_.clear();
-        return syncFolder(name.parent_path());
+        return {};
     }
 
 private:
@@ -77,13 +91,17 @@ public:
     }
 
     [[nodiscard]] bool has(const Hash& hash) const override {
-        return ::access(name(hash).c_str(), F_OK) == 0;
+        return ::access(name(hash).c_str(), F_OK) == 0 && !isDropped(hash);
     }
     [[nodiscard]] Result<std::uint64_t> size(const Hash& hash) const override;
     Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset, ByteView part,
                        std::uint64_t writer) override;
     [[nodiscard]] Result<Bytes> read(const Hash& hash, std::uint64_t offset,
                                      std::size_t count) const override;
+    void forget(std::uint64_t writer) override;
+    [[nodiscard]] Result<std::vector<Hash>> list() const override;
+    void drop(std::span<const Hash> hashes) override;
+    Result<Purged> purge(std::size_t most) override;
 
 private:
     using Upload = std::pair<Hash, std::uint64_t>;  // and its writer
@@ -97,6 +115,10 @@ private:
         const std::string hex = hash.hex();
         return folder_ / hex.substr(0, 2) / hex;
     }
+    [[nodiscard]] bool isDropped(const Hash& hash) const {
+        const std::lock_guard lock(mutex_);
+        return dropped_.contains(hash);
+    }
     [[nodiscard]] Result<void> checkSpace(std::uint64_t bytes) const;
     [[nodiscard]] Result<File> openValue(const Hash& hash) const;
     Result<Unfinished> take(const Upload& upload, std::uint64_t offset);
@@ -106,9 +128,12 @@ private:
     const fs::path folder_;
     const BlobStoreOptions options_;
 
-    std::mutex mutex_;  // guards the next two; never held while a file is written
+    // Guards the next three; never held while a file is written or removed. What takes a dropped
+    // value's place, and what takes it away, do so with it held, so that neither meets the other.
+    mutable std::mutex mutex_;
     std::map<Upload, Entry> unfinished_;
     std::uint64_t turn_ = 0;
+    std::unordered_set<Hash> dropped_;
 };
 
 Result<void> FileBlobStore::checkSpace(std::uint64_t bytes) const {
@@ -191,7 +216,65 @@ Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
     if (actual != hash)
         return blobError(ErrorCode::BlobMismatch, hash, "is " + actual.hex() + " in truth");
     const fs::path path = name(hash);
-    return makeFolders(path.parent_path()).and_then([&] { return value.keep(path); });
+    const auto rename = [&] {
+        const std::lock_guard lock(mutex_);
+        return value.rename(path).map([&] { dropped_.erase(hash); });
+    };
+    return makeFolders(path.parent_path())
+        .and_then([&] { return value.sync(); })
+        .and_then(rename)
+        .and_then([&] { return syncFolder(path.parent_path()); });
+}
+
+void FileBlobStore::forget(std::uint64_t writer) {
+    std::map<Upload, Entry> gone;  // removed when the lock is not held any more
+    const std::lock_guard lock(mutex_);
+    for (auto one = unfinished_.begin(); one != unfinished_.end();) {
+        const auto next = std::next(one);
+        if (one->first.second == writer) gone.insert(unfinished_.extract(one));
+        one = next;
+    }
+}
+
+Result<std::vector<Hash>> FileBlobStore::list() const {
+    std::vector<Hash> all;
+    std::error_code error;
+    for (const auto& folder : fs::directory_iterator(folder_, error)) {
+        std::error_code none;
+        for (const auto& file : fs::directory_iterator(folder.path(), none))
+            if (const auto hash = hashOfName(file.path().filename().string());
+                hash && !isDropped(*hash))
+                all.push_back(*hash);
+    }
+    if (error)
+        return fail(ErrorCode::StorageFailed,
+                    "cannot list " + folder_.string() + ": " + error.message());
+    return all;
+}
+
+void FileBlobStore::drop(std::span<const Hash> hashes) {
+    const std::lock_guard lock(mutex_);
+    dropped_.insert(hashes.begin(), hashes.end());
+}
+
+Result<BlobStore::Purged> FileBlobStore::purge(std::size_t most) {
+    Purged purged;
+    const fs::path going = unfinished() / "dropped";
+    while (purged.values < most) {
+        {
+            const std::lock_guard lock(mutex_);
+            if (dropped_.empty()) break;
+            const fs::path path = name(*dropped_.begin());
+            if (::rename(path.c_str(), going.c_str()) != 0 && errno != ENOENT)
+                return tl::unexpected(systemError("remove", path));
+            dropped_.erase(dropped_.begin());
+        }
+        ++purged.values;
+        struct stat status{};
+        if (::stat(going.c_str(), &status) == 0) purged.bytes += std::uint64_t(status.st_size);
+        ::unlink(going.c_str());
+    }
+    return purged;
 }
 
 }  // namespace

@@ -50,6 +50,31 @@ public:
         const ByteView part = rest.first(std::min(count, rest.size()));
         return Bytes(part.begin(), part.end());
     }
+    void forget(std::uint64_t writer) override {
+        const std::lock_guard lock(mutex_);
+        std::erase_if(unfinished_, [&](const auto& one) { return one.first.second == writer; });
+    }
+    [[nodiscard]] Result<std::vector<Hash>> list() const override {
+        const std::lock_guard lock(mutex_);
+        std::vector<Hash> all;
+        for (const auto& [hash, value] : values_) all.push_back(hash);
+        return all;
+    }
+    void drop(std::span<const Hash> hashes) override {
+        const std::lock_guard lock(mutex_);
+        for (const Hash& hash : hashes)
+            if (auto value = values_.extract(hash); !value.empty())
+                dropped_.push_back(value.mapped().size());
+    }
+    Result<Purged> purge(std::size_t most) override {
+        const std::lock_guard lock(mutex_);
+        Purged purged;
+        for (; purged.values < most && !dropped_.empty(); ++purged.values) {
+            purged.bytes += dropped_.back();
+            dropped_.pop_back();
+        }
+        return purged;
+    }
 
 private:
     static tl::unexpected<Error> missing(const Hash& hash) {
@@ -60,6 +85,7 @@ private:
     mutable std::mutex mutex_;
     std::map<Hash, Bytes> values_;                                // guarded by mutex_
     std::map<std::pair<Hash, std::uint64_t>, Bytes> unfinished_;  // by writer, too; likewise
+    std::vector<std::uint64_t> dropped_;                          // sizes; likewise
 };
 
 }  // namespace

@@ -33,6 +33,7 @@ public:
     std::map<LayerId, StoredLayer> layers;
     std::map<ClientId, std::map<std::uint64_t, Revision>> clients;
     std::map<TransactionId, Revision> late;  // behind those of their clients' that are remembered
+    Revision forgotten = 0;                  // see forgottenUpTo()
     std::map<std::string, Checkpoint> checkpoints;
 };
 
@@ -177,6 +178,30 @@ public:
         const auto client = disk_->clients.find(id);
         if (client == disk_->clients.end() || client->second.empty()) return 0;
         return client->second.rbegin()->first;
+    }
+    Result<std::size_t> forgetClients(std::size_t most) override {
+        const std::lock_guard lock(disk_->mutex);
+        if (disk_->clients.size() <= most) return 0;
+        std::vector<std::pair<Revision, ClientId>> byAge;
+        for (const auto& [client, numbers] : disk_->clients) {
+            Revision newest = 0;
+            for (const auto& [sequence, revision] : numbers) newest = std::max(newest, revision);
+            for (const auto& [id, revision] : disk_->late)
+                if (id.client == client) newest = std::max(newest, revision);
+            byAge.emplace_back(newest, client);
+        }
+        std::ranges::sort(byAge);
+        byAge.resize(byAge.size() - most / kForgetPart * (kForgetPart - 1));
+        for (const auto& [newest, client] : byAge) {
+            disk_->clients.erase(client);
+            std::erase_if(disk_->late, [&](const auto& one) { return one.first.client == client; });
+            disk_->forgotten = std::max(disk_->forgotten, newest);
+        }
+        return byAge.size();
+    }
+    [[nodiscard]] Revision forgottenUpTo() const override {
+        const std::lock_guard lock(disk_->mutex);
+        return disk_->forgotten;
     }
     Result<void> addCheckpoint(const Checkpoint& checkpoint) override {
         const std::lock_guard lock(disk_->mutex);

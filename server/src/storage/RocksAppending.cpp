@@ -23,6 +23,7 @@ CommitStore::Base RocksCommitStore::base() const {
 
 Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
     if (commits.empty()) return {};
+    const std::lock_guard clientsLock(clientsMutex_);
     if (const auto ready = checkFailed().and_then([&] { return mayAppend(commits, head_); });
         !ready)
         return ready;

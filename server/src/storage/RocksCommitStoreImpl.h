@@ -4,6 +4,7 @@
 #include <rocksdb/sst_file_manager.h>
 #include <rocksdb/write_batch.h>
 
+#include <atomic>
 #include <chrono>
 #include <map>
 #include <mutex>
@@ -55,6 +56,8 @@ public:
     [[nodiscard]] Result<std::optional<Revision>> committed(
         const TransactionId& transaction) const override;
     [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const override;
+    Result<std::size_t> forgetClients(std::size_t most) override;
+    [[nodiscard]] Revision forgottenUpTo() const override { return forgotten_; }
     Result<void> addCheckpoint(const Checkpoint& checkpoint) override;
     [[nodiscard]] Result<std::vector<Checkpoint>> checkpoints() const override;
     [[nodiscard]] bool hasSpace() const override;
@@ -126,6 +129,13 @@ private:
     Result<void> removeReplacedFiles();
     [[nodiscard]] bool isRemoved() const;
 
+    // Clients.
+    [[nodiscard]] Result<std::vector<ClientId>> clients() const;
+    [[nodiscard]] Result<Revision> newestOf(const ClientId& client,
+                                            std::vector<std::string>* keys) const;
+    Result<std::pair<std::size_t, std::size_t>> forgetSome(
+        std::span<const std::pair<Revision, ClientId>> byAge);
+
     // Space.
     /// A batch is written to the log, to a table, and to another one when tables are merged.
     static constexpr std::uint64_t kCopies = 3;
@@ -190,8 +200,11 @@ private:
     Layers layers_;
     std::optional<Error> failure_;
 
-    // append()'s own: the highest numbers of who has sent something since the opening.
+    // Held while commits are appended, and while clients are forgotten; guards the next.
+    std::mutex clientsMutex_;
+    // The highest numbers of who has sent something since the opening.
     std::unordered_map<ClientId, std::uint64_t> highest_;
+    std::atomic<Revision> forgotten_ = 0;  // see forgottenUpTo()
 
     std::mutex compactMutex_;   // held while the base moves
     std::mutex snapshotMutex_;  // held while one is written; guards the next

@@ -69,6 +69,9 @@ Result<void> RocksCommitStore::readHead() {
     const auto epoch = number<std::uint64_t>(Family::Meta, kEpochKey);
     if (!epoch) return tl::unexpected(epoch.error());
     head_.epoch = epoch->value_or(0);
+    const auto forgotten = number<Revision>(Family::Meta, kForgottenKey);
+    if (!forgotten) return tl::unexpected(forgotten.error());
+    forgotten_ = forgotten->value_or(0);
     const auto head = readRevision(kHeadKey);
     if (!head) return tl::unexpected(head.error());
     if (*head) std::tie(head_.revision, head_.hash) = **head;

@@ -48,4 +48,18 @@ std::string lateTransaction(const ClientId& client, std::uint64_t sequence) {
     return key;
 }
 
+std::optional<ClientId> clientOf(std::string_view key) {
+    std::uint32_t size = 0;
+    if (key.size() < sizeof size) return std::nullopt;
+    for (const char byte : key.substr(0, sizeof size))
+        size = size << 8 | static_cast<unsigned char>(byte);
+    if (key.size() < 2 * sizeof size + size) return std::nullopt;
+    return ClientId{std::string(key.substr(sizeof size, size))};
+}
+
+// No slot number is as high as this, and late transactions have their own behind it.
+std::string behindClient(const ClientId& client) {
+    return lateTransaction(client, ~std::uint64_t(0)) + '\0';
+}
+
 }  // namespace usdlive::server::storekeys

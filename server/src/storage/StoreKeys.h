@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -26,6 +27,10 @@ inline constexpr std::size_t kCommitBeginning = 4;  ///< of a key, which rarely 
 [[nodiscard]] std::string highestTransaction(const ClientId& client);
 /// One that comes behind those that are remembered (SE4): of its number alone, for ever.
 [[nodiscard]] std::string lateTransaction(const ClientId& client, std::uint64_t sequence);
+/// Whose record it is; nothing: no client's.
+[[nodiscard]] std::optional<ClientId> clientOf(std::string_view key);
+/// Behind all keys of the client, and before those of the next one.
+[[nodiscard]] std::string behindClient(const ClientId& client);
 inline constexpr std::size_t kClientBeginning = 4 + 32;  ///< the same in all keys of a client
 
 }  // namespace storekeys

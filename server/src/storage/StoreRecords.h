@@ -15,10 +15,11 @@
 namespace usdlive::server {
 
 // Keys of the meta family. Lower-case names stand alone, a capital begins the key of each of many.
-inline constexpr const char* kHeadKey = "head";    // revision, hash
-inline constexpr const char* kEpochKey = "epoch";  // u64
-inline constexpr const char* kBaseKey = "base";    // revision, hash; absent: 0
-inline constexpr char kLayerPrefix = 'L';          // name -> number
+inline constexpr const char* kHeadKey = "head";            // revision, hash
+inline constexpr const char* kEpochKey = "epoch";          // u64
+inline constexpr const char* kBaseKey = "base";            // revision, hash; absent: 0
+inline constexpr const char* kForgottenKey = "forgotten";  // revision; absent: 0
+inline constexpr char kLayerPrefix = 'L';                  // name -> number
 inline constexpr char kEditedPrefix = 'T';  // number, revision -> the last of a run of commits
 inline constexpr char kFormerChangedPrefix = 'C';  // of format 1
 inline constexpr char kSavedPrefix = 'S';          // number -> revision, file

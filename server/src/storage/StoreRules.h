@@ -11,6 +11,8 @@
 namespace usdlive::server {
 
 inline constexpr std::uint64_t kRemembered = 1'024;  ///< transactions of a client (M9)
+/// Where clients are too many, all but so many less one of as many parts are forgotten at once.
+inline constexpr std::size_t kForgetPart = 5;
 
 /// The commits continue the log that ends at `head`: a wrong number or hash would make the whole
 /// store unreadable from there on.

@@ -51,6 +51,10 @@ public:
         const auto part = ByteView(found->second).subspan(std::min(offset, found->second.size()));
         return Bytes(part.begin(), part.begin() + std::ptrdiff_t(std::min(count, part.size())));
     }
+    void forget(std::uint64_t) override {}
+    Result<std::vector<Hash>> list() const override { return std::vector<Hash>(); }
+    void drop(std::span<const Hash>) override {}
+    Result<Purged> purge(std::size_t) override { return Purged(); }
     void keepBlob(const Hash& hash, SharedBytes bytes) override { all[hash] = *bytes; }
     SharedBytes blob(const Hash& hash) override {
         return all.contains(hash) ? std::make_shared<const Bytes>(all[hash]) : nullptr;

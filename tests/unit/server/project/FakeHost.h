@@ -128,6 +128,8 @@ public:
             if (id.client == client) last = std::max(last, id.sequence);
         return last;
     }
+    Revision forgottenUpTo() override { return forgotten; }
+    Revision forgotten = 0;
     std::int64_t wallClockMs() override { return nowMs; }
     std::int64_t nowMs = 1'700'000'000'000;
 };

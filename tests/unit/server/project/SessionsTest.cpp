@@ -178,6 +178,32 @@ TEST_F(ProjectResume, ALaterEpochIsAnotherHistory) {
     EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::HistoryDiverged));
 }
 
+TEST_F(ProjectResume, M14WhoMayHaveBeenForgottenIsTold) {
+    world.host.forgotten = 3;
+    world.connect(2, resuming(2));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::ClientForgotten));
+    EXPECT_FALSE(world.nextControl<Welcome>(2).resumed);
+    world.project->disconnected(2);
+    world.host.sent.clear();
+    // Whoever was forgotten has committed nothing that this one has not seen.
+    world.connect(2, resuming(3));
+    EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
+    world.project->disconnected(2);
+    world.host.sent.clear();
+    // The store knows this one.
+    world.restart();
+    Hello hello = resuming(1);
+    hello.client = world.client(1);
+    world.connect(2, hello);
+    world.answerRead();
+    EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
+    // Nobody can tell while the store is closed.
+    world.project->storeClosed();
+    world.connect(3, resuming(1));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(3).code, errorName(ErrorCode::StorageFailed));
+    EXPECT_TRUE(world.host.closed.contains(3));
+}
+
 TEST_F(ProjectResume, WaitsWhileTheConnectionIsCongested) {
     world.host.congestedSessions.insert(2);
     world.connect(2, resuming(0));

@@ -457,6 +457,50 @@ private:
     rlimit before_{};
 };
 
+// Every connection is a client of its own.
+TEST(RocksCommitStore, M14RecordsOfAHundredThousandClientsAreBounded) {
+    constexpr std::size_t kClients = 100'000, kKept = 1'000;
+    TestFolder folder;
+    RocksCommitStoreOptions options;
+    options.durability = Durability::OperatingSystem;
+    options.minFreeBytes = 0;
+    const auto store = std::move(*createRocksCommitStore(folder.path, options));
+    TestCommits commits;
+    std::vector<CommitRecord> group;
+    std::size_t forgotten = 0;
+    const auto id = [](std::size_t number) {
+        return ClientId{sha256(asBytes(std::to_string(number))).hex().substr(0, 32)};
+    };
+    for (std::size_t number = 1; number <= kClients; ++number) {
+        for (const std::uint64_t sequence : {1, 2}) {
+            commits.id = {id(number), sequence - 1};
+            group.push_back(commits.empty());
+        }
+        if (number % 5'000 != 0) continue;
+        ASSERT_TRUE(store->append(group));
+        group.clear();
+        const auto some = store->forgetClients(kKept);
+        ASSERT_TRUE(some) << some.error().message;
+        forgotten += *some;
+    }
+    EXPECT_GE(forgotten, kClients - kKept);
+    EXPECT_GE(store->forgottenUpTo(), 2 * (kClients - kKept));
+    std::size_t known = 0;
+    for (std::size_t number = 1; number <= kClients; ++number) {
+        const auto last = store->lastSequence(id(number));
+        ASSERT_TRUE(last);
+        if (*last == 0) {
+            // What it has committed is not newer than what clients are told.
+            ASSERT_LE(2 * number, store->forgottenUpTo());
+            continue;
+        }
+        ++known;
+        ASSERT_EQ(*store->committed({id(number), 2}), Revision(2 * number));
+    }
+    EXPECT_LE(known, kKept);
+    EXPECT_GE(known, kKept / 2);
+}
+
 TEST(RocksCommitStore, AFailedWriteIsNotTriedAgain) {
     TestFolder folder;
     TestCommits commits;

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <variant>
@@ -281,6 +282,9 @@ public:
     [[nodiscard]] const ClientId& id() const;
     /// Big values that the view names and that are not here: asks for them, beside the stream.
     void requestBlob(const Hash& hash);
+    /// Big values of one's own work that the host has to keep (SessionHost::localBlob): pending
+    /// transactions and an open gesture, as it is now, name them. Takes time with many pending.
+    [[nodiscard]] std::set<Hash> namedBlobs() const;
 
 private:
     class Impl;

@@ -23,6 +23,7 @@ struct Figures {
     std::size_t appendQueueBytes = 0;
     std::uint64_t storageFreeBytes = 0;
     bool storageHasSpace = true;
+    BlobStore::Purged removedBlobs;
 };
 
 /// The page of `GET /metrics`. Holds what is measured over time; everything else comes as Figures.

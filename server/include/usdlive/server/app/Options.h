@@ -26,6 +26,7 @@ struct ServerOptions {
     std::string ddsSecurity;                  ///< a folder
     std::string durability = "sync";          ///< or "os"
     std::optional<std::uint64_t> minFreeMib;  ///< else the store's own choice
+    std::uint64_t keepUnusedBlobsMinutes = 15;
     std::uint64_t maxFrameMib = 64;
     std::uint64_t maxBlobMib = 4096;
     std::uint64_t maxSessions = 1000;

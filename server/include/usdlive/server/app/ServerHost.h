@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 
+#include "usdlive/server/app/BlobCollector.h"
 #include "usdlive/server/app/Intake.h"
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/SharedStore.h"
@@ -57,8 +58,9 @@ struct WorkerLanes {
 class ServerHost final : public ProjectHost, public SessionHandler {
 public:
     ServerHost(boost::asio::io_context& network, WorkerLanes& workers, SharedStore& store,
-               StorageThread& storage, BlobStore& blobs, ProjectFiles files, Metrics& metrics,
-               WallClock clock, Log& log);
+               StorageThread& storage, BlobStore& blobs, ProjectFiles files,
+               std::chrono::milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock,
+               Log& log);
 
     // Network thread, as all that is not said otherwise.
     Result<void> start(ProjectFactory factory);
@@ -116,6 +118,7 @@ private:
     std::vector<LayerId> unsavedLayers() override;
     std::optional<Revision> committed(const TransactionId& transaction) override;
     std::uint64_t lastSequence(const ClientId& client) override;
+    Revision forgottenUpTo() override;
     std::int64_t wallClockMs() override { return clock_(); }
 
     Transport& transportOf(SessionId session);
@@ -141,6 +144,7 @@ private:
     void makeProject();
     void scanFilesIn(std::chrono::milliseconds pause);
     void sweepSoon();
+    void forgetClientsIn(std::chrono::milliseconds pause);
     void filesScanned(Result<std::vector<LayerFile>> files, std::chrono::milliseconds time);
 
     boost::asio::io_context& network_;
@@ -156,13 +160,15 @@ private:
     Metrics& metrics_;
     const WallClock clock_;
     Log& log_;
-    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_;
+    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_;
+    BlobCollector collector_;
 
     ProjectFactory factory_;
     std::unique_ptr<Project> project_;  ///< missing while it is made again
     std::uint64_t generation_ = 0;      ///< answers to a project before are dropped
     std::vector<Transport*> transports_;
     bool sweeping_ = false;
+    Revision forgottenUpTo_ = 0;  ///< as the store said last
     Intake intake_;
     std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store
     std::vector<LayerFile> scanned_;             ///< the last time

@@ -187,6 +187,12 @@ public:
         const TransactionId& transaction) const = 0;
     /// The highest number of a client's committed transactions, 0 none.
     [[nodiscard]] virtual Result<std::uint64_t> lastSequence(const ClientId& client) const = 0;
+    /// Where it knows more clients than `most`, it forgets those whose last commit is the oldest:
+    /// committed() and lastSequence() know nothing of them any more. Beside everything else; takes
+    /// long where there are many. How many it has forgotten.
+    virtual Result<std::size_t> forgetClients(std::size_t most) = 0;
+    /// No client that was forgotten has committed anything after this revision.
+    [[nodiscard]] virtual Revision forgottenUpTo() const = 0;
 
     /// Durable when it returns. CheckpointExists; FutureRevision. One call at a time.
     virtual Result<void> addCheckpoint(const Checkpoint& checkpoint) = 0;
@@ -213,6 +219,21 @@ public:
     /// Up to `count` bytes; BlobNotFound.
     [[nodiscard]] virtual Result<Bytes> read(const Hash& hash, std::uint64_t offset,
                                              std::size_t count) const = 0;
+
+    /// The writer sends no more: its parts of values that are not whole are thrown away.
+    virtual void forget(std::uint64_t writer) = 0;
+    /// All values that are whole. Takes long where there are many.
+    [[nodiscard]] virtual Result<std::vector<Hash>> list() const = 0;
+    /// These values are not here any more: has() says so from now on, and a later upload brings one
+    /// back. Returns at once; purge() frees the space.
+    virtual void drop(std::span<const Hash> hashes) = 0;
+    struct Purged {
+        std::size_t values = 0;
+        std::uint64_t bytes = 0;
+    };
+    /// Removes up to `most` of the values that were dropped; fewer: there are no more. What a
+    /// process that was killed had dropped and not removed is whole again.
+    virtual Result<Purged> purge(std::size_t most) = 0;
 };
 
 }  // namespace usdlive::server

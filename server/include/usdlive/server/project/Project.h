@@ -123,12 +123,15 @@ public:
     /// No transaction of the client with a higher number is in the store. Asked once for each
     /// author who comes.
     [[nodiscard]] virtual std::uint64_t lastSequence(const ClientId&) { return ~std::uint64_t(0); }
+    /// CommitStore::forgottenUpTo().
+    [[nodiscard]] virtual Revision forgottenUpTo() { return 0; }
     [[nodiscard]] virtual std::int64_t wallClockMs() = 0;
 };
 
 /// The commit that brings a whole layer in from its file, but for its place in the history.
 struct LayerImport {
-    ImportFrame frame;  ///< stampCommit() says where it stands
+    ImportFrame frame;        ///< stampCommit() says where it stands
+    std::vector<Hash> blobs;  ///< that it names
 };
 /// Any thread; takes time. LayerUnreadable: larger than one commit can be.
 [[nodiscard]] Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc);
@@ -189,6 +192,8 @@ public:
         /// take about so much.
         std::int64_t idleLayerMs = 60'000;
         std::size_t idleLayerBytes = 256ull << 20;
+        /// A big value that nothing names is kept for so long (B6).
+        std::int64_t keepUnusedBlobsMs = 15 * 60'000;
     };
 
     /// `head`: what the store says; `layers`: the files served and those with state in the store
@@ -251,6 +256,13 @@ public:
     void sweep(std::int64_t nowMs);
     static constexpr std::int64_t kSweepMs = 1'000 / kPresencesPerSecond;
     [[nodiscard]] bool hasPresence() const;
+
+    /// B6. `unnamed`: big values that the store holds and nothing in it names, as of its revision
+    /// `upTo`. Returns those that nothing here names either, and that were of no use for long
+    /// enough, by `nowMs` of any steady clock: to be dropped (BlobStore::drop) before anything else
+    /// is called. To be called now and then, also without any, as it forgets what it noted.
+    [[nodiscard]] std::vector<Hash> unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
+                                                std::int64_t nowMs);
 
     [[nodiscard]] Revision durableRevision() const;
     [[nodiscard]] const ProjectCounters& counters() const;

@@ -1,0 +1,21 @@
+#pragma once
+
+// Which big values (V9) edits and encoded commits name.
+
+#include <functional>
+
+#include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/core/Result.h"
+#include "usdlive/common/layer/Edit.h"
+
+namespace usdlive {
+
+/// Calls `visit` for every blob that the edit names.
+void forEachBlob(const EditAction& action, const std::function<void(const Value&)>& visit);
+
+/// Calls `visit` for every blob that an encoded commit names, in what it dropped, too. Holds one
+/// value of it at a time. MalformedFrame, InvalidValue.
+[[nodiscard]] Result<void> forEachBlob(ByteView encodedCommit,
+                                       const std::function<void(const Hash&)>& visit);
+
+}  // namespace usdlive

@@ -1,0 +1,197 @@
+// B6: what is of no use is removed after a time; what anything names stays.
+
+#include <gtest/gtest.h>
+
+#include "FakeHost.h"
+
+namespace usdlive::server::projecttest {
+namespace {
+
+constexpr std::int64_t kKeepMs = 1'000;
+
+Hash hashOf(unsigned number) { return sha256(asBytes(std::to_string(number))); }
+Edit setBig(unsigned number) {
+    return {
+        {"a.usda"},
+        {"/A.x", {}},
+        SetField{
+            "default", {}, Value::blob(arrayOf(ValueType::Float), hashOf(number), 300'000), {}}};
+}
+Project::Options options() {
+    Project::Options options;
+    options.keepUnusedBlobsMs = kKeepMs;
+    return options;
+}
+
+class UnusedBlobs : public testing::Test {
+public:
+    UnusedBlobs() {
+        world.join(1);
+        world.receive(1, ControlMessage(OpenLayer{5, {"a.usda"}, 0}));
+        world.load();
+        world.host.sent[1].clear();
+    }
+    /// The session uploads a value, or the last part of it.
+    void upload(unsigned number, SessionId session = 1) {
+        const Bytes raw{1};
+        world.receive(session, Frame(BlobFrame{hashOf(number), 300'000, 299'999, 1, deflate(raw)}));
+        if (!world.host.blobs.insert(hashOf(number)).second) return;
+        world.project->blobWritten(session, hashOf(number), true);
+    }
+    /// A round at this time, in which nothing of these is named by the store.
+    std::vector<Hash> round(std::int64_t nowMs, const std::vector<unsigned>& numbers,
+                            std::optional<Revision> upTo = {}) {
+        std::vector<Hash> unnamed;
+        for (const unsigned number : numbers)
+            if (world.host.blobs.contains(hashOf(number))) unnamed.push_back(hashOf(number));
+        const auto going = world.project->unusedBlobs(
+            unnamed, upTo.value_or(world.project->durableRevision()), nowMs);
+        for (const Hash& hash : going) world.host.blobs.erase(hash);
+        return going;
+    }
+    using Hashes = std::vector<Hash>;
+
+    World world{options()};
+};
+
+TEST_F(UnusedBlobs, B6AreRemovedAfterATime) {
+    upload(1);
+    EXPECT_EQ(round(0, {1}), Hashes());
+    EXPECT_EQ(round(kKeepMs - 1, {1}), Hashes());
+    EXPECT_EQ(round(kKeepMs, {1}), Hashes{hashOf(1)});
+    // Who names it now uploads it again.
+    world.submit(1, 1, {setBig(1)});
+    world.host.sent[1].clear();
+    world.submit(1, 2, {setBig(1)});
+    EXPECT_EQ(world.nextFrame<RefusalFrame>(1).error.code, ErrorCode::BlobNotFound);
+    upload(1);
+    world.submit(1, 3, {setBig(1)});
+    EXPECT_EQ(world.host.appending.size(), 1u);
+}
+
+TEST_F(UnusedBlobs, B6WhatWasThereWhenTheServerStartedIsKeptForThatTime) {
+    world.host.blobs.insert(hashOf(1));
+    EXPECT_EQ(round(50'000, {1}), Hashes());
+    EXPECT_EQ(round(50'000 + kKeepMs, {1}), Hashes{hashOf(1)});
+}
+
+TEST_F(UnusedBlobs, B6WhoIsToldThatItIsThereHasTheWholeTimeAgain) {
+    upload(1);
+    EXPECT_EQ(round(0, {1}), Hashes());
+    world.join(2);
+    upload(1, 2);
+    EXPECT_EQ(world.nextControl<BlobStored>(2).hash, hashOf(1));
+    EXPECT_EQ(round(kKeepMs, {1}), Hashes());
+    EXPECT_EQ(round(2 * kKeepMs - 1, {1}), Hashes());
+    EXPECT_EQ(round(2 * kKeepMs, {1}), Hashes{hashOf(1)});
+}
+
+// A transaction may name more than can be uploaded in that time.
+TEST_F(UnusedBlobs, B6ValuesOfASessionThatStillUploadsAreKept) {
+    for (unsigned number = 1; number < 10; ++number) {
+        upload(number);
+        EXPECT_EQ(round(number * kKeepMs, {1, 2, 3, 4, 5, 6, 7, 8, 9}), Hashes());
+    }
+    EXPECT_EQ(round(10 * kKeepMs, {1, 2, 3}).size(), 3u);
+}
+
+TEST_F(UnusedBlobs, B6WhatACommitNamesThatTheStoreDoesNotSayYetStays) {
+    upload(1);
+    EXPECT_EQ(round(0, {1}), Hashes());
+    const Revision before = world.project->durableRevision();
+    world.submit(1, 1, {setBig(1)});
+    ASSERT_EQ(world.host.appending.size(), 1u);
+    EXPECT_EQ(round(9 * kKeepMs, {1}, before), Hashes()) << "on its way";
+    world.store();
+    EXPECT_EQ(round(10 * kKeepMs, {1}, before), Hashes()) << "the store was looked through before";
+    // From now on it is the store that names it.
+    EXPECT_EQ(round(11 * kKeepMs, {}), Hashes());
+    EXPECT_EQ(round(12 * kKeepMs, {1}), Hashes()) << "its history was replaced";
+    EXPECT_EQ(round(13 * kKeepMs, {1}), Hashes{hashOf(1)});
+}
+
+// Seed 51 of the simulation: the commit holds the edit that was dropped, too (M4).
+TEST_F(UnusedBlobs, B6WhatACommitHasDroppedStays) {
+    upload(1);
+    EXPECT_EQ(round(0, {1}), Hashes());
+    const Revision before = world.project->durableRevision();
+    world.submit(1, 1, {erase("/A.x")});
+    world.submit(1, 2, {setBig(1)});
+    ASSERT_EQ(world.host.appending.size(), 2u);
+    EXPECT_EQ(round(5 * kKeepMs, {1}, before), Hashes());
+}
+
+TEST_F(UnusedBlobs, B6NothingGoesByAnOlderLookAtTheStore) {
+    upload(1);
+    EXPECT_EQ(round(0, {1}), Hashes());
+    const Revision before = world.project->durableRevision();
+    world.submit(1, 1, {setBig(1)});
+    world.store();
+    EXPECT_EQ(round(kKeepMs, {}), Hashes());
+    EXPECT_EQ(round(2 * kKeepMs, {1}, before), Hashes());
+    EXPECT_EQ(round(4 * kKeepMs, {1}, before), Hashes());
+}
+
+TEST_F(UnusedBlobs, B6WhatAPreviewOrAWaitingTransactionNamesStays) {
+    upload(1);
+    upload(2);
+    EXPECT_EQ(round(0, {1, 2}), Hashes());
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {setBig(1)}}));
+    Edit waits = setBig(2);
+    waits.layer = {"b.usda"};
+    world.submit(1, 1, {waits});
+    world.project->layerReloaded(1, 1, {"b.usda"}, fail(ErrorCode::Internal, "not asked for"));
+    EXPECT_EQ(round(5 * kKeepMs, {1, 2}), Hashes()) << "a layer is loaded";
+    world.load();
+    EXPECT_EQ(round(6 * kKeepMs, {1, 2}), Hashes());
+    world.store();
+    world.receive(1, Frame(PreviewFrame{{}, 7, 0, {}}));
+    EXPECT_EQ(round(7 * kKeepMs, {1}), Hashes());
+    EXPECT_EQ(round(8 * kKeepMs, {1}), Hashes{hashOf(1)});
+}
+
+TEST_F(UnusedBlobs, B6NothingGoesWhileFilesAreReadOrWritten) {
+    upload(1);
+    EXPECT_EQ(round(0, {1}), Hashes());
+    world.receive(1, ControlMessage(OpenLayer{6, {"b.usda"}, 0}));
+    EXPECT_EQ(round(5 * kKeepMs, {1}), Hashes());
+    world.load();
+    world.receive(1, ControlMessage(ReloadLayers{7, {{"a.usda"}}}));
+    EXPECT_EQ(round(6 * kKeepMs, {1}), Hashes());
+    world.project->layerReloaded(1, 7, {"a.usda"}, fail(ErrorCode::LayerUnreadable, "gone"));
+    world.receive(1, ControlMessage(SaveLayers{8, {{"a.usda"}}, {}}));
+    ASSERT_EQ(world.host.saves.size(), 1u);
+    EXPECT_EQ(round(7 * kKeepMs, {1}), Hashes());
+    world.project->layersSaved(1, 8, {});
+    EXPECT_EQ(round(8 * kKeepMs, {1}), Hashes{hashOf(1)});
+}
+
+// A value of a layer that is imported is named by its commit only.
+TEST_F(UnusedBlobs, B6WhatAnImportNamesStays) {
+    world.host.blobs.insert(hashOf(1));
+    EXPECT_EQ(round(0, {1}), Hashes());
+    world.receive(1, ControlMessage(OpenLayer{6, {"b.usda"}, 0}));
+    LoadedLayer loaded{World::sample()};
+    (void)loaded.doc.apply("/A.x", setBig(1).action);
+    loaded.import = *makeImport({"b.usda"}, loaded.doc);
+    const Revision before = world.project->durableRevision();
+    world.project->layerLoaded({"b.usda"}, loaded);
+    EXPECT_EQ(round(5 * kKeepMs, {1}, before), Hashes());
+    world.store();
+    EXPECT_EQ(round(6 * kKeepMs, {1}, before), Hashes());
+}
+
+TEST_F(UnusedBlobs, B6NothingGoesByWhatAProjectBeforeHadSeen) {
+    world.submit(1, 1, {set("/A.x", 1)});
+    world.store();
+    world.restart();
+    world.host.blobs.insert(hashOf(1));
+    EXPECT_EQ(round(0, {1}, 0), Hashes());
+    EXPECT_EQ(round(5 * kKeepMs, {1}, 0), Hashes()) << "looked through before the restart";
+    EXPECT_EQ(round(6 * kKeepMs, {1}, 1), Hashes());
+    world.project->storeClosed();
+    EXPECT_EQ(round(9 * kKeepMs, {1}, 1), Hashes()) << "nobody knows what is in it";
+}
+
+}  // namespace
+}  // namespace usdlive::server::projecttest
