@@ -1,9 +1,28 @@
+// A layer stack composed by Pcp, as the stage that layers are worked with.
 #include "usdlive/client/usd/layers/LayerStackHost.h"
+
+#include <pxr/usd/pcp/layerStack.h>
 
 namespace usdlive::layers {
 
 LayerStackHost::LayerStackHost(pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr session)
-    : root_(std::move(root)), session_(std::move(session)), editTarget_(root_) {}
+    : root_(std::move(root)), session_(std::move(session)), editTarget_(root_) {
+    changedKey_ = pxr::TfNotice::Register(pxr::TfCreateWeakPtr(this), &LayerStackHost::onChanged);
+}
+
+LayerStackHost::~LayerStackHost() { pxr::TfNotice::Revoke(changedKey_); }
+
+stage::Composition& LayerStackHost::composition() const {
+    if (!composition_)
+        composition_ = std::make_unique<stage::Composition>(root_, session_, mutedLayers());
+    return *composition_;
+}
+
+// What other threads tell is of layers that are not used here.
+void LayerStackHost::onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
+    if (composition_ && std::this_thread::get_id() == thread_)
+        (void)composition_->follow(notice.GetChangeListVec());
+}
 
 std::vector<std::string> LayerStackHost::mutedLayers() const {
     return {muted_.begin(), muted_.end()};
@@ -14,6 +33,7 @@ void LayerStackHost::muteAndUnmute(const std::vector<std::string>& mute,
     for (const auto& layer : mute)
         if (layer != root_->GetIdentifier()) muted_.insert(layer);
     for (const auto& layer : unmute) muted_.erase(layer);
+    composition_.reset();
 }
 
 pxr::SdfLayerHandle LayerStackHost::editTarget() const {
@@ -21,22 +41,24 @@ pxr::SdfLayerHandle LayerStackHost::editTarget() const {
 }
 
 bool LayerStackHost::setEditTarget(const pxr::SdfLayerHandle& layer) {
-    if (!layer || !composed().find(layer)) return false;
+    if (!layer || !composition().cache().GetLayerStack()->HasLayer(layer)) return false;
     editTarget_ = layer;
     return true;
 }
 
 std::vector<pxr::SdfLayerHandle> LayerStackHost::usedLayers() const {
-    const auto used = composed().usedLayers();
+    const auto used = composition().usedLayers();
     return {used.begin(), used.end()};
 }
 
 std::vector<pxr::TfToken> LayerStackHost::childNames(const pxr::SdfPath& prim) const {
-    return composed().childNames(prim);
+    composition().includePayloads(prim);
+    return composition().childNames(prim);
 }
 
 std::vector<pxr::TfToken> LayerStackHost::propertyNames(const pxr::SdfPath& prim) const {
-    return composed().propertyNames(prim);
+    composition().includePayloads(prim);
+    return composition().propertyNames(prim);
 }
 
 }  // namespace usdlive::layers

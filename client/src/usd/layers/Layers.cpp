@@ -195,7 +195,7 @@ private:
 
     void onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
         if (isElsewhere()) return;
-        context_.stack.primsChanged();
+        context_.stack.follow(notice.GetChangeListVec());
         for (const auto& [layer, changes] : notice) {
             if (!layer) continue;
             const bool isDelegate = layer == authoring.delegate();

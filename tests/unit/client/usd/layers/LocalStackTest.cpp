@@ -29,10 +29,9 @@ TEST_F(LocalStackTest, HasLayersStrongToWeakWithTheirWholeOffsets) {
 TEST_F(LocalStackTest, ComposesNames) {
     set(strong, "/A.x", 1);
     set(weak, "/A/B.y", 1);
-    LocalStack stack(host());
-    EXPECT_EQ(stack.childNames(pxr::SdfPath("/A")), std::vector{pxr::TfToken("B")});
-    EXPECT_EQ(stack.propertyNames(pxr::SdfPath("/A")), std::vector{pxr::TfToken("x")});
-    EXPECT_TRUE(stack.propertyNames(pxr::SdfPath("/Nothing")).empty());
+    EXPECT_EQ(host().childNames(pxr::SdfPath("/A")), std::vector{pxr::TfToken("B")});
+    EXPECT_EQ(host().propertyNames(pxr::SdfPath("/A")), std::vector{pxr::TfToken("x")});
+    EXPECT_TRUE(host().propertyNames(pxr::SdfPath("/Nothing")).empty());
     EXPECT_FALSE(host().setEditTarget(pxr::SdfLayer::CreateAnonymous("stranger.usda")));
 }
 

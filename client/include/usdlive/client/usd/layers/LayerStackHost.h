@@ -1,18 +1,24 @@
 #pragma once
 
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/usd/sdf/notice.h>
+
 #include <memory>
 #include <set>
+#include <thread>
 
-#include "usdlive/client/usd/layers/LocalStack.h"
 #include "usdlive/client/usd/layers/StageHost.h"
+#include "usdlive/client/usd/stage/Composition.h"
 
 namespace usdlive::layers {
 
 /// A plain layer stack as a stage: for programs without a UsdStage. It composes with Pcp, and has
 /// all payloads loaded.
-class LayerStackHost final : public StageHost {
+class LayerStackHost final : public StageHost, public pxr::TfWeakBase {
 public:
     explicit LayerStackHost(pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr session = {});
+    ~LayerStackHost() override;
 
     [[nodiscard]] pxr::SdfLayerHandle rootLayer() const override { return root_; }
     [[nodiscard]] pxr::SdfLayerHandle sessionLayer() const override { return session_; }
@@ -26,11 +32,15 @@ public:
     [[nodiscard]] std::vector<pxr::TfToken> propertyNames(const pxr::SdfPath& prim) const override;
 
 private:
-    [[nodiscard]] LocalStack composed() const { return LocalStack(*this); }
+    [[nodiscard]] stage::Composition& composition() const;
+    void onChanged(const pxr::SdfNotice::LayersDidChange& notice);
 
     const pxr::SdfLayerRefPtr root_, session_;
     std::set<std::string> muted_;
     pxr::SdfLayerHandle editTarget_;
+    mutable std::unique_ptr<stage::Composition> composition_;  // made when it is first needed
+    const std::thread::id thread_ = std::this_thread::get_id();
+    pxr::TfNotice::Key changedKey_;
 };
 
 }  // namespace usdlive::layers

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <pxr/usd/pcp/cache.h>
+#include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/layerOffset.h>
 
@@ -9,11 +9,12 @@
 #include <vector>
 
 #include "usdlive/client/usd/layers/StageHost.h"
+#include "usdlive/client/usd/stage/Composition.h"
 
 namespace usdlive::layers {
 
 /// A stage's local layer stack as Pcp computes it from root, session and muted layers, and what has
-/// to be known of composition above it. Computed when asked for and kept until invalidate().
+/// to be known of composition above it. Composed when it is asked for, and kept: see Composition.
 class LocalStack {
 public:
     struct Layer {
@@ -24,10 +25,10 @@ public:
 
     explicit LocalStack(const StageHost& host);
 
-    /// Sublayers, offsets or muteness have changed.
-    void invalidate() { cache_.reset(); }
-    /// Something was authored: prim indexes are computed anew.
-    void primsChanged() { primsChanged_ = true; }
+    /// Muteness has changed, or sublayers within a change block that has not ended yet.
+    void invalidate() { composition_.reset(); }
+    /// What SdfNotice::LayersDidChange tells.
+    void follow(const pxr::SdfLayerChangeListVec& changes);
 
     /// Strong to weak.
     [[nodiscard]] const std::vector<Layer>& layers();
@@ -44,19 +45,13 @@ public:
     /// Strong to weak, without payloads. Valid until the next change.
     [[nodiscard]] std::vector<Site> sites(const pxr::SdfPath& prim);
 
-    [[nodiscard]] std::vector<pxr::TfToken> childNames(const pxr::SdfPath& prim);
-    [[nodiscard]] std::vector<pxr::TfToken> propertyNames(const pxr::SdfPath& prim);
-    [[nodiscard]] pxr::SdfLayerHandleSet usedLayers();
-
 private:
-    pxr::PcpCache& cache();
-    void includePayloads(const pxr::SdfPath& prim);
-    [[nodiscard]] const pxr::PcpPrimIndex* primIndex(const pxr::SdfPath& prim);
+    stage::Composition& composition();
+    void listLayers();
 
     const StageHost& host_;
-    std::unique_ptr<pxr::PcpCache> cache_;
+    std::unique_ptr<stage::Composition> composition_;
     std::vector<Layer> layers_;
-    bool primsChanged_ = false;
 };
 
 }  // namespace usdlive::layers
