@@ -253,10 +253,11 @@ void SimClient::makeRequests() {
             session_.listCheckpoints();
             break;
         default: {
-            auto next = std::make_shared<Revision>(1);
+            auto next = std::make_shared<Revision>(0);  // the oldest there is
             session_.requestLog(
-                1, 0,
+                0, 0,
                 [next](const Commit& commit) {
+                    if (*next == 0) *next = commit.revision;
                     require(commit.revision == (*next)++, "the log has a gap");
                 },
                 [](const Result<void>&) {});
@@ -357,8 +358,10 @@ void SimClient::on(const event::Connected& event) {
 }
 void SimClient::on(const event::Lost& event) {
     require(!event.work.edits.empty(), "work was lost and it is not said which");
-    if (event.work.gesture == 0) lostEdits += event.work.edits.size();
     if (event.work.reason.code == ErrorCode::ClientForgotten) uncertain.insert(event.work.sequence);
+    if (event.work.gesture != 0) return;
+    const bool isCommitted = event.work.reason.code == ErrorCode::HistoryReplaced;
+    (isCommitted ? uncertainEdits : lostEdits) += event.work.edits.size();
 }
 void SimClient::on(const event::CheckpointMade& event) {
     const auto asked = naming_.extract(event.answer.request);

@@ -50,6 +50,7 @@ public:
     // Not of gestures.
     std::uint64_t authoredEdits = 0;
     std::uint64_t lostEdits = 0;
+    std::uint64_t uncertainEdits = 0;  ///< of commits that were replaced before they were seen
     std::uint64_t transactions = 0;
     std::uint64_t commitsSeen = 0;
     std::uint64_t commitsTogether = 0;

@@ -50,6 +50,9 @@ public:
         writeAnew(*std::exchange(store_, nullptr));
     }
 
+    /// All that are durable, those that were replaced by a base among them.
+    [[nodiscard]] const std::vector<server::CommitRecord>& commits() const { return commits_; }
+
 private:
     void writeAnew(const server::CommitStore& before) {
         disk_ = server::createMemoryDisk();
@@ -58,6 +61,8 @@ private:
         const auto checkpoints = before.checkpoints();
         for (const Checkpoint& one : *checkpoints)
             if (one.revision <= commits_.size()) (void)store_->addCheckpoint(one);
+        (void)store_->compact(std::min<Revision>(before.base().revision, commits_.size()),
+                              [] { return true; });
         while (store_->head().epoch < before.head().epoch)
             store_ = server::createMemoryCommitStore(disk_);
     }

@@ -183,6 +183,8 @@ void SimServer::readCommits(SessionId session, Revision from, Revision to) {
             commits.push_back(commit);
             return true;
         });
+        require(read || read.error().code != ErrorCode::HistoryReplaced,
+                "the project needs a commit that was replaced");
         if (!read) return project_->commitsRead(session, tl::unexpected(read.error()));
         project_->commitsRead(session, std::move(commits));
     });
@@ -192,14 +194,14 @@ LayerDoc SimServer::replay(const LayerId& layer, Revision revision) const {
     LayerDocs docs;
     NamespaceLog log;
     docs[layer];
-    (void)store().read(1, revision, [&](const StoredCommit& stored) {
+    for (const CommitRecord& stored : disk.commits()) {
+        if (stored.revision > revision) break;
         const auto frames = splitMessage(*stored.frame);
         const auto frame = decodeFrame(frames->front());
         require(frame.has_value(), "a stored commit does not decode");
         const auto applied = applyCommit(docs, log, std::get<CommitFrame>(*frame).commit);
         require(applied.has_value(), "a stored commit does not apply");
-        return true;
-    });
+    }
     return docs.at(layer);
 }
 
@@ -213,6 +215,25 @@ void SimServer::readHistory(SessionId session, std::uint64_t request, const Laye
         require(doc == LayerDoc() || (*stored && (*stored)->dump() == doc.dump()),
                 "a layer of the history is not what was committed");
         project_->historyRead(session, request, std::move(doc));
+    });
+}
+
+// Of no random numbers, as keepSnapshot().
+void SimServer::findBase(std::int64_t beforeMs, Revision upTo) {
+    later(std::int64_t(upTo * 4'111 % 20'000), [this, beforeMs, upTo] {
+        if (closed_) return project_->baseFound(kClosed);
+        project_->baseFound(server::findBase(store(), beforeMs, upTo));
+    });
+}
+
+void SimServer::compact(Revision revision) {
+    later(std::int64_t(revision * 6'151 % 200'000), [this, revision] {
+        if (closed_ || revision % 5 == 0) return project_->compacted(kClosed);
+        const auto done = store().compact(revision, [] { return true; });
+        require(done.has_value(), "the history cannot be compacted");
+        require(store().base().revision == revision, "the history has another base");
+        ++compactions;
+        project_->compacted(CompactOutcome{});
     });
 }
 

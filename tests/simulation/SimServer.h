@@ -64,6 +64,15 @@ public:
     [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override;
     [[nodiscard]] Revision forgottenUpTo() override { return store().forgottenUpTo(); }
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
+    [[nodiscard]] server::CommitStore::Base base() override { return store().base(); }
+    void findBase(std::int64_t beforeMs, Revision upTo) override;
+    void compact(Revision revision) override;
+
+    /// Has all commits so far replaced, as far as nobody needs them.
+    void boundHistory() {
+        if (project_) project_->boundHistory();
+    }
+    std::uint64_t compactions = 0;
 
     std::uint64_t snapshots = 0;  ///< that were kept
     std::uint64_t collected = 0;  ///< big values that nothing named
@@ -76,7 +85,7 @@ public:
     /// What commits name is there, and nothing else is when nothing goes on any more.
     void checkBlobs();
 
-    /// A layer at a revision, from the log alone.
+    /// A layer at a revision, from all commits there ever were.
     [[nodiscard]] LayerDoc replay(const LayerId& layer, Revision revision) const;
 
 private:

@@ -48,6 +48,7 @@ public:
             all.snapshots += one.snapshots;
             all.unloads += one.unloads;
             all.together += one.together;
+            all.compactions += one.compactions;
             all.previewedBlobs += one.previewedBlobs;
             all.collected += one.collected;
             all.forgotten += one.forgotten;
@@ -75,12 +76,12 @@ private:
     static void print(const std::string& what, const SimReport& report) {
         std::printf(
             "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu unloads, "
-            "%llu together, %llu big values of previews, %llu collected, "
+            "%llu together, %llu compactions, %llu big values of previews, %llu collected, "
             "%llu clients forgotten%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
             number(report.snapshots), number(report.unloads), number(report.together),
-            number(report.previewedBlobs), number(report.collected), number(report.forgotten),
-            report.failure.empty() ? "" : ", FAILED");
+            number(report.compactions), number(report.previewedBlobs), number(report.collected),
+            number(report.forgotten), report.failure.empty() ? "" : ", FAILED");
     }
 
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();

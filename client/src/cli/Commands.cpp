@@ -85,6 +85,16 @@ Result<Answer> answer(Link& link) {
     return *std::move(answer);
 }
 
+/// Waits for the answer that `ask` asks for.
+template <class Answer, class Ask>
+Result<Answer> answerOf(Link& link, Ask ask) {
+    std::optional<Result<Answer>> answer;
+    ask([&answer](Result<Answer> given) { answer = std::move(given); });
+    const auto ran = link.run([&](const auto&) { return answer.has_value(); });
+    if (!ran && !answer) return tl::unexpected(ran.error());
+    return *std::move(answer);
+}
+
 Result<std::vector<Checkpoint>> checkpoints(Link& link) {
     link.session().listCheckpoints();
     return answer<event::CheckpointsListed>(link).map(
@@ -153,12 +163,22 @@ Result<std::string> shown(const Commit& commit, Link& link, const CommitView& vi
     return view.text(commit, link);
 }
 
+// Commits up to this one are not there any more.
+Revision baseOf(const Link& link) { return link.welcome().base.value_or(0); }
+
+void tellOfBase(Revision base) {
+    if (base > 0)
+        std::cerr << "usdlive: the history begins at revision " << base
+                  << ": older commits were replaced by what the layers held then\n";
+}
+
 // The latest `limit` commits of the layer, oldest first: page by page from the end.
 Result<void> showLatest(Link& link, std::size_t limit, const CommitView& view) {
     std::deque<std::string> texts;
-    for (Revision to = link.welcome().revision; to > 0 && texts.size() < limit;) {
+    const Revision base = baseOf(link);
+    for (Revision to = link.welcome().revision; to > base && texts.size() < limit;) {
         const Revision page = view.layer.empty() ? std::min<Revision>(kLogPage, limit) : kLogPage;
-        const Revision from = to > page ? to - page + 1 : 1;
+        const Revision from = to - base > page ? to - page + 1 : base + 1;
         const auto commits = readLog(link, from, to);
         if (!commits) return tl::unexpected(commits.error());
         for (auto commit = commits->rbegin(); commit != commits->rend(); ++commit) {
@@ -170,6 +190,7 @@ Result<void> showLatest(Link& link, std::size_t limit, const CommitView& view) {
         to = from - 1;
     }
     for (const auto& text : texts) std::cout << text;
+    if (texts.size() < limit) tellOfBase(base);
     return {};
 }
 
@@ -542,6 +563,26 @@ Result<void> listCheckpoints(const Common& options) {
                 std::cout << describe(checkpoint, Palette::of(STDOUT_FILENO));
         if (options.json) std::cout << line(list);
     });
+}
+
+Result<void> compact(const CompactOptions& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    return answerOf<HistoryCompacted>(
+               **link, [&](auto done) { (*link)->session().compactHistory(options.days, done); })
+        .map([&](const HistoryCompacted& done) {
+            std::cout << (options.json ? line(toJson(done)) : describe(done));
+        });
+}
+
+Result<void> stat(const Common& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    return answerOf<Storage>(**link, [&](auto done) { (*link)->session().requestStorage(done); })
+        .map([&](const Storage& storage) {
+            std::cout << (options.json ? line(toJson(storage))
+                                       : describe(storage, Palette::of(STDOUT_FILENO)));
+        });
 }
 
 Error serve(char** arguments) {

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <optional>
 #include <string>
 
 #include "Target.h"
@@ -28,6 +30,9 @@ struct LogOptions : Common {
     std::size_t limit = 20;
     bool all = false;  ///< every edit of a commit
 };
+struct CompactOptions : Common {
+    std::optional<std::uint64_t> days;  ///< nothing: as the server was told
+};
 struct SaveOptions : Common {
     bool force = false;
 };
@@ -53,6 +58,10 @@ Result<void> reload(const Common& options);
 /// Names the present revision of the project.
 Result<void> createCheckpoint(const CheckpointOptions& options);
 Result<void> listCheckpoints(const Common& options);
+/// Has the server replace old commits by what the layers held then.
+Result<void> compact(const CompactOptions& options);
+/// What takes the space of the server's disk.
+Result<void> stat(const Common& options);
 Result<void> setMuted(const MuteOptions& options, bool muted);
 /// Becomes `usdlive-server`; returns only when that fails.
 Error serve(char** arguments);

@@ -65,6 +65,9 @@ public:
         addCheckpoint();
         addPlain("checkpoints", "The named revisions of the project", "[URL]", kNone,
                  listCheckpoints);
+        addCompact();
+        addPlain("stat", "What takes the space on the server's disk, by kind and by layer", "[URL]",
+                 kNone, stat);
         addMute("mute", "Mute layers for everybody on the stages of a root layer", true);
         addMute("unmute", "End the muting of layers", false);
         addLock("lock", "Lock layers: nobody else may edit them", true);
@@ -171,6 +174,16 @@ private:
         };
         add("checkpoint", "Name the present revision, to find it again: cat --checkpoint",
             "[URL] NAME", std::make_shared<CheckpointOptions>(), read, createCheckpoint);
+    }
+
+    void addCompact() {
+        auto options = std::make_shared<CompactOptions>();
+        auto* verb = add("compact",
+                         "Replace commits of long ago by what the layers held then, to save space",
+                         "[URL]", kNone, options, compact);
+        verb->add_option("--days", options->days,
+                         "Those that are older; 0: all. If not given, as the server was told")
+            ->check(CLI::Range(std::uint64_t(0), std::uint64_t(100'000)).description(""));
     }
 
     void addMute(const std::string& name, const std::string& help, bool muted) {

@@ -328,6 +328,32 @@ Json toJson(const Checkpoint& checkpoint) {
             {"timeMs", checkpoint.timeMs}};
 }
 
+Json toJson(const HistoryCompacted& done) {
+    return {{"base", done.base},
+            {"replaced", done.replaced},
+            {"bytesBefore", done.bytesBefore},
+            {"bytesAfter", done.bytesAfter},
+            {"keptFor", done.keptFor}};
+}
+
+Json toJson(const Storage& storage) {
+    Json layers = Json::array();
+    for (const LayerStorage& layer : storage.layers)
+        layers.push_back({{"layer", layer.layer.value},
+                          {"commits", layer.commits},
+                          {"log", layer.log},
+                          {"base", layer.base},
+                          {"snapshots", layer.snapshots},
+                          {"blobs", layer.blobs},
+                          {"blobBytes", layer.blobBytes}});
+    return {{"revision", storage.revision}, {"base", storage.base},
+            {"oldestMs", storage.oldestMs}, {"log", storage.log},
+            {"clients", storage.clients},   {"records", storage.records},
+            {"bases", storage.bases},       {"snapshots", storage.snapshots},
+            {"blobs", storage.blobs},       {"blobBytes", storage.blobBytes},
+            {"free", storage.free},         {"layers", std::move(layers)}};
+}
+
 std::string line(const Json& json) {
     return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
 }

@@ -32,6 +32,8 @@ using Json = nlohmann::ordered_json;
 [[nodiscard]] Json toJson(const LayerState& state);
 [[nodiscard]] Json toJson(const Presence& presence);
 [[nodiscard]] Json toJson(const Checkpoint& checkpoint);
+[[nodiscard]] Json toJson(const HistoryCompacted& done);
+[[nodiscard]] Json toJson(const Storage& storage);
 
 /// One line. Bytes that are not UTF-8 are replaced.
 [[nodiscard]] std::string line(const Json& json);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <ctime>
 #include <string_view>
 
@@ -179,6 +180,17 @@ std::string whoAndWhen(Revision revision, std::uint64_t timeMs, const std::strin
            palette.paint(padded(user.empty() ? "-" : user, 10), Colour::Cyan);
 }
 
+/// Bytes, for a person.
+std::string sizeText(std::uint64_t bytes) {
+    constexpr std::array<const char*, 5> kUnits{"B", "KiB", "MiB", "GiB", "TiB"};
+    double size = double(bytes);
+    std::size_t unit = 0;
+    for (; size >= 1024 && unit + 1 < kUnits.size(); ++unit) size /= 1024;
+    char text[32];
+    std::snprintf(text, sizeof text, unit == 0 ? "%.0f %s" : "%.1f %s", size, kUnits[unit]);
+    return text;
+}
+
 std::string counted(std::size_t count, const std::string& what) {
     return number(count) + " " + what + (count == 1 ? "" : "s");
 }
@@ -311,6 +323,52 @@ std::string describe(const Presence& presence, const Palette& palette) {
         text += " and " + number(presence.selection.size() - 1) + " more";
     if (!presence.editTarget.empty()) text += "  in " + printable(presence.editTarget);
     if (presence.time) text += "  at " + number(*presence.time);
+    return text;
+}
+
+std::string describe(const HistoryCompacted& done) {
+    std::string text;
+    if (done.replaced > 0)
+        text = counted(done.replaced, "commit") + " replaced; the log takes " +
+               sizeText(done.bytesAfter) + ", before " + sizeText(done.bytesBefore) + "\n";
+    else
+        text = "no commit was replaced\n";
+    if (done.base > 0) text += "the history begins at revision " + std::to_string(done.base) + "\n";
+    if (!done.keptFor.empty()) text += "older commits are kept for " + done.keptFor + "\n";
+    return text;
+}
+
+std::string describe(const Storage& storage, const Palette& palette) {
+    std::string text;
+    const auto add = [&](std::uint64_t bytes, const std::string& what) {
+        const std::string size = sizeText(bytes);
+        text +=
+            std::string(size.size() < 10 ? 10 - size.size() : 0, ' ') + size + "  " + what + "\n";
+    };
+    const Revision commits = storage.revision - storage.base;
+    std::string log = "log: " + counted(commits, "commit");
+    if (commits > 0) log += " since " + timeText(std::int64_t(storage.oldestMs));
+    if (storage.base > 0) log += "; older ones were replaced by a base";
+    add(storage.log, log);
+    if (storage.base > 0)
+        add(storage.bases, "base: the layers at revision " + std::to_string(storage.base));
+    add(storage.snapshots, "snapshots of layers, to load them quickly");
+    add(storage.blobBytes, "big values: " + std::to_string(storage.blobs));
+    add(storage.clients, "what clients have sent");
+    add(storage.records, "other records");
+    add(storage.free, "free");
+    std::vector<LayerStorage> layers = storage.layers;
+    const auto all = [](const LayerStorage& layer) {
+        return layer.log + layer.base + layer.snapshots + layer.blobBytes;
+    };
+    std::stable_sort(layers.begin(), layers.end(),
+                     [&](const auto& a, const auto& b) { return all(a) > all(b); });
+    for (const LayerStorage& layer : layers)
+        add(all(layer), palette.paint(printable(layer.layer.value), Colour::Bold) + ": " +
+                            counted(layer.commits, "commit") + " " + sizeText(layer.log) +
+                            ", base " + sizeText(layer.base) + ", snapshot " +
+                            sizeText(layer.snapshots) + ", " + counted(layer.blobs, "big value") +
+                            " " + sizeText(layer.blobBytes));
     return text;
 }
 

@@ -31,6 +31,11 @@ namespace usdlive::cli {
 /// A line: `#42  2026-01-02 03:04:05  ada  before lunch`.
 [[nodiscard]] std::string describe(const Checkpoint& checkpoint, const Palette& palette);
 
+/// What became of the history, in a line or two.
+[[nodiscard]] std::string describe(const HistoryCompacted& done);
+/// What the store takes: a line for each kind, then one for each layer, the largest first.
+[[nodiscard]] std::string describe(const Storage& storage, const Palette& palette);
+
 /// The prims of a layer as a tree with their types.
 [[nodiscard]] std::string describeTree(const LayerDoc& doc, const Palette& palette);
 

@@ -119,6 +119,30 @@ std::uint64_t Session::Impl::createCheckpoint(std::string name) {
 
 std::uint64_t Session::Impl::listCheckpoints() { return request(ListCheckpoints{}); }
 
+/// What the server does and a call answers.
+template <class Answer, class Request>
+void Session::Impl::askStorage(Request message, std::function<void(Result<Answer>)> done) {
+    if (!online_) return done(fail(ErrorCode::NotConnected, "there is no connection to ask over"));
+    if (std::ranges::count(welcome_->features, "storage") == 0)
+        return done(fail(ErrorCode::UnsupportedProtocol,
+                         "the server is of a version that cannot do this: update it"));
+    message.request = ++lastRequest_;
+    asked_[message.request] = [done = std::move(done)](Result<ControlMessage> answer) {
+        done(std::move(answer).map(
+            [](ControlMessage&& said) { return std::get<Answer>(std::move(said)); }));
+    };
+    sendControl(message);
+}
+
+void Session::Impl::compactHistory(std::optional<std::uint64_t> days,
+                                   std::function<void(Result<HistoryCompacted>)> done) {
+    askStorage(CompactHistory{0, days}, std::move(done));
+}
+
+void Session::Impl::requestStorage(std::function<void(Result<Storage>)> done) {
+    askStorage(RequestStorage{}, std::move(done));
+}
+
 void Session::Impl::requestBlob(const Hash& hash) {
     if (downloads_.want(hash, true, online_)) askForBlobs({hash});
 }
@@ -169,6 +193,13 @@ std::uint64_t Session::createCheckpoint(std::string name) {
     return impl_->createCheckpoint(std::move(name));
 }
 std::uint64_t Session::listCheckpoints() { return impl_->listCheckpoints(); }
+void Session::compactHistory(std::optional<std::uint64_t> days,
+                             std::function<void(Result<HistoryCompacted>)> done) {
+    impl_->compactHistory(days, std::move(done));
+}
+void Session::requestStorage(std::function<void(Result<Storage>)> done) {
+    impl_->requestStorage(std::move(done));
+}
 
 void Session::author(std::vector<AuthoredEdit> edits) { impl_->author(std::move(edits)); }
 void Session::setNextSequence(std::uint64_t sequence) { impl_->pending_.setNextSequence(sequence); }

@@ -70,6 +70,7 @@ void Session::Impl::disconnected(Error reason) {
     for (Peek& peek : peeks_) peek.snapshot = {};
     forgetOthers();
     for (LogReader& log : std::exchange(logs_, {})) log.done(tl::unexpected(reason));
+    for (auto& [request, done] : std::exchange(asked_, {})) done(tl::unexpected(reason));
     for (const std::uint64_t request : std::exchange(requests_, {}))
         report({ErrorCode::NotConnected, "the connection was lost before the server had answered"},
                about(request));
@@ -282,7 +283,8 @@ void Session::Impl::on(const Welcome& message) {
     for (auto& [layer, opened] : layers_)
         if (opened.joining) ask(opened.joining->snapshot, layer, 0);
     for (Peek& peek : peeks_) ask(peek.snapshot, peek.layer, peek.revision);
-    for (const Missed& missed : missed_) readMissed(missed);
+    for (Missed& missed : missed_) missed.asked = false;
+    readMissed();
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
     events_.push_back(event::Connected{message, message.resumed});
 }
@@ -322,7 +324,19 @@ void Session::Impl::on(const AlreadyCommitted& message) {
     if (!pending) return;
     disturb();
     missed_.push_back({message.revision, std::move(*pending)});
-    readMissed(missed_.back());
+    readMissed();
+}
+
+// A server reads a few logs at once for a client, and there may be many of these.
+void Session::Impl::readMissed() {
+    constexpr std::ptrdiff_t kAtOnce = 8;
+    auto asked = std::ranges::count(missed_, true, &Missed::asked);
+    for (std::size_t index = 0; index < missed_.size() && asked < kAtOnce; ++index) {
+        if (missed_[index].asked) continue;
+        missed_[index].asked = true;
+        ++asked;
+        readMissed(missed_[index]);
+    }
 }
 
 void Session::Impl::readMissed(const Missed& missed) {
@@ -337,6 +351,7 @@ void Session::Impl::readMissed(const Missed& missed) {
         if (entry == missed_.end() || commit.id != entry->pending.transaction.id) return;
         if (!commit.dropped.empty()) reportDropped(entry->pending, commit);
         missed_.erase(entry);
+        readMissed();
     };
     const auto done = [this, found](const Result<void>& read) {
         const auto entry = found();
@@ -349,6 +364,7 @@ void Session::Impl::readMissed(const Missed& missed) {
                          .refused = false,
                          .edits = std::move(entry->pending.authored)}});
         missed_.erase(entry);
+        readMissed();
     };
     requestLog(missed.revision, missed.revision, each, done);
 }
@@ -363,6 +379,10 @@ void Session::Impl::on(const LayersSaved& message) { answer<event::Saved>(messag
 void Session::Impl::on(const LayersReloaded& message) { answer<event::Reloaded>(message); }
 void Session::Impl::on(const CheckpointCreated& message) { answer<event::CheckpointMade>(message); }
 void Session::Impl::on(const Checkpoints& message) { answer<event::CheckpointsListed>(message); }
+
+void Session::Impl::answerAsked(std::uint64_t request, Result<ControlMessage> answer) {
+    if (auto asked = asked_.extract(request)) asked.mapped()(std::move(answer));
+}
 
 void Session::Impl::on(const LayerStates& message) {
     for (const LayerState& state : message.layers) layerStates_[state.layer] = state;
@@ -418,6 +438,10 @@ bool Session::Impl::answered(const ErrorMessage& message, const Error& error) {
         const auto done = std::move(log->done);
         logs_.erase(log);
         done(tl::unexpected(error));
+        return true;
+    }
+    if (asked_.contains(*message.request)) {
+        answerAsked(*message.request, tl::unexpected(error));
         return true;
     }
     requests_.erase(*message.request);

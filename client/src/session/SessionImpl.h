@@ -74,6 +74,9 @@ public:
     std::uint64_t reload(std::vector<LayerId> layers);
     std::uint64_t createCheckpoint(std::string name);
     std::uint64_t listCheckpoints();
+    void compactHistory(std::optional<std::uint64_t> days,
+                        std::function<void(Result<HistoryCompacted>)> done);
+    void requestStorage(std::function<void(Result<Storage>)> done);
     void requestBlob(const Hash& hash);
     [[nodiscard]] std::set<Hash> namedBlobs() const;
 
@@ -125,6 +128,7 @@ private:
     struct Missed {
         Revision revision = 0;
         Pending pending;
+        bool asked = false;  // for its commit, on this connection
     };
     // A gesture of somebody else. Of its previews the newest is shown whose big values are here.
     struct Preview {
@@ -155,6 +159,8 @@ private:
     // Session.cpp
     template <class Request>
     std::uint64_t request(Request message);
+    template <class Answer, class Request>
+    void askStorage(Request message, std::function<void(Result<Answer>)> done);
 
     // SessionConnection.cpp
     void handle(ControlMessage&& message);
@@ -174,6 +180,9 @@ private:
     void on(const LayersReloaded& message);
     void on(const CheckpointCreated& message);
     void on(const Checkpoints& message);
+    void on(const HistoryCompacted& message) { answerAsked(message.request, message); }
+    void on(const Storage& message) { answerAsked(message.request, message); }
+    void answerAsked(std::uint64_t request, Result<ControlMessage> answer);
     void on(const LayerStates& message);
     void on(const Presences& message);
     void on(const LogBegin& message);
@@ -181,6 +190,7 @@ private:
     void on(const ErrorMessage& message);
     void on(const auto&) {}  // messages to a server
     void loseSent(const Error& why);
+    void readMissed();
     void readMissed(const Missed& missed);
     [[nodiscard]] bool answered(const ErrorMessage& message, const Error& error);
     void protocolFault(Error error);
@@ -302,6 +312,8 @@ private:
     std::vector<Peek> peeks_;
     std::deque<LogReader> logs_;
     std::set<std::uint64_t> requests_;  ///< that an event answers, and has not
+    /// By request: what is to be called with the answer.
+    std::map<std::uint64_t, std::function<void(Result<ControlMessage>)>> asked_;
 };
 
 }  // namespace usdlive::client

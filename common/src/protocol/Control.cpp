@@ -58,6 +58,7 @@ void members(auto& io, Is<Welcome> auto& message) {
     io("maxFrameBytes", message.maxFrameBytes);
     io("maxBlobBytes", message.maxBlobBytes);
     io("administrator", message.administrator);
+    io("base", message.base);
 }
 void members(auto& io, Is<ProjectLayers> auto& message) { io("layers", message.layers); }
 void members(auto& io, Is<OpenLayer> auto& message) {
@@ -133,6 +134,43 @@ void members(auto& io, Is<Checkpoints> auto& message) {
     io("request", message.request);
     io("checkpoints", message.checkpoints);
 }
+void members(auto& io, Is<CompactHistory> auto& message) {
+    io("request", message.request);
+    io("days", message.days);
+}
+void members(auto& io, Is<HistoryCompacted> auto& message) {
+    io("request", message.request);
+    io("base", message.base);
+    io("replaced", message.replaced);
+    io("bytesBefore", message.bytesBefore);
+    io("bytesAfter", message.bytesAfter);
+    io("keptFor", message.keptFor);
+}
+void members(auto& io, Is<RequestStorage> auto& message) { io("request", message.request); }
+void members(auto& io, Is<LayerStorage> auto& message) {
+    io("layer", message.layer);
+    io("commits", message.commits);
+    io("log", message.log);
+    io("base", message.base);
+    io("snapshots", message.snapshots);
+    io("blobs", message.blobs);
+    io("blobBytes", message.blobBytes);
+}
+void members(auto& io, Is<Storage> auto& message) {
+    io("request", message.request);
+    io("revision", message.revision);
+    io("base", message.base);
+    io("oldestMs", message.oldestMs);
+    io("log", message.log);
+    io("clients", message.clients);
+    io("records", message.records);
+    io("bases", message.bases);
+    io("snapshots", message.snapshots);
+    io("blobs", message.blobs);
+    io("blobBytes", message.blobBytes);
+    io("free", message.free);
+    io("layers", message.layers);
+}
 void members(auto& io, Is<LayerState> auto& message) {
     io("layer", message.layer);
     io("revision", message.revision);
@@ -172,11 +210,12 @@ void members(auto& io, Is<ErrorMessage> auto& message) {
 }
 
 constexpr std::array<const char*, std::variant_size_v<ControlMessage>> kTypes{
-    "hello",       "welcome",          "projectLayers",     "openLayer",        "layerOpened",
-    "closeLayer",  "requestBlob",      "blobStored",        "alreadyCommitted", "saveLayers",
-    "layersSaved", "reloadLayers",     "layersReloaded",    "requestLog",       "logBegin",
-    "logEnd",      "createCheckpoint", "checkpointCreated", "listCheckpoints",  "checkpoints",
-    "layerStates", "showPresence",     "presences",         "errorMessage"};
+    "hello",          "welcome",          "projectLayers",     "openLayer",        "layerOpened",
+    "closeLayer",     "requestBlob",      "blobStored",        "alreadyCommitted", "saveLayers",
+    "layersSaved",    "reloadLayers",     "layersReloaded",    "requestLog",       "logBegin",
+    "logEnd",         "createCheckpoint", "checkpointCreated", "listCheckpoints",  "checkpoints",
+    "compactHistory", "historyCompacted", "requestStorage",    "storage",          "layerStates",
+    "showPresence",   "presences",        "errorMessage"};
 
 class Writer {
 public:

@@ -101,6 +101,14 @@ void addStorageOptions(CLI::App& app, ServerOptions& options) {
         ->type_name(kNumber)
         ->check(between(0, 1'000'000))
         ->group(group);
+    app.add_option("--history-days", options.historyDays,
+                   "Replace commits that are older by what the layers held\n"
+                   "then, but none after the oldest checkpoint; if not given,\n"
+                   "the whole history is kept")
+        ->type_name(kNumber)
+        ->default_str("")
+        ->check(between(0, 100'000))
+        ->group(group);
 }
 
 void addLimits(CLI::App& app, ServerOptions& options) {

@@ -1,5 +1,8 @@
 #include "usdlive/server/app/ServerHost.h"
 
+#include <sys/resource.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <nlohmann/json.hpp>
@@ -7,6 +10,7 @@
 
 #include "usdlive/common/protocol/Snapshot.h"
 #include "usdlive/server/app/Faults.h"
+#include "usdlive/server/app/StorageUse.h"
 
 namespace usdlive::server {
 
@@ -26,6 +30,9 @@ constexpr int kScanPart = 20;
 // forgotten.
 constexpr std::size_t kKnownClients = 20'000;
 constexpr milliseconds kForgetPause{10 * 60'000};
+// From one look at commits that are too old to the next.
+constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
+constexpr int kKeeperNice = 10;
 
 SharedBytes encoded(const Frame& frame) {
     return std::make_shared<const Bytes>(encodeFrame(frame));
@@ -98,10 +105,19 @@ ServerHost::ServerHost(asio::io_context& network, WorkerLanes& workers, SharedSt
       scanTimer_(network),
       sweepTimer_(network),
       clientsTimer_(network),
+      historyTimer_(network),
       collector_(network, workers.history, store, blobs, keepUnusedBlobs, log),
       intake_([this](SessionId session, bool reading) {
           transportOf(session).setReading(session, reading);
-      }) {}
+      }) {
+    // Others come first.
+    asio::post(keeper_, [] { ::setpriority(PRIO_PROCESS, id_t(::gettid()), kKeeperNice); });
+}
+
+ServerHost::~ServerHost() {
+    stopping_ = true;
+    keeper_.join();
+}
 
 Result<void> ServerHost::start(ProjectFactory factory) {
     factory_ = std::move(factory);
@@ -144,9 +160,11 @@ void ServerHost::serve(std::vector<Transport*> transports) {
         });
         return unused;
     });
+    boundHistoryIn(milliseconds(0));
 }
 
 void ServerHost::stop(std::function<void()> done) {
+    stopping_ = true;
     // First what is on its way to the store, so that its authors hear of it before the goodbye.
     storage_.flush([this, done = std::move(done)]() mutable {
         asio::post(network_, [this, done = std::move(done)]() mutable {
@@ -595,6 +613,90 @@ void ServerHost::forgetClientsIn(milliseconds pause) {
                 log_.write(LogLevel::Info, "clients forgotten", {{"clients", *forgotten}});
             asio::post(network_, [this] { forgetClientsIn(kForgetPause); });
         });
+    });
+}
+
+// --- How far back the history goes
+
+CommitStore::Base ServerHost::base() {
+    const auto base =
+        store_.use([](CommitStore& store) -> Result<CommitStore::Base> { return store.base(); });
+    return base.value_or(CommitStore::Base{});
+}
+
+CommitStore::GoesOn ServerHost::whileServing() const {
+    return [this] {
+        faultPoint("keeping");
+        return !stopping_;
+    };
+}
+
+void ServerHost::findBase(std::int64_t beforeMs, Revision upTo) {
+    inBackground(
+        checkpoints_, 0, 0,
+        [this, beforeMs, upTo] {
+            return store_.use(
+                [&](CommitStore& store) { return server::findBase(store, beforeMs, upTo); });
+        },
+        [](Project& project, Result<BaseLimit> limit) { project.baseFound(std::move(limit)); });
+}
+
+void ServerHost::compact(Revision revision) {
+    inBackground(
+        keeper_, 0, 0, [this, revision] { return compactStore(revision); },
+        [](Project& project, const Result<CompactOutcome>& outcome) {
+            project.compacted(outcome);
+        });
+}
+
+Result<CompactOutcome> ServerHost::compactStore(Revision revision) {
+    const auto begin = steady_clock::now();
+    const auto outcome = store_.use([&](CommitStore& store) -> Result<CompactOutcome> {
+        faultPoint("compact-before");
+        const auto before = store.space();
+        if (!before) return tl::unexpected(before.error());
+        const auto done = store.compact(revision, whileServing());
+        if (!done) return tl::unexpected(done.error());
+        faultPoint("compact-after");
+        return store.space().map(
+            [&](const StoreSpace& after) { return CompactOutcome{before->log, after.log}; });
+    });
+    if (!outcome) {
+        log_.write(LogLevel::Warning, "history not compacted",
+                   {{"revision", revision}, {"error", outcome.error().message}});
+        return outcome;
+    }
+    const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
+    log_.write(LogLevel::Info, "history compacted",
+               {{"revision", revision},
+                {"bytesBefore", outcome->bytesBefore},
+                {"bytesAfter", outcome->bytesAfter},
+                {"ms", time.count()}});
+    return outcome;
+}
+
+void ServerHost::measureStorage(SessionId session, std::uint64_t request) {
+    inBackground(
+        keeper_, session, Intake::kJobBytes,
+        [this] {
+            return store_.use([&](CommitStore& store) {
+                return server::measureStorage(store, files_.folder / ".usdlive" / "blobs",
+                                              whileServing());
+            });
+        },
+        [session, request](Project& project, Result<Storage> storage) {
+            project.storageMeasured(session, request, std::move(storage));
+        });
+}
+
+void ServerHost::boundHistoryIn(milliseconds pause) {
+    historyTimer_.expires_after(pause);
+    historyTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        guarded([&] {
+            if (project_) project_->boundHistory();
+        });
+        boundHistoryIn(kHistoryPause);
     });
 }
 

@@ -68,6 +68,7 @@ ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
     project.maxBlobBytes = options.maxBlobMib * kMib;
     project.maxSessions = options.maxSessions;
     for (const std::string& user : options.administrators) project.administrators.insert({user});
+    project.historyDays = options.historyDays;
     project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;
     project.keepUnusedBlobsMs = std::int64_t(options.keepUnusedBlobsMinutes) * 60'000;
     return [=, &store, &files](ProjectHost& host) -> Result<std::unique_ptr<Project>> {

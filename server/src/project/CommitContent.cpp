@@ -29,6 +29,15 @@ std::vector<NamespaceChange> namespaceChanges(Revision revision,
     return changes;
 }
 
+tl::unexpected<Error> historyReplaced(Revision revision, Revision base) {
+    return fail(ErrorCode::HistoryReplaced,
+                "revision " + std::to_string(revision) +
+                    " cannot be read any more: the commits up to " + std::to_string(base) +
+                    " were replaced by what the layers held then, to save space. The oldest "
+                    "revision to be read is " +
+                    std::to_string(base));
+}
+
 Result<Commit> decodeCommit(const StoredCommit& stored) {
     auto frame = decodeFrame(withoutLength(*stored.frame));
     if (!frame) return damaged(stored.revision, frame.error().message);

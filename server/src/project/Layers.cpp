@@ -54,6 +54,8 @@ void Project::Impl::openHistory(Session& session, const OpenLayer& open) {
             session,
             {ErrorCode::FutureRevision, "the newest revision is " + std::to_string(durable_)},
             open.request);
+    if (open.revision < oldest_)
+        return sendError(session, historyReplaced(open.revision, oldest_).value(), open.request);
     if (session.historyReads.size() >= kMaxHistoryReads ||
         !session.historyReads.emplace(open.request, open).second)
         return close(session, {ErrorCode::MalformedControl, "too many requests at once"});

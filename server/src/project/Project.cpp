@@ -17,7 +17,9 @@ Project::Impl::Impl(Options options, ProjectHost& host, CommitStore::Head head,
       executedHash_(head.hash),
       durable_(head.revision),
       durableHash_(head.hash),
-      recent_(options_.recentCommitBytes) {
+      recent_(options_.recentCommitBytes),
+      base_(host.base()),
+      oldest_(base_.revision) {
     std::vector<LayerFile> files;
     for (const LayerId& layer : layers) files.push_back({layer});
     setFiles(files);
@@ -105,6 +107,12 @@ void Project::checkpointAdded(SessionId session, std::uint64_t request,
 void Project::checkpointsRead(SessionId session, std::uint64_t request,
                               Result<std::vector<Checkpoint>> checkpoints) {
     impl_->checkpointsRead(session, request, std::move(checkpoints));
+}
+void Project::boundHistory() { impl_->boundHistory(); }
+void Project::baseFound(Result<BaseLimit> limit) { impl_->baseFound(std::move(limit)); }
+void Project::compacted(const Result<CompactOutcome>& outcome) { impl_->compacted(outcome); }
+void Project::storageMeasured(SessionId session, std::uint64_t request, Result<Storage> storage) {
+    impl_->storageMeasured(session, request, std::move(storage));
 }
 void Project::setFiles(const std::vector<LayerFile>& files) {
     impl_->setFiles(files);

@@ -198,6 +198,16 @@ struct ReloadRequest {
     LayersReloaded outcome;
 };
 
+/// For commits that are older to be replaced by a base.
+struct CompactRequest {
+    std::optional<SessionId> session;  ///< nothing: as the server was told when it started
+    std::uint64_t request = 0;
+    std::int64_t beforeMs = 0;
+    // As it goes on:
+    Revision from = 0;  ///< the base before
+    std::string keptFor;
+};
+
 struct ReadyCheckpoint {
     SessionId session = 0;
     std::uint64_t request = 0;
@@ -277,6 +287,12 @@ public:
     // Checkpoints.cpp
     void checkpointAdded(SessionId id, std::uint64_t request, const Result<Checkpoint>& added);
     void checkpointsRead(SessionId id, std::uint64_t request, Result<std::vector<Checkpoint>> read);
+
+    // History.cpp
+    void boundHistory();
+    void baseFound(Result<BaseLimit> limit);
+    void compacted(const Result<CompactOutcome>& outcome);
+    void storageMeasured(SessionId id, std::uint64_t request, Result<Storage> storage);
 
     [[nodiscard]] Revision durableRevision() const { return durable_; }
     [[nodiscard]] const ProjectCounters& counters() const { return counters_; }
@@ -432,6 +448,13 @@ private:
     void storeCheckpoints();
     void loseCheckpoints(const Error& error);
 
+    // History.cpp
+    void compactHistory(Session& session, const CompactHistory& request);
+    void compactNext();
+    void learnBase();
+    void compactDone(const Result<CompactOutcome>& outcome);
+    [[nodiscard]] Revision oldestNeeded() const;
+
     // Gestures.cpp
     void receivePreview(Session& session, PreviewFrame preview, std::size_t bytes);
     void withdraw(const ClientId& author, std::uint64_t gesture);
@@ -470,6 +493,9 @@ private:
     Revision durable_;
     Hash durableHash_;
     RecentCommits recent_;
+    CommitStore::Base base_;
+    Revision oldest_;  ///< that may be read: a base that is being made, or base_
+    std::deque<CompactRequest> compacts_;  ///< the first is under way
     // By revision:
     std::deque<ReadyOpen> readyOpens_;
     std::deque<ReadySnapshot> readySnapshots_;

@@ -10,8 +10,8 @@ namespace usdlive::server {
 namespace {
 
 // PR1: what a client may find out that the server has, beyond the basics.
-const std::vector<std::string> kFeatures{"history", "log",      "previews",  "previewValues",
-                                         "states",  "presence", "conflation"};
+const std::vector<std::string> kFeatures{"history", "log",      "previews",   "previewValues",
+                                         "states",  "presence", "conflation", "storage"};
 
 // A client further behind than this joins anew: snapshots are then quicker than commits.
 constexpr Revision kMaxResumeCommits = 50'000;
@@ -115,6 +115,10 @@ void Project::Impl::receive(Session& session, const ControlMessage& message) {
                    [&](const ListCheckpoints& request) {
                        host_.readCheckpoints(session.id, request.request);
                    },
+                   [&](const CompactHistory& request) { compactHistory(session, request); },
+                   [&](const RequestStorage& request) {
+                       host_.measureStorage(session.id, request.request);
+                   },
                    [&](const auto&) {
                        close(session, {ErrorCode::MalformedControl,
                                        "a message of a type that only the server sends"});
@@ -188,7 +192,14 @@ void Project::Impl::checkResume(Session& session) {
     if (durable_ - resume.revision > kMaxResumeCommits)
         return welcome(session,
                        Error{ErrorCode::StaleBase, at + " is too far back to resume from"});
-    if (const auto hash = knownHash(resume.revision))
+    const auto hash = resume.revision < oldest_ ? std::nullopt : knownHash(resume.revision);
+    if (!hash && resume.revision <= oldest_)
+        return welcome(session,
+                       Error{ErrorCode::StaleBase, at +
+                                                       " is too far back to resume from: the "
+                                                       "history begins at " +
+                                                       std::to_string(oldest_)});
+    if (hash)
         resumeChecked(session, *hash);
     else
         requestRead(session, {ReadPurpose::ResumeCheck, resume.revision, resume.revision});
@@ -233,6 +244,7 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     message.maxFrameBytes = options_.maxFrameBytes;
     message.maxBlobBytes = options_.maxBlobBytes;
     message.administrator = options_.administrators.contains(session.user);
+    message.base = oldest_;
     send(session, message);
     tellStatesTo(session);
     tellPresencesTo(session);

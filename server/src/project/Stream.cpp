@@ -153,9 +153,12 @@ void Project::Impl::requestLog(Session& session, const RequestLog& request) {
             session,
             {ErrorCode::FutureRevision, "the newest revision is " + std::to_string(durable_)},
             request.request);
+    const Revision from = request.from == 0 ? oldest_ + 1 : request.from;
+    if (from <= oldest_)
+        return sendError(session, historyReplaced(from, oldest_).value(), request.request);
     if (session.logs.size() >= kMaxLogs)
         return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
-    session.logs.push_back({request.request, std::max<Revision>(request.from, 1), to});
+    session.logs.push_back({request.request, from, to});
     if (session.isLive()) beginLog(session);
     pump(session);
 }
@@ -186,7 +189,7 @@ void Project::Impl::releaseAnswers(Session& session) {
 }
 
 std::optional<Hash> Project::Impl::knownHash(Revision revision) const {
-    if (revision == 0) return Hash{};
+    if (revision == base_.revision) return base_.hash;
     if (revision == durable_) return durableHash_;
     const auto* recent = recent_.find(revision);
     return recent ? std::optional(recent->hash) : std::nullopt;
@@ -207,6 +210,8 @@ void Project::Impl::commitsRead(SessionId id, Result<std::vector<StoredCommit>> 
     if (commits && (commits->empty() || commits->front().revision != read.from))
         commits = fail(ErrorCode::StorageCorrupt,
                        "revision " + std::to_string(read.from) + " is not in the store");
+    // A project that was made anew does not know what the one before had begun.
+    if (!commits && commits.error().code == ErrorCode::HistoryReplaced) learnBase();
     switch (read.purpose) {
         case ReadPurpose::ResumeCheck:
             return resumeChecked(*session,

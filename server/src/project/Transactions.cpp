@@ -202,7 +202,7 @@ bool Project::Impl::creationsKnown(Session& session, Author& author, QueuedTrans
         if (sequence == queued.transaction.id.sequence || author.creations.find(creation)) return;
         if (author.inFlight.contains(sequence) || !queued.lookedUp.insert(sequence).second) return;
         const auto revision = host_.committed({session.client, sequence});
-        if (!revision) return;
+        if (!revision || *revision <= oldest_) return;  // M4: as if it had not been created
         known = false;
         requestRead(session, {ReadPurpose::Creations, *revision, *revision, sequence});
     });

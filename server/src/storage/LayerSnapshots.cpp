@@ -1,7 +1,10 @@
 #include "LayerSnapshots.h"
 
+#include <fcntl.h>
+
 #include <algorithm>
 
+#include "Files.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/Snapshot.h"
 
@@ -14,6 +17,13 @@ Bytes encodeSnapshot(const LayerSnapshot& snapshot) {
     SnapshotEncoder encoder(snapshot.doc, 0);
     while (const auto chunk = encoder.next()) appendBytes(bytes, encodeFrame(*chunk));
     return bytes;
+}
+
+std::optional<Revision> snapshotRevision(const std::filesystem::path& path) {
+    const auto file = openFile(path, O_RDONLY);
+    const auto begin = file ? readAt(*file, 0, sizeof(Revision), path) : Result<Bytes>();
+    if (!begin || begin->size() < sizeof(Revision)) return std::nullopt;
+    return ByteReader(*begin).u64();
 }
 
 std::optional<LayerSnapshot> decodeSnapshot(ByteView bytes) {

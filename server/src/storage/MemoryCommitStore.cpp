@@ -216,6 +216,14 @@ public:
         for (const auto& [name, checkpoint] : disk_->checkpoints) all.push_back(checkpoint);
         return all;
     }
+    [[nodiscard]] Result<StoreSpace> space() const override {
+        const std::lock_guard lock(disk_->mutex);
+        StoreSpace space;
+        for (const StoredCommit& commit : disk_->commits) space.log += commit.frame->size();
+        for (const auto& [name, layer] : disk_->layers)
+            space.layers.push_back({name, layer.base.dump().size(), layer.snapshotBytes});
+        return space;
+    }
     [[nodiscard]] bool hasSpace() const override { return true; }
 
 private:

@@ -1,3 +1,5 @@
+#include <cstdio>
+
 #include "RocksCommitStoreImpl.h"
 #include "StoreRules.h"
 
@@ -163,7 +165,7 @@ void RocksCommitStore::addHead(Group& group) {
 
 Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch, bool synced) {
     rocksdb::WriteOptions options;
-    options.sync = synced || options_.durability == Durability::Synced;
+    options.sync = synced;
     const auto status = db_->Write(options, &batch);
     if (status.ok()) return {};
     // Part of it may be on the disk. Only opening anew tells what is, so there is no second try.
@@ -178,6 +180,36 @@ Result<void> RocksCommitStore::checkFailed() const {
     const std::shared_lock lock(mutex_);
     if (failure_) return tl::unexpected(*failure_);
     return {};
+}
+
+/// The newest snapshot so far, which that of `next` replaces, becomes an older one: so that reading
+/// an old revision need not begin at the base. Of too many the one goes whose neighbours are
+/// nearest, by revisions: they are spread over the history.
+void RocksCommitStore::keepOlder(std::uint32_t layer, Revision next) {
+    constexpr std::size_t kOlder = 6;
+    const auto newest = folder_.snapshot(layer);
+    const auto revision = snapshotRevision(newest);
+    if (!revision || *revision >= next) return;
+    if (::rename(newest.c_str(), folder_.snapshot(layer, *revision).c_str()) != 0) return;
+    std::set<Revision> all;
+    {
+        const std::lock_guard lock(olderMutex_);
+        all = older_[layer];
+        all.insert(*revision);
+        older_[layer] = all;
+    }
+    while (all.size() > kOlder) {
+        Revision least = ~Revision(0), dropped = 0, before = base().revision;
+        for (auto at = all.begin(); at != all.end(); before = *at++) {
+            const Revision after = std::next(at) == all.end() ? next : *std::next(at);
+            if (after - before < least) {
+                least = after - before;
+                dropped = *at;
+            }
+        }
+        all.erase(dropped);
+        removeSnapshot(layer, dropped);
+    }
 }
 
 Result<std::size_t> RocksCommitStore::keepSnapshot(const LayerId& layer, const LayerDoc& doc,
@@ -203,7 +235,10 @@ Result<std::size_t> RocksCommitStore::keepSnapshot(const LayerId& layer, const L
     };
     if (!fits(size)) return full();
     const Bytes content = encodeSnapshot({revision, hash, doc});
+    if (!fits(content.size()))
+        for (const Revision older : olderSnapshots(number)) removeSnapshot(number, older);
     if (!fits(content.size())) return full();
+    keepOlder(number, revision);
     if (auto done = sealedfile::replace(folder_.snapshot(number), content); !done)
         return tl::unexpected(done.error());
     newest = revision;

@@ -58,6 +58,35 @@ Result<void> RocksCommitStore::checkSpace(std::uint64_t bytes) const {
                                             " MiB left, too little to go on");
 }
 
+Result<StoreSpace> RocksCommitStore::space() const {
+    const auto taken = [this](Family of) {
+        std::uint64_t files = 0, memory = 0;
+        db_->GetIntProperty(family(of), rocksdb::DB::Properties::kTotalSstFilesSize, &files);
+        db_->GetIntProperty(family(of), rocksdb::DB::Properties::kSizeAllMemTables, &memory);
+        return files + memory;
+    };
+    StoreSpace space{taken(Family::Commits),
+                     taken(Family::Clients),
+                     taken(Family::Meta),
+                     diskSpace(folder_.path()).free,
+                     {}};
+    const auto size = [](const std::filesystem::path& file) -> std::uint64_t {
+        std::error_code none;
+        const auto bytes = std::filesystem::file_size(file, none);
+        return none ? 0 : bytes;
+    };
+    const std::shared_lock lock(mutex_);
+    for (const auto& [name, layer] : layers_) {
+        const bool hasBase = layer.base.revision > 0;
+        StoreSpace::Layer takes{name, 0, size(folder_.snapshot(layer.number))};
+        if (hasBase) takes.base = size(folder_.base(layer.number, layer.base.revision));
+        for (const Revision older : olderSnapshots(layer.number))
+            takes.snapshots += size(folder_.snapshot(layer.number, older));
+        space.layers.push_back(std::move(takes));
+    }
+    return space;
+}
+
 bool RocksCommitStore::hasSpace() const {
     {
         const std::lock_guard lock(spaceMutex_);

@@ -60,6 +60,7 @@ public:
     [[nodiscard]] Revision forgottenUpTo() const override { return forgotten_; }
     Result<void> addCheckpoint(const Checkpoint& checkpoint) override;
     [[nodiscard]] Result<std::vector<Checkpoint>> checkpoints() const override;
+    [[nodiscard]] Result<StoreSpace> space() const override;
     [[nodiscard]] bool hasSpace() const override;
 
 private:
@@ -99,6 +100,7 @@ private:
     Result<void> readLayers();
     Result<void> upgrade();
     Result<void> readEdited();
+    void findOlderSnapshots();
     [[nodiscard]] Result<SavedState> readSaved(std::uint32_t layer) const;
     Result<void> verify() const;
     Result<void> verifyMark() const;
@@ -115,7 +117,11 @@ private:
     void addFound(Group& group);
     void addHead(Group& group);
     void flushSoon();
-    Result<void> write(rocksdb::WriteBatch& batch, bool synced = false);
+    void keepOlder(std::uint32_t layer, Revision next);
+    Result<void> write(rocksdb::WriteBatch& batch) {
+        return write(batch, options_.durability == Durability::Synced);
+    }
+    Result<void> write(rocksdb::WriteBatch& batch, bool synced);
     Result<void> checkFailed() const;
 
     // Compacting.
@@ -126,7 +132,10 @@ private:
                                               const Base& to, const GoesOn& goesOn);
     Result<void> removeReplaced();
     Result<void> removeReplacedRecords();
-    Result<void> removeReplacedFiles();
+    Result<void> removeCommitsBefore(const std::string& end);
+    void removeStrayBases();
+    void removeOldSnapshots();
+    void removeSnapshot(std::uint32_t layer, Revision revision);
     [[nodiscard]] bool isRemoved() const;
 
     // Clients.
@@ -179,8 +188,14 @@ private:
     [[nodiscard]] Result<std::optional<LayerDoc>> layerFrom(const Base& base, const LayerId& layer,
                                                             Revision revision,
                                                             Replayed* replayed) const;
-    /// Nothing: none that can be read and goes with the log.
-    [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer) const;
+    /// The newest snapshot that is not after `upTo`. Nothing: none that can be read and goes with
+    /// the log.
+    [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer,
+                                                            Revision upTo) const;
+    [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(
+        const std::filesystem::path& path) const;
+    /// Of the layer's older snapshots.
+    [[nodiscard]] std::vector<Revision> olderSnapshots(std::uint32_t layer) const;
     /// Visits the records of the meta family whose key begins with `prefix`, from `start` on.
     Result<void> each(char prefix, const std::string& start,
                       const std::function<bool(std::string_view, ByteView)>& visit) const;
@@ -210,6 +225,9 @@ private:
     std::mutex snapshotMutex_;  // held while one is written; guards the next
     // Of layers, that were written since the opening: revision and bytes.
     std::map<std::uint32_t, std::pair<Revision, std::size_t>> snapshots_;
+
+    mutable std::mutex olderMutex_;                      // guards the next
+    std::map<std::uint32_t, std::set<Revision>> older_;  // snapshots beside the newest of a layer
 
     mutable std::mutex spaceMutex_;  // guards the next four
     mutable Reserve reserve_;

@@ -1,6 +1,6 @@
 // The base: commits of long ago are replaced by what the layers held then.
-#include <fcntl.h>
 #include <rocksdb/convenience.h>
+#include <unistd.h>
 
 #include "RocksCommitStoreImpl.h"
 #include "StoreRules.h"
@@ -16,8 +16,10 @@ const tl::unexpected<Error> kEnded =
 
 /// Until the one record is written that says so, nothing refers to what is new. From then on
 /// nothing reads what is old, which is removed afterwards, or when the store is opened next.
-Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& goesOn) {
+Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& wanted) {
     const std::lock_guard alone(compactMutex_);
+    // A store that has failed is to be opened anew, which waits for this.
+    const GoesOn goesOn = [&] { return wanted() && checkFailed(); };
     if (revision <= base().revision) return isRemoved() ? Result<void>() : removeReplaced();
     const auto hash = hashAt(revision);
     if (!hash) return tl::unexpected(hash.error());
@@ -47,7 +49,7 @@ Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& goesOn) 
     };
     if (const auto done = makeAll(); !done) {
         // Whether the record was written only opening anew tells, which removes what is not wanted.
-        if (checkFailed()) (void)removeReplacedFiles();
+        if (checkFailed()) removeStrayBases();
         return done;
     }
     {
@@ -71,7 +73,7 @@ Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& goesOn) 
 Result<void> RocksCommitStore::verifyReplaced(Revision to, const GoesOn& goesOn) const {
     bool ended = false;
     const auto read = this->read(0, to, [&](const StoredCommit&) {
-        ended = !goesOn() || !checkFailed();
+        ended = !goesOn();
         return !ended;
     });
     if (!read) return read;
@@ -123,16 +125,37 @@ Result<void> RocksCommitStore::removeReplaced() {
     auto status = db_->Flush(rocksdb::FlushOptions(), handles_);
     if (!status.ok()) return tl::unexpected(error(status, "write to"));
     if (auto done = removeReplacedRecords(); !done) return done;
-    if (auto done = removeReplacedFiles(); !done) return done;
+    removeStrayBases();
+    removeOldSnapshots();
     const std::string first = storekeys::commit(0), end = storekeys::commit(base().revision + 1);
     const rocksdb::Slice from(first), to(end);
     // Whole files go at once, which makes room also where there is too little to merge any.
     const rocksdb::RangePtr range(&from, &to);
     status = rocksdb::DeleteFilesInRanges(db_.get(), family(Family::Commits), &range, 1, false);
     if (!status.ok()) return tl::unexpected(error(status, "take commits out of"));
+    return removeCommitsBefore(end);
+}
+
+/// One by one: RocksDB 7.8 looks for the place of a deleted range by the hints of single keys,
+/// which this family has, and stops the process. Without a sync: what is not done is done again.
+Result<void> RocksCommitStore::removeCommitsBefore(const std::string& end) {
+    constexpr std::uint32_t kAtOnce = 1'000;
+    rocksdb::ReadOptions options;
+    options.fill_cache = false;
+    const std::unique_ptr<rocksdb::Iterator> at(db_->NewIterator(options, family(Family::Commits)));
     rocksdb::WriteBatch batch;
-    batch.DeleteRange(family(Family::Commits), from, to);
-    return write(batch);
+    const auto writeOut = [&] {
+        auto done = checkSpace(batch.GetDataSize()).and_then([&] { return write(batch, false); });
+        batch.Clear();
+        return done;
+    };
+    for (at->SeekToFirst(); at->Valid() && text(at->key()) < end; at->Next()) {
+        batch.Delete(family(Family::Commits), at->key());
+        if (batch.Count() < kAtOnce) continue;
+        if (auto done = writeOut(); !done) return done;
+    }
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    return writeOut();
 }
 
 /// Moves and deletes that nobody asks for any more, and the runs of commits before the one in which
@@ -158,33 +181,44 @@ Result<void> RocksCommitStore::removeReplacedRecords() {
     return write(batch);
 }
 
-Result<void> RocksCommitStore::removeReplacedFiles() {
+/// Files that no record names: of a base before, or of one that never was. What cannot be removed
+/// only takes space.
+void RocksCommitStore::removeStrayBases() {
     std::set<std::string> wanted;
+    {
+        const std::shared_lock lock(mutex_);
+        for (const auto& [name, layer] : layers_)
+            wanted.insert(folder_.base(layer.number, layer.base.revision).filename().string());
+    }
+    std::error_code ignored;
+    for (const auto& entry : std::filesystem::directory_iterator(folder_.bases(), ignored))
+        if (!wanted.contains(entry.path().filename().string())) ::unlink(entry.path().c_str());
+}
+
+/// A snapshot of before the base says less than the base does.
+void RocksCommitStore::removeOldSnapshots() {
     std::vector<std::uint32_t> numbers;
     {
         const std::shared_lock lock(mutex_);
-        for (const auto& [name, layer] : layers_) {
-            numbers.push_back(layer.number);
-            wanted.insert(folder_.base(layer.number, layer.base.revision).filename().string());
-        }
+        for (const auto& [name, layer] : layers_) numbers.push_back(layer.number);
     }
-    std::error_code ignored;  // what cannot be removed only takes space
-    for (const auto& entry : std::filesystem::directory_iterator(folder_.bases(), ignored))
-        if (!wanted.contains(entry.path().filename().string()))
-            std::filesystem::remove(entry.path(), ignored);
-    // A snapshot of before the base says less than the base does.
     const Revision base = this->base().revision;
     for (const std::uint32_t number : numbers) {
         const std::lock_guard lock(snapshotMutex_);
+        for (const Revision older : olderSnapshots(number))
+            if (older < base) removeSnapshot(number, older);
         const auto path = folder_.snapshot(number);
-        const auto file = openFile(path, O_RDONLY);
-        const auto begin = file ? readAt(*file, 0, sizeof(Revision), path) : Result<Bytes>();
-        const auto revision = begin ? decoded<Revision>(*begin) : std::nullopt;
+        const auto revision = snapshotRevision(path);
         if (!revision || *revision >= base) continue;
-        std::filesystem::remove(path, ignored);
+        ::unlink(path.c_str());
         snapshots_.erase(number);
     }
-    return {};
+}
+
+void RocksCommitStore::removeSnapshot(std::uint32_t layer, Revision revision) {
+    const std::lock_guard lock(olderMutex_);
+    older_[layer].erase(revision);
+    ::unlink(folder_.snapshot(layer, revision).c_str());
 }
 
 }  // namespace usdlive::server

@@ -1,3 +1,5 @@
+#include <charconv>
+
 #include "RocksCommitStoreImpl.h"
 #include "StoreRules.h"
 
@@ -31,7 +33,11 @@ Result<void> RocksCommitStore::open() {
         .and_then([this] { return readEdited(); })
         .and_then([this] { return writeLogOut(); })
         .and_then([this] { return takeEpoch(); })
-        .and_then([this] { return isRemoved() ? Result<void>() : removeReplaced(); });
+        .and_then([this] {
+            removeStrayBases();
+            findOlderSnapshots();
+            return isRemoved() ? Result<void>() : removeReplaced();
+        });
 }
 
 // RocksDB (as Debian builds it) ends the process when the disk is full.
@@ -182,6 +188,20 @@ Result<void> RocksCommitStore::readEdited() {
     }
     if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
     return {};
+}
+
+void RocksCommitStore::findOlderSnapshots() {
+    std::error_code ignored;
+    for (const auto& entry : std::filesystem::directory_iterator(folder_.snapshots(), ignored)) {
+        const std::string name = entry.path().filename().string();
+        std::uint32_t layer = 0;
+        Revision revision = 0;
+        const char* const end = name.data() + name.size();
+        const auto number = std::from_chars(name.data(), end, layer);
+        if (number.ec != std::errc() || number.ptr == end || *number.ptr != '-') continue;
+        const auto rest = std::from_chars(number.ptr + 1, end, revision);
+        if (rest.ec == std::errc() && rest.ptr == end) older_[layer].insert(revision);
+    }
 }
 
 Result<SavedState> RocksCommitStore::readSaved(std::uint32_t layer) const {

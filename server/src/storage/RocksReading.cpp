@@ -132,10 +132,31 @@ Result<std::size_t> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer
     return cost;
 }
 
-std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer) const {
-    const auto content = sealedfile::read(folder_.snapshot(layer));
+std::vector<Revision> RocksCommitStore::olderSnapshots(std::uint32_t layer) const {
+    const std::lock_guard lock(olderMutex_);
+    const auto known = older_.find(layer);
+    if (known == older_.end()) return {};
+    return {known->second.begin(), known->second.end()};
+}
+
+std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer,
+                                                            Revision upTo) const {
+    const auto newest = folder_.snapshot(layer);
+    if (const auto revision = snapshotRevision(newest); revision && *revision <= upTo)
+        if (auto found = readSnapshot(newest)) return found;
+    const auto older = olderSnapshots(layer);
+    for (auto revision = older.rbegin(); revision != older.rend(); ++revision)
+        if (*revision <= upTo)
+            if (auto found = readSnapshot(folder_.snapshot(layer, *revision))) return found;
+    return std::nullopt;
+}
+
+std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(
+    const std::filesystem::path& path) const {
+    const auto content = sealedfile::read(path);
     auto snapshot = content ? decodeSnapshot(*content) : std::nullopt;
     if (!snapshot) return std::nullopt;
+    snapshot->bytes = content->size();
     const auto hash = hashAt(snapshot->revision);
     return hash && *hash == snapshot->hash ? std::move(snapshot) : std::nullopt;
 }
@@ -159,6 +180,7 @@ Result<std::optional<LayerSnapshot>> RocksCommitStore::readBaseOf(const LayerId&
     if (!found)
         return damaged("what " + layer.value + " held at revision " + std::to_string(of.revision) +
                        " cannot be read from " + path.string());
+    found->bytes = content->size();
     found->revision = base.revision;
     found->hash = base.hash;
     return found;
@@ -181,13 +203,11 @@ Result<std::optional<LayerDoc>> RocksCommitStore::layerFrom(const Base& base, co
     if (revision < base.revision) return historyReplaced(revision, base.revision);
     const std::uint32_t number = numberOf(layer);
     if (number == 0) return std::optional<LayerDoc>();
-    auto from = readSnapshot(number);
-    auto path = folder_.snapshot(number);
-    if (!from || from->revision > revision) {
+    auto from = readSnapshot(number, revision);
+    if (!from) {
         auto first = readBaseOf(layer, base);
         if (!first) return tl::unexpected(first.error());
         from = std::move(*first);
-        path = folder_.base(number, base.revision);
     }
     auto runs = runsAfter(number, from ? from->revision : base.revision);
     if (!runs) return tl::unexpected(runs.error());
@@ -195,14 +215,11 @@ Result<std::optional<LayerDoc>> RocksCommitStore::layerFrom(const Base& base, co
     if (!from && !runs->empty()) revision = std::max(revision, runs->front().first);
     std::erase_if(*runs, [&](const Run& run) { return run.first > revision; });
     if (!runs->empty()) runs->back().last = std::min(runs->back().last, revision);
+    const std::size_t begun = from ? from->bytes : 0;
     LayerDoc doc = from ? std::move(from->doc) : LayerDoc();
     const auto cost = follow(doc, layer, *runs, [] { return true; });
     if (!cost) return tl::unexpected(cost.error());
-    if (replayed) {
-        std::error_code none;
-        const auto bytes = std::filesystem::file_size(path, none);
-        *replayed = {none ? 0 : bytes, *cost};
-    }
+    if (replayed) *replayed = {begun, *cost};
     return std::optional(std::move(doc));
 }
 

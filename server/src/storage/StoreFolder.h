@@ -31,6 +31,10 @@ public:
         return snapshots() / std::to_string(layer);
     }
 
+    /// An older one, of that revision.
+    [[nodiscard]] std::filesystem::path snapshot(std::uint32_t layer, Revision revision) const {
+        return snapshots() / (std::to_string(layer) + "-" + std::to_string(revision));
+    }
     /// Of what a layer held at the revision of a base. Unlike a snapshot it must not be lost.
     [[nodiscard]] std::filesystem::path base(std::uint32_t layer, Revision revision) const {
         return bases() / (std::to_string(layer) + "-" + std::to_string(revision));

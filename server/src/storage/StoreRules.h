@@ -32,16 +32,6 @@ inline Result<void> mayAppend(std::span<const CommitRecord> commits, CommitStore
     return {};
 }
 
-/// What stood at `revision` is asked for, and the history begins at `base`.
-inline tl::unexpected<Error> historyReplaced(Revision revision, Revision base) {
-    return fail(
-        ErrorCode::HistoryReplaced,
-        "revision " + std::to_string(revision) + " is not kept any more: the commits up to " +
-            std::to_string(base) +
-            " were replaced by what the layers held then. The oldest revision to be read is " +
-            std::to_string(base));
-}
-
 /// `head`: the store's newest revision; `known`: it has one of that name.
 inline Result<void> mayAdd(const Checkpoint& checkpoint, Revision head, bool known) {
     if (checkpoint.revision > head)

@@ -33,6 +33,12 @@ TEST(Control, EveryMessageComesBackAsItWas) {
     expectRoundTrip(CreateCheckpoint{8, "before lunch"});
     expectRoundTrip(CheckpointCreated{8, lunch});
     expectRoundTrip(ListCheckpoints{9});
+    expectRoundTrip(CompactHistory{9, 30});
+    expectRoundTrip(CompactHistory{9, {}});
+    expectRoundTrip(HistoryCompacted{9, 40, 39, 5'000, 300, "the checkpoint 'lunch'"});
+    expectRoundTrip(RequestStorage{9});
+    expectRoundTrip(
+        Storage{9, 50, 40, 8, 7, 6, 5, 4, 3, 2, 1, 11, {{{"a.usda"}, 1, 2, 3, 4, 5, 6}}});
     expectRoundTrip(Checkpoints{9, {lunch, {"later", 8, {}, 0}}});
     expectRoundTrip(ReloadLayers{8, {{"a.usda"}}});
     expectRoundTrip(LayersReloaded{8, 9, {{"a.usda"}}, {{{"b.usda"}, "locked", "by Zoë"}}});

@@ -131,6 +131,18 @@ public:
     Revision forgottenUpTo() override { return forgotten; }
     Revision forgotten = 0;
     std::int64_t wallClockMs() override { return nowMs; }
+    CommitStore::Base base() override { return base_; }
+    void findBase(std::int64_t beforeMs, Revision upTo) override {
+        findingBase.emplace_back(beforeMs, upTo);
+    }
+    void compact(Revision revision) override { compacting.push_back(revision); }
+    void measureStorage(SessionId session, std::uint64_t request) override {
+        measuring.emplace_back(session, request);
+    }
+    CommitStore::Base base_;
+    std::vector<std::pair<std::int64_t, Revision>> findingBase;
+    std::vector<Revision> compacting;
+    std::vector<std::pair<SessionId, std::uint64_t>> measuring;
     std::int64_t nowMs = 1'700'000'000'000;
 };
 

@@ -55,6 +55,8 @@ void append(CommitStore& store, std::span<const CommitRecord> commits) {
     }
 }
 
+bool always() { return true; }
+
 bool keep(CommitStore& store, const TestCommits& commits) {
     return bool(store.keepSnapshot(kLayer, commits.layers.at(kLayer), commits.head.revision,
                                    commits.head.hash));
@@ -91,12 +93,13 @@ testing::AssertionResult openIsEqualOrCorrupt(const fs::path& folder, const Test
     if (head.revision != commits.head.revision || head.hash != commits.head.hash)
         return testing::AssertionFailure() << "the history ends at " << head.revision;
     Revision visited = 0;
-    const auto read = (*store)->read(1, head.revision, [&](const StoredCommit&) {
+    const auto read = (*store)->read(0, head.revision, [&](const StoredCommit&) {
         ++visited;
         return true;
     });
     if (!read) return corrupt(read.error());
-    if (visited != head.revision) return testing::AssertionFailure() << visited << " commits";
+    if (visited != head.revision - (*store)->base().revision)
+        return testing::AssertionFailure() << visited << " commits";
     const auto doc = (*store)->loadLayer(kLayer);
     if (!doc) return corrupt(doc.error());
     if (!*doc || (*doc)->dump() != commits.layers.at(kLayer).dump())
@@ -202,13 +205,20 @@ TEST(RocksCommitStore, AMissingFileIsFound) {
         append(*store, someCommits(commits, 30, part));
         ASSERT_TRUE(keep(*store, commits));
     }
-    const auto store = open(whole);
+    auto store = open(whole);
     append(*store, someCommits(commits, 30, 3));
-    for (std::size_t at = 0; at < filesOf(whole).size(); ++at) {
-        copyFolder(whole, damaged);
-        const auto path = filesOf(damaged)[at];
-        fs::remove(path);
-        ASSERT_TRUE(openIsEqualOrCorrupt(damaged, commits)) << path;
+    for (const bool hasBase : {false, true}) {
+        if (hasBase) {
+            store.reset();
+            store = open(whole);
+            ASSERT_TRUE(store->compact(100, always));
+        }
+        for (std::size_t at = 0; at < filesOf(whole).size(); ++at) {
+            copyFolder(whole, damaged);
+            const auto path = filesOf(damaged)[at];
+            fs::remove(path);
+            ASSERT_TRUE(openIsEqualOrCorrupt(damaged, commits)) << path;
+        }
     }
 }
 
@@ -223,10 +233,12 @@ void writeFormat(const fs::path& folder, std::uint8_t number) {
 /// The records themselves, while no store has them open.
 class RawRecords {
 public:
-    explicit RawRecords(const fs::path& folder) {
+    /// `former`: with the family that a store of format 1 had.
+    explicit RawRecords(const fs::path& folder, bool former = true) {
         std::vector<rocksdb::ColumnFamilyDescriptor> families;
         for (const char* name : {"default", "commits", "clients", "state"})
-            families.emplace_back(name, rocksdb::ColumnFamilyOptions());
+            if (former || name != std::string("state"))
+                families.emplace_back(name, rocksdb::ColumnFamilyOptions());
         rocksdb::DBOptions options;
         options.create_missing_column_families = true;
         rocksdb::DB* opened = nullptr;
@@ -297,6 +309,155 @@ TEST(RocksCommitStore, ASnapshotOfAnotherHistoryIsNotUsed) {
     EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump()) << "ahead";
     append(*store, someCommits(commits, 10, 3));
     EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
+TEST(RocksCommitStore, ABaseThatIsDamagedIsFound) {
+    TestFolder folder;
+    TestCommits commits;
+    {
+        const auto store = open(folder.path);
+        append(*store, someCommits(commits, 30));
+        ASSERT_TRUE(store->compact(20, always));
+    }
+    const fs::path base = folder.path / "base" / "1-20", other = folder.path / "other";
+    fs::copy_file(base, other);
+    const auto expectDamaged = [&] {
+        const auto loaded = open(folder.path)->loadLayer(kLayer);
+        ASSERT_FALSE(loaded);
+        EXPECT_EQ(loaded.error().code, ErrorCode::StorageCorrupt);
+        EXPECT_NE(loaded.error().message.find(base.string()), std::string::npos)
+            << loaded.error().message;
+        fs::copy_file(other, base, fs::copy_options::overwrite_existing);
+    };
+    fs::remove(base);
+    expectDamaged();
+    fs::resize_file(base, fs::file_size(base) / 2);
+    expectDamaged();
+    {  // whole, and of another history
+        TestFolder elsewhere;
+        TestCommits others;
+        const auto store = open(elsewhere.path);
+        append(*store, someCommits(others, 30, 2));
+        ASSERT_TRUE(store->compact(20, always));
+        fs::copy_file(elsewhere.path / "base" / "1-20", base, fs::copy_options::overwrite_existing);
+    }
+    expectDamaged();
+    EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
+TEST(RocksCommitStore, WhatABaseReplacedIsRemoved) {
+    TestFolder folder;
+    TestCommits commits;
+    const LayerId other{"b.usda"};
+    auto store = open(folder.path);
+    append(*store, std::vector{commits.next(other, "/A", CreateSpec{SpecKind::Prim})});
+    append(*store, someCommits(commits, 2'000));
+    ASSERT_TRUE(keep(*store, commits));
+    const auto before = store->space();
+    ASSERT_TRUE(store->compact(1'000, always));
+    EXPECT_TRUE(fs::exists(folder.path / "snapshots" / "2")) << "it is newer";
+    ASSERT_TRUE(store->compact(2'001, always));
+    EXPECT_FALSE(fs::exists(folder.path / "base" / "2-1000")) << "another one has its place";
+    EXPECT_TRUE(fs::exists(folder.path / "base" / "1-1000")) << "that layer is as it was";
+    append(*store, someCommits(commits, 1'000, 2));
+    ASSERT_TRUE(store->compact(3'000, always));
+    EXPECT_FALSE(fs::exists(folder.path / "snapshots" / "2")) << "it says less than the base";
+    const auto after = store->space();
+    EXPECT_LT(after->log, before->log / 2);
+    ASSERT_EQ(after->layers.size(), 2u);
+    EXPECT_GT(after->layers[0].base, 0u);
+    store.reset();
+    // As a kill would leave it: what was written first, and what was to be removed.
+    {
+        std::ofstream(folder.path / "base" / "1-9999") << "of a base that never was";
+    }
+    {
+        RawRecords raw(folder.path, false);
+        for (int revision = 1; revision <= 3'000; ++revision) {
+            std::string key(8, '\0');
+            key[6] = char(revision >> 8);
+            key[7] = char(revision);
+            raw.put(RawRecords::Commits, key, "old");
+        }
+    }
+    store = open(folder.path);
+    EXPECT_FALSE(fs::exists(folder.path / "base" / "1-9999"));
+    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(store->loadLayer(other).value()->dump(), commits.layers[other].dump());
+    store.reset();
+    EXPECT_EQ(RawRecords(folder.path, false).keys(RawRecords::Commits).size(), 1u);
+}
+
+TEST(RocksCommitStore, AnOldRevisionBeginsWithTheNearestSnapshot) {
+    TestFolder folder;
+    TestCommits commits;
+    auto store = open(folder.path);
+    const auto costAt = [&](Revision revision) {
+        Replayed replayed;
+        EXPECT_TRUE(store->layerAt(kLayer, revision, &replayed));
+        return replayed.cost;
+    };
+    std::map<Revision, std::string> stood;
+    for (int part = 0; part < 40; ++part) {
+        append(*store, someCommits(commits, 20, unsigned(part)));
+        stood[commits.head.revision] = commits.layers[kLayer].dump();
+        ASSERT_TRUE(keep(*store, commits));
+    }
+    const auto checkAll = [&](Revision from) {
+        for (const auto& [revision, dump] : stood) {
+            if (revision < from) continue;
+            EXPECT_EQ(store->layerAt(kLayer, revision).value()->dump(), dump);
+            // Seven snapshots of 800 commits; a commit costs some 500.
+            EXPECT_LT(costAt(revision), 250 * 600u) << revision;
+        }
+    };
+    EXPECT_LE(filesOf(folder.path / "snapshots").size(), 7u);
+    checkAll(0);
+    store.reset();
+    store = open(folder.path);
+    checkAll(0);
+    EXPECT_EQ(costAt(800), 0u);
+    ASSERT_TRUE(store->compact(500, always));
+    for (const fs::path& file : filesOf(folder.path / "snapshots"))
+        if (const auto name = file.filename().string(); name != "1") {
+            EXPECT_GE(std::stoul(name.substr(2)), 500u);
+        }
+    checkAll(500);
+}
+
+TEST(RocksCommitStore, ABaseIsMadeBesideAllElse) {
+    TestFolder folder;
+    TestCommits commits;
+    auto quick = options();
+    quick.durability = Durability::OperatingSystem;
+    const auto store = std::move(*createRocksCommitStore(folder.path, quick));
+    append(*store, std::vector{commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})});
+    std::atomic<bool> done = false;
+    std::vector<std::thread> others;
+    const auto mayBeReplaced = [](const auto& result) {
+        return result || result.error().code == ErrorCode::HistoryReplaced;
+    };
+    others.emplace_back([&] {
+        while (!done) {
+            EXPECT_TRUE(store->compact(store->head().revision, always));
+        }
+    });
+    others.emplace_back([&] {
+        while (!done) {
+            const auto head = store->head();
+            EXPECT_TRUE(mayBeReplaced(
+                store->read(0, head.revision, [](const StoredCommit&) { return true; })));
+            EXPECT_TRUE(mayBeReplaced(store->layerAt(kLayer, head.revision)));
+            EXPECT_TRUE(store->loadLayer(kLayer));
+            EXPECT_TRUE(mayBeReplaced(store->hashAt(head.revision)));
+            EXPECT_TRUE(store->setSaved(kLayer, {head.revision, test::kFile}));
+        }
+    });
+    append(*store, someCommits(commits, 300));
+    done = true;
+    for (auto& other : others) other.join();
+    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_GT(store->base().revision, 0u);
 }
 
 // Of the log alone, as a store of format 1 had other records beside it.

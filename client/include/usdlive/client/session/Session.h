@@ -197,8 +197,8 @@ public:
         /// So many pending transactions are predicted, and as many sent, in one advance() whatever
         /// its budget.
         std::size_t leastAtOnce = 64;
-        std::vector<std::string> features{"history", "log",      "previews",  "previewValues",
-                                          "states",  "presence", "conflation"};
+        std::vector<std::string> features{"history", "log",      "previews",   "previewValues",
+                                          "states",  "presence", "conflation", "storage"};
         std::size_t uploadWindowChunks = 4;  ///< blob chunks handed to the host in one advance()
         /// Milliseconds of a steady clock, by which advance() keeps its budget. Unset: the
         /// machine's.
@@ -241,6 +241,13 @@ public:
     std::uint64_t createCheckpoint(std::string name);
     /// Likewise event::CheckpointsListed.
     std::uint64_t listCheckpoints();
+
+    /// Has the server replace the commits that are older than so many days (nothing: as it was told
+    /// when it started) by what the layers held then (CH4).
+    void compactHistory(std::optional<std::uint64_t> days,
+                        std::function<void(Result<HistoryCompacted>)> done);
+    /// Asks the server what its store takes.
+    void requestStorage(std::function<void(Result<Storage>)> done);
 
     /// What the server says of layers beside their content; none of layers that are saved,
     /// unlocked and open nowhere.

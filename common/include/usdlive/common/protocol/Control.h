@@ -55,6 +55,7 @@ struct Welcome {
     std::uint64_t maxFrameBytes = 0;
     std::uint64_t maxBlobBytes = 0;
     std::optional<bool> administrator;  ///< of this session's user: locks do not bind him (LK1)
+    std::optional<Revision> base = {};  ///< commits up to this one were replaced (CH4)
     bool operator==(const Welcome&) const = default;
 };
 /// Server: what the project has now, whenever that is other than `welcome` said.
@@ -133,8 +134,8 @@ struct LayersReloaded {
     std::vector<LayersSaved::Failure> failed;
     bool operator==(const LayersReloaded&) const = default;
 };
-/// Client: commits from `from` to `to` (0: newest) again, as commit frames between LogBegin and
-/// LogEnd; for `usdlive log`.
+/// Client: commits from `from` (0: the oldest there is) to `to` (0: newest) again, as commit frames
+/// between LogBegin and LogEnd; for `usdlive log`.
 struct RequestLog {
     std::uint64_t request = 0;
     Revision from = 0;
@@ -179,6 +180,51 @@ struct Checkpoints {
     std::uint64_t request = 0;
     std::vector<Checkpoint> checkpoints;
     bool operator==(const Checkpoints&) const = default;
+};
+/// Client: replace the commits that are older than so many days by a base (CH4). Feature `storage`.
+struct CompactHistory {
+    std::uint64_t request = 0;
+    std::optional<std::uint64_t> days = {};  ///< nothing: as the server was told when it started
+    bool operator==(const CompactHistory&) const = default;
+};
+/// Server: it is done.
+struct HistoryCompacted {
+    std::uint64_t request = 0;
+    Revision base = 0;           ///< the oldest revision that can be read now; 0: all
+    std::uint64_t replaced = 0;  ///< commits, by this request
+    std::uint64_t bytesBefore = 0, bytesAfter = 0;  ///< that the log takes on the disk
+    std::string keptFor;  ///< who needs commits that are old enough; empty: nobody
+    bool operator==(const HistoryCompacted&) const = default;
+};
+/// Client: what takes the space? Feature `storage`.
+struct RequestStorage {
+    std::uint64_t request = 0;
+    bool operator==(const RequestStorage&) const = default;
+};
+/// What a layer takes, in bytes.
+struct LayerStorage {
+    LayerId layer;
+    std::uint64_t commits = 0;    ///< for it, of those that are kept
+    std::uint64_t log = 0;        ///< its part of them, about
+    std::uint64_t base = 0;       ///< what it held at the base
+    std::uint64_t snapshots = 0;  ///< what it held later
+    std::uint64_t blobs = 0;      ///< big values that its base and its commits name
+    std::uint64_t blobBytes = 0;  ///< of these; others may name them, too
+    bool operator==(const LayerStorage&) const = default;
+};
+/// Server: what the store takes on its disk, in bytes.
+struct Storage {
+    std::uint64_t request = 0;
+    Revision revision = 0, base = 0;
+    std::uint64_t oldestMs = 0;  ///< when the oldest commit that is kept was made; 0: there is none
+    std::uint64_t log = 0;       ///< commits
+    std::uint64_t clients = 0;   ///< what clients have sent, by their ids (M9)
+    std::uint64_t records = 0;   ///< what is known of layers; moves and deletes; checkpoints
+    std::uint64_t bases = 0, snapshots = 0;
+    std::uint64_t blobs = 0, blobBytes = 0;
+    std::uint64_t free = 0;            ///< on that disk
+    std::vector<LayerStorage> layers;  ///< by name
+    bool operator==(const Storage&) const = default;
 };
 /// What is known of a layer beside its content. Feature `states`.
 struct LayerState {
@@ -244,7 +290,8 @@ using ControlMessage =
     std::variant<Hello, Welcome, ProjectLayers, OpenLayer, LayerOpened, CloseLayer, RequestBlob,
                  BlobStored, AlreadyCommitted, SaveLayers, LayersSaved, ReloadLayers,
                  LayersReloaded, RequestLog, LogBegin, LogEnd, CreateCheckpoint, CheckpointCreated,
-                 ListCheckpoints, Checkpoints, LayerStates, ShowPresence, Presences, ErrorMessage>;
+                 ListCheckpoints, Checkpoints, CompactHistory, HistoryCompacted, RequestStorage,
+                 Storage, LayerStates, ShowPresence, Presences, ErrorMessage>;
 
 [[nodiscard]] std::string encodeControl(const ControlMessage& message);
 /// MalformedControl with what is missing or wrong. Nesting and lengths are bounded.

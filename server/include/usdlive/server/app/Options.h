@@ -27,6 +27,7 @@ struct ServerOptions {
     std::string durability = "sync";          ///< or "os"
     std::optional<std::uint64_t> minFreeMib;  ///< else the store's own choice
     std::uint64_t keepUnusedBlobsMinutes = 15;
+    std::optional<std::uint64_t> historyDays;  ///< else the whole history is kept
     std::uint64_t maxFrameMib = 64;
     std::uint64_t maxBlobMib = 4096;
     std::uint64_t maxSessions = 1000;

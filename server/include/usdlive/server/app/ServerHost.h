@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/strand.hpp>
@@ -61,6 +62,7 @@ public:
                StorageThread& storage, BlobStore& blobs, ProjectFiles files,
                std::chrono::milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock,
                Log& log);
+    ~ServerHost() override;
 
     // Network thread, as all that is not said otherwise.
     Result<void> start(ProjectFactory factory);
@@ -120,6 +122,10 @@ private:
     std::uint64_t lastSequence(const ClientId& client) override;
     Revision forgottenUpTo() override;
     std::int64_t wallClockMs() override { return clock_(); }
+    CommitStore::Base base() override;
+    void findBase(std::int64_t beforeMs, Revision upTo) override;
+    void compact(Revision revision) override;
+    void measureStorage(SessionId session, std::uint64_t request) override;
 
     Transport& transportOf(SessionId session);
     template <class Each>
@@ -132,6 +138,7 @@ private:
     Result<LayerDoc> layerInHistory(const LayerId& layer, Revision revision);
     SaveOutcome save(const std::vector<SaveJob>& jobs);
     Result<bool> write(SessionId session, const BlobFrame& part);
+    Result<CompactOutcome> compactStore(Revision revision);
 
     template <class Executor, class Work, class Tell>
     void inBackground(Executor& executor, SessionId session, std::size_t bytes, Work work,
@@ -145,6 +152,9 @@ private:
     void scanFilesIn(std::chrono::milliseconds pause);
     void sweepSoon();
     void forgetClientsIn(std::chrono::milliseconds pause);
+    void boundHistoryIn(std::chrono::milliseconds pause);
+    /// Does what takes long go on?
+    [[nodiscard]] CommitStore::GoesOn whileServing() const;
     void filesScanned(Result<std::vector<LayerFile>> files, std::chrono::milliseconds time);
 
     boost::asio::io_context& network_;
@@ -160,7 +170,7 @@ private:
     Metrics& metrics_;
     const WallClock clock_;
     Log& log_;
-    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_;
+    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_;
     BlobCollector collector_;
 
     ProjectFactory factory_;
@@ -172,6 +182,10 @@ private:
     Intake intake_;
     std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store
     std::vector<LayerFile> scanned_;             ///< the last time
+    std::atomic<bool> stopping_ = false;
+    /// For what reads the whole history, which nobody waits for. The last member: its thread ends
+    /// before what it uses.
+    boost::asio::thread_pool keeper_{1};
 };
 
 }  // namespace usdlive::server

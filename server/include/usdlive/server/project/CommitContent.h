@@ -18,6 +18,9 @@ inline constexpr std::size_t kFrameLengthBytes = 4;
 [[nodiscard]] std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                                             const std::vector<ExecutedEdit>& edits);
 
+/// What stood at `revision` is asked for, and the history begins at `base` (CH4).
+[[nodiscard]] tl::unexpected<Error> historyReplaced(Revision revision, Revision base);
+
 // A layer is what its commits say. These fail with StorageCorrupt, which names the commit: what is
 // stored was executed once.
 

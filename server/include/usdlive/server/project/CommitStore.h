@@ -105,6 +105,19 @@ struct StoredCommit {
     Hash hash;
 };
 
+/// What a store takes on its disk, in bytes.
+struct StoreSpace {
+    std::uint64_t log = 0;      ///< commits
+    std::uint64_t clients = 0;  ///< what clients have sent (M9)
+    std::uint64_t records = 0;  ///< all other records
+    std::uint64_t free = 0;     ///< on the disk
+    struct Layer {
+        LayerId layer;
+        std::uint64_t base = 0, snapshots = 0;
+    };
+    std::vector<Layer> layers;  ///< by name
+};
+
 /// Where a project's history is kept. What a layer holds follows from it: from a snapshot of the
 /// layer and the commits since. One process has it open. Calls block; one thread calls append(),
 /// any thread the others.
@@ -199,6 +212,8 @@ public:
     /// By name.
     [[nodiscard]] virtual Result<std::vector<Checkpoint>> checkpoints() const = 0;
 
+    /// What it takes; looks at its files.
+    [[nodiscard]] virtual Result<StoreSpace> space() const = 0;
     /// Is there room for more? Cheap; asked before edits are accepted. False makes the project
     /// refuse edits with StorageFull until it is true again.
     [[nodiscard]] virtual bool hasSpace() const = 0;

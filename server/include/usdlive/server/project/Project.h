@@ -126,6 +126,29 @@ public:
     /// CommitStore::forgottenUpTo().
     [[nodiscard]] virtual Revision forgottenUpTo() { return 0; }
     [[nodiscard]] virtual std::int64_t wallClockMs() = 0;
+
+    /// CommitStore::base().
+    [[nodiscard]] virtual CommitStore::Base base() { return {}; }
+    /// findBase() in the store, after the checkpoints added so far; answered by baseFound().
+    virtual void findBase(std::int64_t /*beforeMs*/, Revision /*upTo*/) {}
+    /// CommitStore::compact(); takes long, and everything else goes on; answered by compacted().
+    virtual void compact(Revision) {}
+    /// Finds out what the store takes; answered by storageMeasured().
+    virtual void measureStorage(SessionId, std::uint64_t /*request*/) {}
+};
+
+/// How far the history may be replaced by a base.
+struct BaseLimit {
+    Revision revision = 0;
+    std::string keptFor;  ///< why not further, though commits are old enough; empty: they are not
+};
+/// Takes time. The last commit that was made before `beforeMs`, but none after `upTo` or after the
+/// oldest checkpoint.
+[[nodiscard]] Result<BaseLimit> findBase(const CommitStore& store, std::int64_t beforeMs,
+                                         Revision upTo);
+/// What became of ProjectHost::compact().
+struct CompactOutcome {
+    std::uint64_t bytesBefore = 0, bytesAfter = 0;  ///< of the log
 };
 
 /// The commit that brings a whole layer in from its file, but for its place in the history.
@@ -194,6 +217,7 @@ public:
         std::size_t idleLayerBytes = 256ull << 20;
         /// A big value that nothing names is kept for so long (B6).
         std::int64_t keepUnusedBlobsMs = 15 * 60'000;
+        std::optional<std::uint64_t> historyDays = {};  ///< older commits are replaced by a base
     };
 
     /// `head`: what the store says; `layers`: the files served and those with state in the store
@@ -243,6 +267,12 @@ public:
     void checkpointAdded(SessionId session, std::uint64_t request, const Result<Checkpoint>& added);
     void checkpointsRead(SessionId session, std::uint64_t request,
                          Result<std::vector<Checkpoint>> checkpoints);
+
+    /// Has commits older than Options::historyDays replaced. To be called now and then.
+    void boundHistory();
+    void baseFound(Result<BaseLimit> limit);
+    void compacted(const Result<CompactOutcome>& outcome);
+    void storageMeasured(SessionId session, std::uint64_t request, Result<Storage> storage);
 
     /// How the project's folder looks: to be told when that has changed. Layers that only the store
     /// has are among them.
