@@ -81,8 +81,8 @@ void checkLayer(std::string_view text) {
     std::error_code problem;
     const fs::path real = fs::weakly_canonical(*file, problem);
     require(!problem && real == *file, "LN1: a file has one name");
-    require(real.lexically_relative(folder.files->folder()).native() == text,
-            "LN1: a name leads into the project");
+    const fs::path inside = real.lexically_relative(folder.files->folder());
+    require(!inside.empty() && *inside.begin() != "..", "LN1: a name leads into the project");
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include "usdlive/client/usd/Placeholders.h"
 
+#include <pxr/base/tf/stringUtils.h>
 #include <pxr/usd/sdf/layer.h>
 
 #include <algorithm>
@@ -40,7 +41,7 @@ struct Placeholders::State : std::enable_shared_from_this<State> {
         const fs::path place = folder / layer.value;
         std::error_code error;
         if (fs::exists(place, error)) return false;
-        const bool isCrate = place.extension() == ".usdc";
+        const bool isCrate = pxr::TfStringToLower(place.extension().string()) == ".usdc";
         if (isCrate && crate.empty()) {
             auto content = emptyCrate(folder);
             if (!content) return tl::unexpected(content.error());

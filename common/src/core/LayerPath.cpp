@@ -1,5 +1,6 @@
 #include "usdlive/common/core/LayerPath.h"
 
+#include <algorithm>
 #include <string>
 
 #include "usdlive/common/core/Utf8.h"
@@ -21,10 +22,16 @@ const char* problemOfPart(std::string_view part) {
     return nullptr;
 }
 
+char lowerCase(char c) { return c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c; }
+
+bool endsIn(std::string_view file, std::string_view ending) {
+    return file.size() > ending.size() &&
+           std::ranges::equal(file.substr(file.size() - ending.size()), ending, {}, lowerCase);
+}
+
+// OpenUSD finds a file's format by its ending, whatever its case.
 bool isUsdFile(std::string_view file) {
-    for (const std::string_view ending : {".usd", ".usda", ".usdc"})
-        if (file.size() > ending.size() && file.ends_with(ending)) return true;
-    return false;
+    return endsIn(file, ".usd") || endsIn(file, ".usda") || endsIn(file, ".usdc");
 }
 
 // What speaks against the name, or nullptr.

@@ -9,6 +9,7 @@
 #include <chrono>
 #include <fstream>
 #include <iostream>
+#include <ranges>
 #include <set>
 
 #include "usdlive/server/app/Metrics.h"
@@ -33,6 +34,7 @@ namespace asio = boost::asio;
 
 constexpr std::uint64_t kMib = 1024 * 1024;
 constexpr int kStartError = 1;
+constexpr std::size_t kMostSkippedLogged = 100;
 // A message holds its frames and their lengths.
 constexpr std::size_t kMessageSlack = 64 * 1024;
 // Beside sessions there are /metrics, /healthz, and those that are told that there are too many.
@@ -129,8 +131,17 @@ int failed(const Error& error) {
     return kStartError;
 }
 
-/// Names the server that has the folder's store open, if that is what is wrong.
+/// Names the server that has the folder's store open, if that is what is wrong, and says what to do
+/// about a damaged one.
 Error explained(const Error& error, const std::filesystem::path& folder) {
+    const std::string history = (folder / ".usdlive").lexically_normal().string();
+    if (error.code == ErrorCode::StorageCorrupt)
+        return {error.code,
+                error.message + ". The project's history in " + history +
+                    " is damaged. Put a backup of it in its place. If there is none, move it aside (mv " +
+                    history + " " + history +
+                    "-damaged) and start again: the project then begins with its files, as they were "
+                    "saved last"};
     if (error.code != ErrorCode::StorageLocked) return error;
     const auto running = RunningServer::find(folder);
     if (!running) return error;
@@ -139,10 +150,28 @@ Error explained(const Error& error, const std::filesystem::path& folder) {
                             ". Connect there, or stop that process first"};
 }
 
+/// FI5. How many files are not served; the first are logged with the reason.
+std::size_t logSkipped(const LayerFiles& files, Log& log) {
+    const auto skipped = files.skipped();
+    if (!skipped) return 0;
+    for (const SkippedFile& file : *skipped | std::views::take(kMostSkippedLogged))
+        log.write(LogLevel::Warning, "file skipped",
+                  {{"file", file.path}, {"reason", file.reason}});
+    if (skipped->size() > kMostSkippedLogged)
+        log.write(LogLevel::Warning, "more files skipped",
+                  {{"count", skipped->size() - kMostSkippedLogged}});
+    return skipped->size();
+}
+
 /// What people read when the server is ready.
-void announce(const ServerOptions& options, std::uint16_t port, std::size_t layers) {
+void announce(const ServerOptions& options, std::uint16_t port, std::size_t layers,
+              std::size_t skipped) {
     std::cout << "serving " << options.folder.string() << " (" << layers
-              << (layers == 1 ? " layer)" : " layers)");
+              << (layers == 1 ? " layer" : " layers");
+    if (skipped > 0)
+        std::cout << "; " << skipped << (skipped == 1 ? " file is" : " files are")
+                  << " skipped, and the log says why";
+    std::cout << ")";
     const char* before = " at ";
     for (const std::string& url : reachableUrls(options.host, port))
         std::cout << std::exchange(before, ", ") << url;
@@ -237,7 +266,7 @@ int serve(const ServerOptions& options) {
             return failed(written.error());
     const RunningServer running(options.folder, reachableUrls(options.host, port).front());
     const auto layers = servedLayers(**files, store);
-    announce(options, port, layers ? layers->size() : 0);
+    announce(options, port, layers ? layers->size() : 0, logSkipped(**files, *log));
 
     network.run();
     ddsTransport.reset();

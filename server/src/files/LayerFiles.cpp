@@ -11,7 +11,9 @@
 #include "BigArrays.h"
 #include "BlobBridge.h"
 #include "FileStamps.h"
+#include "FolderWalk.h"
 #include "SafeFile.h"
+#include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 #include "usdlive/common/usd/TfComplaints.h"
@@ -24,6 +26,39 @@ namespace {
 
 // No part of a layer's name begins so (LN1).
 constexpr std::string_view kTemporaryPrefix = ".usdlive-save-";
+
+std::string lowerCase(std::string text) {
+    for (char& c : text)
+        if (c >= 'A' && c <= 'Z') c = char(c - 'A' + 'a');
+    return text;
+}
+
+// What OpenUSD reads as a layer, by the ending of its name; it minds no upper case.
+bool looksLikeLayer(const std::string& name) {
+    const std::string ending = lowerCase(fs::path(name).extension().string());
+    return ending == ".usd" || ending == ".usda" || ending == ".usdc" || ending == ".usdz";
+}
+
+std::string whyNoLayer(const std::string& name, const Error& error) {
+    if (lowerCase(fs::path(name).extension().string()) == ".usdz")
+        return "a package is read-only: unpack it to edit what it holds (usdzip, usdunzip)";
+    return error.message + ": rename it";
+}
+
+// Bytes that are no UTF-8 become U+FFFD.
+std::string shownName(std::string_view name) {
+    std::string shown;
+    while (!name.empty()) {
+        const std::string_view before = name;
+        if (takeCodePoint(name)) {
+            shown += before.substr(0, before.size() - name.size());
+        } else {
+            shown += "\xEF\xBF\xBD";
+            name.remove_prefix(1);
+        }
+    }
+    return shown;
+}
 
 bool isHidden(const fs::path& path) { return path.filename().native().starts_with('.'); }
 
@@ -53,15 +88,36 @@ public:
 
     Result<std::vector<LayerFile>> list() const override {
         std::vector<LayerFile> layers;
-        auto listed = forEachFile(folder_, [&](const fs::path& path) {
-            if (isHidden(path)) return;
-            auto layer = parseLayerId(path.lexically_relative(folder_).native());
-            if (!layer) return;
-            if (auto file = lookAt(path, *std::move(layer))) layers.push_back(*std::move(file));
-        });
-        if (!listed) return tl::unexpected(listed.error());
+        const FolderVisitor visitor{[&](const std::string& name, const fs::path& real) {
+                                        auto layer = parseLayerId(name);
+                                        if (!layer) return;
+                                        if (auto file = lookAt(real, *std::move(layer)))
+                                            layers.push_back(*std::move(file));
+                                    },
+                                    [](const std::string&, const std::string&) {}};
+        if (auto listed = walkFolder(folder_, visitor); !listed)
+            return tl::unexpected(listed.error());
         std::ranges::sort(layers, {}, &LayerFile::layer);
         return layers;
+    }
+
+    Result<std::vector<SkippedFile>> skipped() const override {
+        std::vector<SkippedFile> skipped;
+        const FolderVisitor visitor{
+            [&](const std::string& name, const fs::path&) {
+                if (!looksLikeLayer(name)) return;
+                if (const auto layer = parseLayerId(name); !layer)
+                    skipped.push_back({shownName(name), whyNoLayer(name, layer.error())});
+            },
+            [&](const std::string& name, const std::string& reason) {
+                // A link to a texture outside is nobody's layer.
+                if (looksLikeLayer(name) || !fs::path(name).has_extension())
+                    skipped.push_back({shownName(name), reason});
+            }};
+        if (auto walked = walkFolder(folder_, visitor); !walked)
+            return tl::unexpected(walked.error());
+        std::ranges::sort(skipped, {}, &SkippedFile::path);
+        return skipped;
     }
 
     Result<fs::path> resolve(const LayerId& layer) const override {
@@ -69,9 +125,16 @@ public:
         fs::path path = folder_;
         for (const fs::path& part : fs::path(layer.value)) {
             path /= part;
-            std::error_code ignored;
-            if (fs::symlink_status(path, ignored).type() == fs::file_type::symlink)
-                return isLink(layer, path);
+            std::error_code problem;
+            if (fs::symlink_status(path, problem).type() != fs::file_type::symlink) continue;
+            const fs::path real = fs::canonical(path, problem);
+            if (problem)
+                return fail(ErrorCode::InvalidLayerName,
+                            layer.value + " is named over a link that leads nowhere");
+            if (const std::string why = whyOutside(folder_, real); !why.empty())
+                return fail(ErrorCode::InvalidLayerName,
+                            layer.value + " is named over a link that leads " + why);
+            path = real;
         }
         return path;
     }
@@ -136,16 +199,6 @@ private:
         return doc;
     }
 
-    [[nodiscard]] tl::unexpected<Error> isLink(const LayerId& layer, const fs::path& link) const {
-        std::error_code problem;
-        const fs::path real = fs::canonical(link, problem);
-        const fs::path inside = real.lexically_relative(folder_);
-        if (problem || inside.empty() || *inside.begin() == "..")
-            return fail(ErrorCode::InvalidLayerName, layer.value + " leads out of the project");
-        return fail(ErrorCode::InvalidLayerName,
-                    layer.value + " leads over a link to " + inside.string() + ": use that name");
-    }
-
     // D1, which a file can break and an edit cannot.
     static Result<void> checkHarmless(const LayerDoc& doc) {
         constexpr const char* kField = "timeCodesPerSecond";
@@ -159,11 +212,12 @@ private:
 
     // What a file of that name is written as: "usda" or "usdc".
     static std::string formatOf(const fs::path& path) {
-        if (path.extension() == ".usda") return "usda";
+        const std::string ending = lowerCase(path.extension().string());
+        if (ending == ".usda") return "usda";
         std::error_code ignored;
         const auto text = pxr::SdfFileFormat::FindById(pxr::TfToken("usda"));
-        const bool isText = path.extension() == ".usd" && fs::exists(path, ignored) && text &&
-                            text->CanRead(path.string());
+        const bool isText =
+            ending == ".usd" && fs::exists(path, ignored) && text && text->CanRead(path.string());
         return isText ? "usda" : "usdc";
     }
 

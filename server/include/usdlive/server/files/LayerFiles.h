@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "usdlive/common/core/LayerPath.h"
@@ -18,6 +19,12 @@ struct ImportedLayer {
     FileStamp file;
 };
 
+/// A file that looks like a layer and is not served.
+struct SkippedFile {
+    std::string path;  ///< relative to the project; bytes that are not UTF-8 are U+FFFD
+    std::string reason;
+};
+
 /// The `.usd`, `.usda` and `.usdc` files of a project's folder. Any thread; one at a time saves a
 /// layer.
 class LayerFiles {
@@ -27,12 +34,15 @@ public:
     /// The project's folder, absolute and without links.
     [[nodiscard]] virtual const std::filesystem::path& folder() const = 0;
 
-    /// All layers in the folder and below, sorted. Hidden files and folders, `.usdlive` among them,
-    /// links and names that are no layer's (LN1) are passed over.
+    /// All layers in the folder and below, over links inside it too (FI5), sorted. Hidden files and
+    /// folders, `.usdlive` among them, and names that are no layer's (LN1) are passed over.
     [[nodiscard]] virtual Result<std::vector<LayerFile>> list() const = 0;
 
-    /// Where the layer's file is or would be. InvalidLayerName: a link leads out of the project, or
-    /// to a file that has a name of its own in it (two layers would be saved over each other).
+    /// What looks like a layer and is passed over all the same, and why (FI5); sorted.
+    [[nodiscard]] virtual Result<std::vector<SkippedFile>> skipped() const = 0;
+
+    /// Where the layer's file really is or would be. InvalidLayerName: a link leads nowhere, out of
+    /// the project or to what is hidden.
     [[nodiscard]] virtual Result<std::filesystem::path> resolve(const LayerId& layer) const = 0;
 
     /// Reads a file, whatever other parts of the process hold of it. Its big values go to the blob
