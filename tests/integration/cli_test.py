@@ -187,3 +187,123 @@ def test_an_empty_folder_says_what_to_do(tmp_path):
         server.send_signal(signal.SIGTERM)
     assert "(0 layers) at ws://" in first and "0.0.0.0" not in first
     assert "Put one there" in second
+
+
+COPIED_ROOT = '''#usda 1.0
+(
+    customLayerData = {
+        dictionary omni_layer = {
+            dictionary locked = {
+                bool "./sets/hall.usda" = 1
+            }
+            dictionary muteness = {
+                bool "./sets/hall.usda" = 1
+            }
+            dictionary specs_locking = {
+                string "/World/Ball" = "gone"
+            }
+        }
+    }
+    subLayers = [
+        @./sets/hall.usda@
+    ]
+)
+
+def Xform "World"
+{
+    def Sphere "Ball"
+    {
+        double radius = 1
+    }
+}
+
+'''
+COPIED_SET = '''#usda 1.0
+(
+    customLayerData = {
+        dictionary omni_layer = {
+            bool locked = 1
+            string locked_by = "gone"
+        }
+    }
+)
+
+'''
+
+
+@pytest.fixture
+def copied(project):
+    """A folder whose locks and mutes are of people who are not there."""
+    (project / "sets").mkdir()
+    (project / "root.usda").write_text(COPIED_ROOT)
+    (project / "sets" / "hall.usda").write_text(COPIED_SET)
+    return project
+
+
+def test_an_administrator_ends_what_a_copied_folder_was_locked_by(copied, serve):
+    url = serve(copied, "--admin", "chief").url
+    code, out, error = ended("unlock", url, "--all", "--user", "bob")
+    assert (code, out) == (1, "") and "serve with --admin bob" in error
+    assert "root.usda: " in error and "sets/hall.usda is locked by gone" in error
+    assert usdlive("cat", url, "root.usda") == COPIED_ROOT and usdlive("cat", url, "sets/hall.usda") == COPIED_SET
+
+    assert usdlive("unlock", url, "--all", "--user", "chief").splitlines() == [
+        "root.usda: ended 1 layer lock of Kit, 1 lock of a spec, 1 mute",
+        "sets/hall.usda: ended the lock of gone"]
+    text = usdlive("cat", url, "root.usda")
+    assert "gone" not in text and "locked =" not in text and 'bool "./sets/hall.usda" = 1' not in text
+    assert "gone" not in usdlive("cat", url, "sets/hall.usda")
+    assert usdlive("lock", url, "sets/hall.usda", "--user", "bob") == "sets/hall.usda is locked by bob\n"
+    usdlive("unlock", url, "--all", "--user", "chief")
+    assert usdlive("unlock", url, "--all", "--user", "chief") == "nothing is locked or muted in 2 layers\n"
+    assert json.loads(usdlive("unlock", url, "--all", "--user", "chief", "--json")) == []
+    assert ended("unlock", url, "--all", "root.usda")[0] == 2
+
+
+def test_links_are_followed_and_what_is_skipped_is_counted_and_logged(project, serve, tmp_path):
+    (project / "v3").mkdir()
+    for name in ("ROOT.USDA", "v3/hall.usda", "asset.usdz", "take:2.usda", b"\xff.usda".decode(errors="surrogateescape")):
+        (project / name).write_text(ROOT)
+    (project / "latest").symlink_to("v3")
+    (project / "elsewhere").symlink_to(tmp_path)
+    (project / "v3" / "up").symlink_to("..")
+    server = serve(project)
+    assert usdlive("ls", server.url).split() == ["ROOT.USDA", "latest/hall.usda", "v3/hall.usda"]
+    assert usdlive("cat", server.url, "latest/hall.usda") == usdlive("cat", server.url, "ROOT.USDA") == ROOT
+    log = server.log.read_text()
+    for name, why in (("asset.usdz", "package"), ("take:2.usda", "colon"), ("\ufffd.usda", "UTF-8"),
+                      ("elsewhere", "out of the project"), ("v3/up", "back to a folder"),
+                      ("latest/up", "back to a folder")):
+        assert any("file skipped" in line and name in line and why in line for line in log.splitlines()), name
+    assert log.count("file skipped") == 6
+
+    usdlive("lock", server.url, "latest/hall.usda", "--user", "ada")
+    usdlive("save", server.url, "latest/hall.usda", "--user", "ada")
+    assert 'locked_by = "ada"' in (project / "v3" / "hall.usda").read_text()
+    assert (project / "latest").is_symlink()
+    assert server.stop() == 0
+    counted = subprocess.Popen([os.environ["USDLIVE_BIN"], "serve", str(project), "--port", "0", "--min-free-mib", "1"],
+                               stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        assert "3 layers; 6 files are skipped, and the log says why" in counted.stdout.readline()
+    finally:
+        counted.terminate()
+        counted.wait(timeout=20)
+
+
+def test_a_link_that_is_set_to_another_version_is_outdated_and_reloaded(project, serve):
+    for version, radius in (("v3", 3), ("v4", 4)):
+        (project / version).mkdir()
+        (project / version / "hall.usda").write_text(ROOT.replace("radius = 1", f"radius = {radius}"))
+    (project / "latest").symlink_to("v3")
+    server = serve(project)
+    assert "radius = 3" in usdlive("cat", server.url, "latest/hall.usda")
+    (project / "latest").unlink()
+    (project / "latest").symlink_to("v4")
+    end = time.monotonic() + 20
+    while "outdated" not in usdlive("ls", server.url, "--long"):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    assert "latest/hall.usda" in usdlive("reload", server.url)
+    assert "radius = 4" in usdlive("cat", server.url, "latest/hall.usda")
+    assert "radius = 3" in usdlive("cat", server.url, "v3/hall.usda")

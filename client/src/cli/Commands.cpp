@@ -19,7 +19,9 @@
 #include "Text.h"
 #include "usdlive/client/transport/SystemUser.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
+#include "usdlive/common/layer/KitLockMap.h"
 #include "usdlive/common/layer/LayerLock.h"
+#include "usdlive/common/layer/SpecLocks.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::cli {
@@ -310,6 +312,45 @@ Result<bool> editRoot(Link& link, const LayerId& layer, const MakeEdits& makeEdi
     return true;
 }
 
+/// Whatever Kit and ours keep in a layer that stops others: its lock (LK1), the locks of specs
+/// (LK5) and Kit's of layers that a root layer holds, and mutes (MU1).
+struct Blockades {
+    LayerLock lock;
+    std::vector<EditAction> lockMap;
+    SpecLocks specs;
+    std::set<LayerId> muted;
+
+    static Blockades of(const LayerId& layer, const LayerDoc& doc) {
+        return {lockOf(doc), kitLockMapEdits(doc), specLocksOf(doc), globallyMuted(layer, doc)};
+    }
+    [[nodiscard]] std::vector<EditAction> edits(const LayerId& layer, const LayerDoc& doc) const {
+        auto edits = lockEdits(doc, LayerLock{});
+        edits.insert(edits.end(), lockMap.begin(), lockMap.end());
+        for (const auto& [path, owner] : specs) edits.push_back(specUnlockEdit(path));
+        for (const LayerId& one : muted)
+            for (EditAction& edit : globalMuteEdits(layer, doc, one, false))
+                edits.push_back(std::move(edit));
+        return edits;
+    }
+    /// What was ended, in words: "the lock of ada, 2 locks of specs, 1 mute".
+    [[nodiscard]] std::string text() const {
+        std::string text;
+        const auto add = [&](const std::string& part) {
+            text += (text.empty() ? "" : ", ") + part;
+        };
+        const auto counted = [](std::size_t count, const std::string& one, const char* many) {
+            return std::to_string(count) + " " + (count == 1 ? one : many);
+        };
+        if (lock.locked)
+            add(lock.holder.empty() ? "a lock of nobody" : "the lock of " + lock.holder.value);
+        if (!lockMap.empty())
+            add(counted(lockMap.size(), "layer lock of Kit", "layer locks of Kit"));
+        if (!specs.empty()) add(counted(specs.size(), "lock of a spec", "locks of specs"));
+        if (!muted.empty()) add(counted(muted.size(), "mute", "mutes"));
+        return text;
+    }
+};
+
 /// What a verb did to each layer: a sentence a line, or one JSON array of {layer, changed, ...}.
 class Report {
 public:
@@ -497,6 +538,41 @@ Result<void> setLocked(const Common& options, bool locked) {
                        layer.value + (*changed ? " is unlocked" : " was not locked"));
     }
     return {};
+}
+
+Result<void> unlockAll(const Common& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    std::vector<LayerId> layers;
+    for (const LayerInfo& info : (*link)->welcome().layers) layers.push_back(info.layer);
+    std::ranges::sort(layers);
+    Report report(options.json);
+    std::size_t cleared = 0, failed = 0;
+    for (const LayerId& layer : layers) {
+        Blockades found;
+        const auto changed = editRoot(**link, layer, [&](const LayerDoc& doc) {
+            found = Blockades::of(layer, doc);
+            return found.edits(layer, doc);
+        });
+        (*link)->session().closeLayer(layer);
+        if (!changed && !(*link)->session().isConnected()) return tl::unexpected(changed.error());
+        if (!changed) {
+            ++failed;
+            std::cerr << "usdlive: " << layer.value << ": " << changed.error().message << "\n";
+        } else if (*changed) {
+            ++cleared;
+            report.add(layer, true, layer.value + ": ended " + found.text());
+        }
+    }
+    if (cleared == 0 && failed == 0 && !options.json)
+        std::cout << "nothing is locked or muted in " << layers.size() << " layers\n";
+    if (failed == 0) return {};
+    return fail(
+        ErrorCode::Locked,
+        std::to_string(failed) + " of " + std::to_string(layers.size()) +
+            " layers are as they were. Locks of others are for administrators to end: serve "
+            "with --admin " +
+            userOf(options).value);
 }
 
 Result<void> setMuted(const MuteOptions& options, bool muted) {

@@ -33,6 +33,9 @@ struct LogOptions : Common {
 struct CompactOptions : Common {
     std::optional<std::uint64_t> days;  ///< nothing: as the server was told
 };
+struct UnlockOptions : Common {
+    bool all = false;
+};
 struct SaveOptions : Common {
     bool force = false;
 };
@@ -53,6 +56,8 @@ Result<void> log(const LogOptions& options);
 Result<void> watch(const Common& options);
 /// Locks or unlocks each layer. An error says who holds the lock.
 Result<void> setLocked(const Common& options, bool locked);
+/// Ends all locks of layers and specs, and all mutes; the server lets administrators.
+Result<void> unlockAll(const Common& options);
 Result<void> save(const SaveOptions& options);
 Result<void> reload(const Common& options);
 /// Names the present revision of the project.

@@ -70,8 +70,9 @@ public:
                  kNone, stat);
         addMute("mute", "Mute layers for everybody on the stages of a root layer", true);
         addMute("unmute", "End the muting of layers", false);
-        addLock("lock", "Lock layers: nobody else may edit them", true);
-        addLock("unlock", "End the lock of layers", false);
+        addPlain("lock", "Lock layers: nobody else may edit them", "[URL] LAYER...", kSome,
+                 [](const Common& options) { return setLocked(options, true); });
+        addUnlock();
         app_.add_subcommand("completion", "A script that completes these words: bash, zsh or fish");
         app_.add_subcommand("help", "Help for a verb: usdlive help VERB");
     }
@@ -151,9 +152,22 @@ private:
         verb->add_flag("-a,--all", options->all, "Every edit of a commit");
     }
 
-    void addLock(const std::string& name, const std::string& help, bool locked) {
-        add(name, help, "[URL] LAYER...", kSome, std::make_shared<Common>(),
-            [locked](const Common& options) { return setLocked(options, locked); });
+    void addUnlock() {
+        auto options = std::make_shared<UnlockOptions>();
+        const auto read = [](const Words& words, UnlockOptions& into) {
+            into.target = orWrongWords(parseTarget(words));
+            if (into.all && !into.target.layers.empty())
+                wrongWords("name layers, or say --all: usdlive unlock [URL] LAYER...");
+            if (!into.all && into.target.layers.empty())
+                wrongWords(
+                    "name a layer: usdlive unlock [URL] LAYER...; `usdlive ls` lists the layers");
+        };
+        auto* unlock = add("unlock", "End the lock of layers", "[URL] LAYER...", options, read,
+                           [](const UnlockOptions& chosen) {
+                               return chosen.all ? unlockAll(chosen) : setLocked(chosen, false);
+                           });
+        unlock->add_flag("--all", options->all,
+                         "For administrators: end all locks of layers and specs, and all mutes");
     }
 
     void addSave() {

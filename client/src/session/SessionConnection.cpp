@@ -22,6 +22,17 @@ Error largerThan(std::uint64_t most, std::uint64_t size, std::size_t edits) {
                 "a larger --max-frame-mib"};
 }
 
+// SE3: another server, or a store that was deleted or put back as it was before.
+Error otherHistory(Epoch epoch, Epoch seen) {
+    return {ErrorCode::HistoryDiverged,
+            "the server has another history than this editor: its epoch is " +
+                std::to_string(epoch) + ", and this editor has seen " + std::to_string(seen) +
+                ". The project's .usdlive was deleted or replaced by an older one, or another "
+                "server answers at this address. Put .usdlive back and start the server again, or "
+                "close this connection and connect again: what was not sent is kept, and "
+                "unsent_work() shows it"};
+}
+
 Error toError(const ErrorMessage& message) {
     return {errorFromName(message.code).value_or(ErrorCode::Internal),
             message.message.empty() ? message.code : message.message};
@@ -265,8 +276,7 @@ void Session::Impl::handle(ReceivedCommit&& received) {
 bool Session::Impl::isCaughtUp() const { return welcome_ && revision_ >= welcome_->revision; }
 
 void Session::Impl::on(const Welcome& message) {
-    if (message.epoch < epoch_)
-        return protocolFault({ErrorCode::HistoryDiverged, "a server of an older epoch answers"});
+    if (message.epoch < epoch_) return protocolFault(otherHistory(message.epoch, epoch_));
     welcome_ = message;
     epoch_ = message.epoch;
     online_ = true;

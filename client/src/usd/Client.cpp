@@ -841,6 +841,7 @@ private:
     // False: not for the editor, or not yet.
     bool note(client::Event& one) {
         if (const auto* connected = std::get_if<event::Connected>(&one)) {
+            refusal_.reset();
             std::vector<LayerId> layers;
             for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
             setProjectLayers(std::move(layers));
@@ -865,7 +866,12 @@ private:
             if (awaited_ && awaited_->request == error->message.request)
                 awaited_->answer = tl::unexpected(toError(error->message));
             if (error->message.blob) awaitedBlobs_.erase(*error->message.blob);
-            if (error->message.closing) lastWords(error->message);
+            if (error->message.closing) {
+                const bool again = refusal_ && refusal_->message == error->message.message;
+                refusal_ = error->message;
+                lastWords(error->message);
+                if (again) return false;  // every attempt to connect ends so: it was told
+            }
         }
         return true;
     }
@@ -921,7 +927,8 @@ private:
 
     bool lineOpen_ = false;  // as far as heard
     std::optional<Error> lastLoss_;
-    std::optional<Error> fatal_;  // the server does not want this client at all
+    std::optional<ErrorMessage> refusal_;  // why the server, or the session, ended the last line
+    std::optional<Error> fatal_;           // the server does not want this client at all
 
     std::vector<event::Joined> joined_;
     std::deque<client::Event> events_;

@@ -136,12 +136,14 @@ int failed(const Error& error) {
 Error explained(const Error& error, const std::filesystem::path& folder) {
     const std::string history = (folder / ".usdlive").lexically_normal().string();
     if (error.code == ErrorCode::StorageCorrupt)
-        return {error.code,
-                error.message + ". The project's history in " + history +
-                    " is damaged. Put a backup of it in its place. If there is none, move it aside (mv " +
-                    history + " " + history +
-                    "-damaged) and start again: the project then begins with its files, as they were "
-                    "saved last"};
+        return {
+            error.code,
+            error.message + ". The project's history in " + history +
+                " is damaged. Put a backup of it in its place. If there is none, move it aside "
+                "(mv " +
+                history + " " + history +
+                "-damaged) and start again: the project then begins with its files, as they were "
+                "saved last"};
     if (error.code != ErrorCode::StorageLocked) return error;
     const auto running = RunningServer::find(folder);
     if (!running) return error;
