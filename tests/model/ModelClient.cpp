@@ -21,10 +21,10 @@ static void digest(Digest& out, const Prognosis& part) {
     out(touched, names, complete, refused);
 }
 static void digest(Digest& out, const Pending& part) {
-    const auto& [transaction, authored, prognosis, blobs, sent, sentBytes, attempts, carried] =
-        part;
-    out(transaction, authored, prognosis, blobs, sent, sent ? sentBytes : std::size_t(0), attempts,
-        carried);
+    const auto& [transaction, authored, prognosis, blobs, sent, everSent, sentBytes, attempts,
+                 carried] = part;
+    out(transaction, authored, prognosis, blobs, sent, everSent, sent ? sentBytes : std::size_t(0),
+        attempts, carried);
 }
 static void digest(Digest& out, const Prediction::Move& part) {
     const auto& [layer, from, to] = part;
@@ -72,8 +72,8 @@ static void digest(Digest& out, const Result<Received>& part) {
 }
 
 static void digest(Digest& out, const Session::Impl::Missed& part) {
-    const auto& [revision, pending] = part;
-    out(revision, pending);
+    const auto& [revision, pending, asked] = part;
+    out(revision, pending, asked);
 }
 static void digest(Digest& out, const Session::Impl::LogReader& part) {
     out(part.request, part.begun);

@@ -36,8 +36,8 @@ static void digest(Digest& out, const Answer& part) {
 static void digest(Digest& out, const LayersSaved::Failure& part) { out(part.layer, part.code); }
 static void digest(Digest& out, const server::Session& part) {
     const auto& [id, phase, client, user, application, features, open, presence, heard, heardMs,
-                 shown, greetedAt, position, ahead, opened, stream, logs, reads, transactions,
-                 transactionBytes, answers, historyReads, failedSaves] = part;
+                 shown, uploads, greetedAt, position, ahead, opened, stream, logs, reads,
+                 transactions, transactionBytes, answers, historyReads, failedSaves] = part;
     // Features are the same for all, and nobody shows where he is.
     out(id, phase, client, user, open, greetedAt, position, opened, stream, logs, reads,
         transactions, transactionBytes, answers, historyReads, failedSaves);
@@ -54,7 +54,7 @@ static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
 static void digest(Digest& out, const LayerEntry& part) {
     // Nobody notices when a snapshot is taken.
     const auto& [state, opens, changed, replayCost, snapshotBytes, takesSnapshot, snapshotMs, saved,
-                 unsaved, file, mutes, told] = part;
+                 unsaved, file, told, lock, idle] = part;
     out(state, opens, changed, saved.revision, unsaved,
         encodeControl(LayerStates{{told}}));  // no files here
 }
@@ -64,7 +64,7 @@ static void digest(Digest& out, const ReadyOpen& part) {
 }
 static void digest(Digest& out, const InFlightCommit& part) {
     const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, layers, layerData,
-                 imported, reloaded, mark] = part;
+                 blobs, imported, reloaded, mark] = part;
     out(revision, hash, id, session, gesture, layers, imported, mark);  // the others follow
 }
 static void digest(Digest& out, const NamespaceHistory& part) {

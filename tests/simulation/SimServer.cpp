@@ -321,8 +321,8 @@ void SimServer::writeBlob(SessionId session, BlobFrame part) {
 }
 
 void SimServer::forgetClients() {
-    if (closed_) return;
-    const auto some = store().forgetClients(2);
+    if (closed_ || !project_) return;
+    const auto some = store().forgetClients(2, project_->connectedClients());
     require(some.has_value(), "clients cannot be forgotten");
     forgotten += *some;
 }
@@ -365,10 +365,19 @@ std::set<Hash> SimServer::namedByCommits() const {
             require(looked.has_value(), "a commit does not decode");
         }
     };
-    (void)store().read(1, ~Revision(0), [&](const StoredCommit& stored) {
+    const Revision base = store().base().revision;
+    const auto layers = store().layers();
+    for (const LayerId& layer : *layers)
+        if (const auto doc = store().layerAt(layer, base); base > 0 && *doc)
+            (*doc)->visit([&](const LayerDoc::SpecView& spec) {
+                for (const auto& [name, value] : *spec.fields)
+                    forEachBlob(value, [&](const Value& blob) { named.insert(blob.hash()); });
+            });
+    const auto read = store().read(base + 1, ~Revision(0), [&](const StoredCommit& stored) {
         look(*stored.frame);
         return true;
     });
+    require(read.has_value(), "the commits cannot be read");
     for (const CommitRecord& commit : appends_) look(*commit.frame);
     return named;
 }

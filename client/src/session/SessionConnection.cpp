@@ -55,12 +55,28 @@ void Session::Impl::connected() {
                 .resume = {},
                 .open = {}};
     if (hasHistory_) {
-        hello.resume = Hello::Resume{commitEpoch_, revision_, hash_};
+        saidSince_ = isUnsettled();
+        hello.resume = saidSince_ ? unsettled_->since : here();
         hello.open.emplace();
         for (const auto& [layer, opened] : layers_)
             if (opened.wanted && !opened.joining) hello.open->push_back(layer);
     }
     sendControl(hello);
+}
+
+Hello::Resume Session::Impl::here() const { return {commitEpoch_, revision_, hash_}; }
+
+bool Session::Impl::isUnsettled() const {
+    return unsettled_ && std::ranges::any_of(pending_, [&](const Pending& pending) {
+               return pending.everSent && pending.transaction.id.sequence <= unsettled_->last;
+           });
+}
+
+void Session::Impl::noteUnsettled() {
+    std::uint64_t last = 0;
+    for (const Pending& pending : pending_)
+        if (pending.everSent) last = std::max(last, pending.transaction.id.sequence);
+    if (last != 0) unsettled_ = {isUnsettled() ? unsettled_->since : here(), last};
 }
 
 void Session::Impl::disconnected(Error reason) {
@@ -282,9 +298,14 @@ void Session::Impl::on(const Welcome& message) {
     online_ = true;
     takesPreviewValues_ = std::ranges::count(message.features, kPreviewValues) > 0;
     layerStates_.clear();  // the server says again what is to say of them
-    if (!message.resumed && forgotten_) loseSent(*forgotten_);
-    if (!message.resumed) {
-        if (hasHistory_) freeze();
+    // The client is not at the revision that it said.
+    const bool resumed = message.resumed && !std::exchange(saidSince_, false);
+    if (!resumed && forgotten_) loseSent(*forgotten_);
+    if (!resumed) {
+        if (hasHistory_) {
+            noteUnsettled();
+            freeze();
+        }
         revision_ = message.revision;
         hash_ = message.hash;
         commitEpoch_ = 0;
@@ -296,7 +317,7 @@ void Session::Impl::on(const Welcome& message) {
     for (Missed& missed : missed_) missed.asked = false;
     readMissed();
     if (gesture_) gesture_->changed = !gesture_->pending.authored.empty();
-    events_.push_back(event::Connected{message, message.resumed});
+    events_.push_back(event::Connected{message, resumed});
 }
 
 // M14: nobody knows whether what was sent and not answered is committed.

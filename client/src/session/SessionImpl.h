@@ -290,6 +290,18 @@ private:
     Epoch epoch_ = 0;        // of the server
     Epoch commitEpoch_ = 0;  // of the newest commit
     Hash hash_;
+    /// Transactions up to `last` were sent when the history at `since` was the client's, and are
+    /// not answered. A client that loses the line again says that it is still there: were they
+    /// committed and the client forgotten meanwhile, the server could not tell (M14).
+    struct Unsettled {
+        Hello::Resume since;
+        std::uint64_t last = 0;
+    };
+    std::optional<Unsettled> unsettled_;
+    bool saidSince_ = false;  // by the last hello
+    [[nodiscard]] Hello::Resume here() const;
+    [[nodiscard]] bool isUnsettled() const;
+    void noteUnsettled();
     LayerDocs confirmed_;
     NamespaceLog log_;
     OwnCreations creations_;

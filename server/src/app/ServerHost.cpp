@@ -606,9 +606,13 @@ void ServerHost::forgetClientsIn(milliseconds pause) {
     clientsTimer_.expires_after(pause);
     clientsTimer_.async_wait([this](const boost::system::error_code& error) {
         if (error) return;
-        asio::post(workers_.history, [this] {
-            const auto forgotten =
-                store_.use([](CommitStore& store) { return store.forgetClients(kKnownClients); });
+        std::set<ClientId> kept;
+        guarded([&] {
+            if (project_) kept = project_->connectedClients();
+        });
+        asio::post(workers_.history, [this, kept = std::move(kept)] {
+            const auto forgotten = store_.use(
+                [&](CommitStore& store) { return store.forgetClients(kKnownClients, kept); });
             if (forgotten && *forgotten > 0)
                 log_.write(LogLevel::Info, "clients forgotten", {{"clients", *forgotten}});
             asio::post(network_, [this] { forgetClientsIn(kForgetPause); });

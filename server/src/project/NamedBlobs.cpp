@@ -24,7 +24,7 @@ Result<void> NamedBlobs::begin(const CommitStore& store, const CommitStore::Base
     if (!layers) return tl::unexpected(layers.error());
     base_ = base;
     layers_ = std::move(*layers);
-    std::erase_if(last_, [&](const auto& one) { return one.second < base.revision; });
+    std::erase_if(last_, [&](const auto& one) { return one.second <= base.revision; });
     if (upTo_ >= base.revision) return {};
     upTo_ = base.revision;
     hash_ = base.hash;

@@ -307,6 +307,12 @@ void Project::Impl::left(const UserName& user) {
     leftMs_[user] = now;
 }
 
+std::set<ClientId> Project::Impl::connectedClients() const {
+    std::set<ClientId> clients;
+    for (const auto& [id, session] : sessions_) clients.insert(session.client);
+    return clients;
+}
+
 bool Project::Impl::isConnected(const ClientId& client) const {
     return std::any_of(sessions_.begin(), sessions_.end(),
                        [&client](const auto& entry) { return entry.second.client == client; });

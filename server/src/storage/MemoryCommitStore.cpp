@@ -179,7 +179,7 @@ public:
         if (client == disk_->clients.end() || client->second.empty()) return 0;
         return client->second.rbegin()->first;
     }
-    Result<std::size_t> forgetClients(std::size_t most) override {
+    Result<std::size_t> forgetClients(std::size_t most, const std::set<ClientId>& kept) override {
         const std::lock_guard lock(disk_->mutex);
         if (disk_->clients.size() <= most) return 0;
         std::vector<std::pair<Revision, ClientId>> byAge;
@@ -192,6 +192,7 @@ public:
         }
         std::ranges::sort(byAge);
         byAge.resize(byAge.size() - most / kForgetPart * (kForgetPart - 1));
+        std::erase_if(byAge, [&](const auto& one) { return kept.contains(one.second); });
         for (const auto& [newest, client] : byAge) {
             disk_->clients.erase(client);
             std::erase_if(disk_->late, [&](const auto& one) { return one.first.client == client; });

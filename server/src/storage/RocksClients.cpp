@@ -48,7 +48,8 @@ Result<Revision> RocksCommitStore::newestOf(const ClientId& client,
     return newest;
 }
 
-Result<std::size_t> RocksCommitStore::forgetClients(std::size_t most) {
+Result<std::size_t> RocksCommitStore::forgetClients(std::size_t most,
+                                                    const std::set<ClientId>& kept) {
     const auto known = clients();
     if (!known) return tl::unexpected(known.error());
     if (known->size() <= most) return 0;
@@ -61,6 +62,7 @@ Result<std::size_t> RocksCommitStore::forgetClients(std::size_t most) {
     std::ranges::sort(byAge);
     // Some more, so that it is not due again at once.
     byAge.resize(byAge.size() - most / kForgetPart * (kForgetPart - 1));
+    std::erase_if(byAge, [&](const auto& one) { return kept.contains(one.second); });
     std::size_t forgotten = 0;
     for (std::size_t next = 0; next < byAge.size();) {
         const auto some = forgetSome(std::span(byAge).subspan(next));

@@ -56,7 +56,7 @@ public:
     [[nodiscard]] Result<std::optional<Revision>> committed(
         const TransactionId& transaction) const override;
     [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const override;
-    Result<std::size_t> forgetClients(std::size_t most) override;
+    Result<std::size_t> forgetClients(std::size_t most, const std::set<ClientId>& kept) override;
     [[nodiscard]] Revision forgottenUpTo() const override { return forgotten_; }
     Result<void> addCheckpoint(const Checkpoint& checkpoint) override;
     [[nodiscard]] Result<std::vector<Checkpoint>> checkpoints() const override;

@@ -640,7 +640,7 @@ TEST(RocksCommitStore, M14RecordsOfAHundredThousandClientsAreBounded) {
         if (number % 5'000 != 0) continue;
         ASSERT_TRUE(store->append(group));
         group.clear();
-        const auto some = store->forgetClients(kKept);
+        const auto some = store->forgetClients(kKept, {});
         ASSERT_TRUE(some) << some.error().message;
         forgotten += *some;
     }

@@ -54,8 +54,8 @@ struct Welcome {
     std::vector<LayerInfo> layers;
     std::uint64_t maxFrameBytes = 0;
     std::uint64_t maxBlobBytes = 0;
-    std::optional<bool> administrator;  ///< of this session's user: locks do not bind him (LK1)
-    std::optional<Revision> base = {};  ///< commits up to this one were replaced (CH4)
+    std::optional<bool> administrator = {};  ///< is the user one? Locks do not bind them (LK1)
+    std::optional<Revision> base = {};       ///< commits up to this one were replaced (CH4)
     bool operator==(const Welcome&) const = default;
 };
 /// Server: what the project has now, whenever that is other than `welcome` said.

@@ -201,9 +201,9 @@ public:
     /// The highest number of a client's committed transactions, 0 none.
     [[nodiscard]] virtual Result<std::uint64_t> lastSequence(const ClientId& client) const = 0;
     /// Where it knows more clients than `most`, it forgets those whose last commit is the oldest:
-    /// committed() and lastSequence() know nothing of them any more. Beside everything else; takes
-    /// long where there are many. How many it has forgotten.
-    virtual Result<std::size_t> forgetClients(std::size_t most) = 0;
+    /// committed() and lastSequence() know nothing of them any more. Those of `kept` stay. Beside
+    /// everything else; takes long where there are many. How many it has forgotten.
+    virtual Result<std::size_t> forgetClients(std::size_t most, const std::set<ClientId>& kept) = 0;
     /// No client that was forgotten has committed anything after this revision.
     [[nodiscard]] virtual Revision forgottenUpTo() const = 0;
 
