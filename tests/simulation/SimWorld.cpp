@@ -116,7 +116,7 @@ private:
         if (seed_ % 4 == 1) forgetAgain();
         rollsBack_ = random_.chance(5);
         // Who joins anew with pending work is compared in the end only.
-        if (!style_.checksPrediction && ages_.chance(40))
+        if (ages_.chance(40))
             for (auto count = 1 + ages_.below(4); count > 0; --count)
                 clock_.at(ages_.between(0, end), [this] { server_.boundHistory(); });
     }

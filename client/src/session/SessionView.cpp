@@ -243,6 +243,9 @@ void Session::Impl::thaw() {
     if (gesture_) seal(gesture_->pending, std::exchange(gesture_->pending.carried, {}));
     for (const auto& [layer, opened] : layers_)
         if (!opened.joining && opened.wanted) resets_.insert(layer);
+    // The edits are addressed as if they were made now. What becomes of them the executor says: a
+    // spec that they create may be there already (M13).
+    disturb();
     presentAgain();
 }
 

@@ -622,6 +622,30 @@ TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
     EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
 }
 
+// What was to be created is there when the layer is joined anew.
+TEST_F(SessionTest, M13WorkThatIsCarriedOverMeetsWhatOthersCreated) {
+    joinShot();
+    const auto specifier = [](std::uint8_t number) {
+        return SetField{"specifier", {}, Value(ValueType::Specifier, Bytes{number}), {}};
+    };
+    const SetField def = specifier(0), over = specifier(1);
+    peer.author({authored("/B", createPrim()), authored("/B", over)});
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.commit(peer.foreign({edit("/B", createPrim()), edit("/B", def)}));
+    peer.sent.clear();
+    peer.session.connected();
+    peer.advance();
+    peer.deliver(peer.welcomeMessage(false));
+    peer.advance();
+    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
+    peer.advance();
+    EXPECT_EQ(*peer.session.view(kShot)->field("/B", "specifier"), def.value);
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(*peer.session.view(kShot)->field("/B", "specifier"), def.value);
+}
+
 TEST_F(SessionTest, ACommitThatDoesNotFollowEndsTheConnection) {
     joinShot();
     Commit stray = peer.commit(peer.foreign({edit("/B", createPrim())}));
