@@ -193,10 +193,11 @@ public:
         std::ranges::sort(byAge);
         byAge.resize(byAge.size() - most / kForgetPart * (kForgetPart - 1));
         std::erase_if(byAge, [&](const auto& one) { return kept.contains(one.second); });
-        for (const auto& [newest, client] : byAge) {
+        for (const auto& old : byAge) {
+            const ClientId& client = old.second;
             disk_->clients.erase(client);
             std::erase_if(disk_->late, [&](const auto& one) { return one.first.client == client; });
-            disk_->forgotten = std::max(disk_->forgotten, newest);
+            disk_->forgotten = std::max(disk_->forgotten, old.first);
         }
         return byAge.size();
     }
