@@ -3,14 +3,15 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/signal_set.hpp>
 #include <chrono>
 #include <fstream>
 #include <iostream>
-#include <ranges>
 #include <set>
+#include <span>
 
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
@@ -156,7 +157,8 @@ Error explained(const Error& error, const std::filesystem::path& folder) {
 std::size_t logSkipped(const LayerFiles& files, Log& log) {
     const auto skipped = files.skipped();
     if (!skipped) return 0;
-    for (const SkippedFile& file : *skipped | std::views::take(kMostSkippedLogged))
+    for (const SkippedFile& file :
+         std::span(*skipped).first(std::min(skipped->size(), kMostSkippedLogged)))
         log.write(LogLevel::Warning, "file skipped",
                   {{"file", file.path}, {"reason", file.reason}});
     if (skipped->size() > kMostSkippedLogged)

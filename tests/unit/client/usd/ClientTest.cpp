@@ -51,7 +51,7 @@ LayerDoc docOf(const std::string& text) {
     return *usd::readLayer(layer, blobs);
 }
 
-std::string text(const pxr::SdfLayerHandle& layer) {
+std::string exportedText(const pxr::SdfLayerHandle& layer) {
     std::string exported;
     layer->ExportToString(&exported);
     return exported;
@@ -134,17 +134,17 @@ TEST_F(ClientTest, RemovesItsOwnCacheFolderOnly) {
 TEST_F(ClientTest, OpensALayerWithTheLayersItUses) {
     const auto ada = connect("ada");
     const auto layer = open(*ada, kRoot);
-    EXPECT_EQ(text(layer), serverText(kRoot));
+    EXPECT_EQ(exportedText(layer), serverText(kRoot));
     EXPECT_TRUE(layer->PermissionToEdit());
     EXPECT_EQ(layer->GetRealPath(), (ada->cacheFolder() / kRoot.value).string());
     for (const auto& used : {kAnim, kProp}) {
         const auto found = SdfLayer::Find((ada->cacheFolder() / used.value).string());
         ASSERT_TRUE(found) << used.value;
         EXPECT_EQ(ada->layerId(found), used);
-        EXPECT_EQ(text(found), serverText(used));
+        EXPECT_EQ(exportedText(found), serverText(used));
     }
     EXPECT_FALSE(SdfLayer::Find((ada->cacheFolder() / kLook.value).string()));
-    EXPECT_EQ(text(open(*ada, kLook)).substr(0, 5), "#usda");
+    EXPECT_EQ(exportedText(open(*ada, kLook)).substr(0, 5), "#usda");
 }
 
 TEST_F(ClientTest, SaysThatThereIsNoSuchLayer) {
@@ -164,8 +164,8 @@ TEST_F(ClientTest, EditsGoBothWays) {
     tick({ada.get(), bo.get()});
     EXPECT_EQ(his->GetFieldAs<double>(SdfPath("/World.x"), pxr::SdfFieldKeys->Default), 5.0);
     EXPECT_TRUE(hers->GetPrimAtPath(SdfPath("/World/Ball")));
-    EXPECT_EQ(text(hers), text(his));
-    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(exportedText(hers), exportedText(his));
+    EXPECT_EQ(exportedText(hers), serverText(kRoot));
     EXPECT_EQ(ada->pendingTransactions(), 0u);
 }
 
@@ -200,8 +200,8 @@ TEST_F(ClientTest, M1TwoWhoWriteTheFirstPartsOfAFieldBothKeepTheirs) {
     write(hers, "ada", 1);
     write(his, "bo", 11);
     tick({ada.get(), bo.get()});
-    EXPECT_EQ(text(hers), text(his));
-    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(exportedText(hers), exportedText(his));
+    EXPECT_EQ(exportedText(hers), serverText(kRoot));
     for (const std::string name : {"ada", "ada2", "bo", "bo2"}) {
         const auto hasKey = [&](const pxr::VtDictionary& dictionary, const std::string& keys) {
             return dictionary.GetValueAtPath(keys + name) != nullptr;
@@ -248,8 +248,8 @@ TEST_F(ClientTest, M13TwoWhoCreateOneSpecBothKeepWhatTheyWriteThere) {
     write(hers, "ada", 1, pxr::SdfSpecifierDef);
     write(his, "bo", 11, pxr::SdfSpecifierOver);
     tick({ada.get(), bo.get()});
-    EXPECT_EQ(text(hers), text(his));
-    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(exportedText(hers), exportedText(his));
+    EXPECT_EQ(exportedText(hers), serverText(kRoot));
     const auto prim = his->GetPrimAtPath(SdfPath("/New"));
     EXPECT_EQ(prim->GetSpecifier(), pxr::SdfSpecifierDef);
     const auto data =
@@ -263,7 +263,7 @@ TEST_F(ClientTest, M13TwoWhoCreateOneSpecBothKeepWhatTheyWriteThere) {
     his->GetPrimAtPath(SdfPath("/New"))->SetSpecifier(pxr::SdfSpecifierOver);
     tick({bo.get(), ada.get()});
     EXPECT_EQ(hers->GetPrimAtPath(SdfPath("/New"))->GetSpecifier(), pxr::SdfSpecifierOver);
-    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(exportedText(hers), serverText(kRoot));
 }
 
 TEST_F(ClientTest, OneFrameIsOneTransactionOverAllLayers) {
@@ -292,7 +292,7 @@ TEST_F(ClientTest, ALayerIsClosedToTheEditorUntilItIsThere) {
     server.setReachable(true);
     EXPECT_TRUE(ada->openLayer(kLook));
     EXPECT_TRUE(layer->PermissionToEdit());
-    EXPECT_EQ(text(layer), text(open(*ada, kLook)));
+    EXPECT_EQ(exportedText(layer), exportedText(open(*ada, kLook)));
     layer->SetComment("mine");
     EXPECT_TRUE(ada->flush(1000));
     EXPECT_NE(serverText(kLook).find("mine"), std::string::npos);
@@ -331,8 +331,8 @@ TEST_F(ClientTest, WorkDoneOfflineArrivesLater) {
     EXPECT_TRUE(ada->flush(2000));
     EXPECT_TRUE(bo->flush(2000));
     tick({ada.get(), bo.get()});
-    EXPECT_EQ(text(hers), text(his));
-    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(exportedText(hers), exportedText(his));
+    EXPECT_EQ(exportedText(hers), serverText(kRoot));
     EXPECT_EQ(told, (std::vector<std::string>{"gone", "back"}));
 }
 
@@ -376,7 +376,7 @@ TEST_F(ClientTest, WhatIsWrittenInTheFrameOfAMutingIsCommitted) {
     EXPECT_NE(serverText(kRoot).find("Before"), std::string::npos);
     SdfLayer::RemoveFromMutedLayers(layer->GetIdentifier());
     tick({ada.get()});
-    EXPECT_EQ(text(layer), serverText(kRoot));
+    EXPECT_EQ(exportedText(layer), serverText(kRoot));
 }
 
 TEST_F(ClientTest, ALayerThatIsMutedWhileItIsJoinedCanBeEditedLater) {
@@ -432,10 +432,10 @@ TEST_F(ClientTest, BigValuesTravelBesideTheStream) {
     EXPECT_TRUE(ada->flush(5000));
     EXPECT_EQ(server.blobs.size(), 1u);
     tick({ada.get(), bo.get()}, 40);
-    EXPECT_EQ(text(his), text(hers));
+    EXPECT_EQ(exportedText(his), exportedText(hers));
     // Who comes later waits for them, too.
     const auto cy = connect("cy");
-    EXPECT_EQ(text(open(*cy, kRoot)), text(hers));
+    EXPECT_EQ(exportedText(open(*cy, kRoot)), exportedText(hers));
 }
 
 TEST_F(ClientTest, B3AGestureOnABigValueIsSeenAndLeavesEverybodyEqual) {
@@ -466,7 +466,7 @@ TEST_F(ClientTest, B3AGestureOnABigValueIsSeenAndLeavesEverybodyEqual) {
     EXPECT_TRUE(ada->flush(5000));
     tick({ada.get(), bo.get()}, 40);
     EXPECT_EQ(seen(), last);
-    EXPECT_TRUE(text(his) == text(hers));
+    EXPECT_TRUE(exportedText(his) == exportedText(hers));
     EXPECT_EQ(server.blobs.size(), 1u);
 }
 
@@ -475,15 +475,15 @@ TEST_F(ClientTest, AReloadBringsTheProjectBackAndHarmsNobody) {
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
     hers->SetComment("kept");
     tick({ada.get(), bo.get()});
-    const auto before = text(his);
+    const auto before = exportedText(his);
     hers->Reload(true);  // the file is an empty placeholder
-    EXPECT_NE(text(hers), before);
+    EXPECT_NE(exportedText(hers), before);
     tick({ada.get(), bo.get()});
-    EXPECT_EQ(text(his), before);
-    EXPECT_EQ(text(hers), before);
+    EXPECT_EQ(exportedText(his), before);
+    EXPECT_EQ(exportedText(hers), before);
     hers->SetComment("works on");
     tick({ada.get(), bo.get()});
-    EXPECT_EQ(text(hers), text(his));
+    EXPECT_EQ(exportedText(hers), exportedText(his));
 }
 
 TEST_F(ClientTest, ALayerThatIsClosedRightAfterAReloadKeepsItsContent) {
@@ -493,10 +493,10 @@ TEST_F(ClientTest, ALayerThatIsClosedRightAfterAReloadKeepsItsContent) {
         pxr::SdfPrimSpec::New(pxr::SdfLayerHandle(layer), "p" + std::to_string(i),
                               pxr::SdfSpecifierDef);
     ASSERT_TRUE(ada->flush(10'000));
-    const auto before = text(layer);
+    const auto before = exportedText(layer);
     layer->Reload(true);
     ada->close(kRoot);
-    EXPECT_EQ(text(layer), before);
+    EXPECT_EQ(exportedText(layer), before);
 }
 
 TEST_F(ClientTest, AMutedLayerIsLeftAloneAndComesBackUpToDate) {
@@ -511,9 +511,9 @@ TEST_F(ClientTest, AMutedLayerIsLeftAloneAndComesBackUpToDate) {
         tick({ada.get(), bo.get()});
         hers->SetMuted(false);
         tick({ada.get(), bo.get()});
-        EXPECT_EQ(text(hers), text(his));
-        EXPECT_EQ(text(his), serverText(kRoot));
-        EXPECT_NE(text(his).find("World"), std::string::npos);
+        EXPECT_EQ(exportedText(hers), exportedText(his));
+        EXPECT_EQ(exportedText(his), serverText(kRoot));
+        EXPECT_NE(exportedText(his).find("World"), std::string::npos);
     }
 }
 
@@ -538,7 +538,7 @@ TEST_F(ClientTest, AGestureIsSeenAtOnceAndCommittedOnce) {
     tick({ada.get(), bo.get()});
     EXPECT_EQ(server.head(), before + 1);
     EXPECT_EQ(value(his), 104.0);
-    EXPECT_EQ(text(hers), serverText(kRoot));
+    EXPECT_EQ(exportedText(hers), serverText(kRoot));
 }
 
 TEST_F(ClientTest, ClosedMeansOnItsOwn) {
@@ -556,7 +556,7 @@ TEST_F(ClientTest, ClosedMeansOnItsOwn) {
     EXPECT_EQ(hers->GetDocumentation(), "");
     EXPECT_TRUE(hers->PermissionToEdit());
     // Opened again it is the project's.
-    EXPECT_EQ(text(open(*ada, kRoot)), text(his));
+    EXPECT_EQ(exportedText(open(*ada, kRoot)), exportedText(his));
 }
 
 TEST_F(ClientTest, AttachesLayersOpenedFromAFolder) {
@@ -580,7 +580,7 @@ TEST_F(ClientTest, AttachesLayersOpenedFromAFolder) {
     const auto attached = ada->attach(folder);
     ASSERT_TRUE(attached) << attached.error().message;
     EXPECT_EQ(*attached, (std::vector{kProp, kRoot}));
-    EXPECT_EQ(text(mine), text(his));
+    EXPECT_EQ(exportedText(mine), exportedText(his));
     mine->SetDocumentation("shared");
     tick({ada.get(), bo.get()});
     EXPECT_EQ(his->GetDocumentation(), "shared");
@@ -666,7 +666,7 @@ TEST_F(ClientTest, M8AllEditorsEndAlike) {
             for (std::size_t i = 0; i < clients.size(); ++i) {
                 EXPECT_EQ(usd::readLayer(layers[i][layer], none)->dump(), served)
                     << "client " << i << " " << ids[layer].value;
-                EXPECT_EQ(text(layers[i][layer]), text(layers[0][layer]));
+                EXPECT_EQ(exportedText(layers[i][layer]), exportedText(layers[0][layer]));
             }
         }
         if (HasFailure()) return;
