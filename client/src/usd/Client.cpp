@@ -526,8 +526,9 @@ private:
                     "or open a copy with another cache folder"};
     }
 
-    // The layer stops being live; it keeps its content.
-    void leave(const LayerId& id) {
+    // The layer stops being live; it keeps its content. A copy: the caller's id may be the one that
+    // is removed here.
+    void leave(LayerId id) {
         const LiveLayer* live = find(id);
         if (!live) return;
         const pxr::SdfLayerRefPtr layer = live->layer();
