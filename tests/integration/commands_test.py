@@ -1,6 +1,5 @@
 """Commands, their undo and the layer commands of Kit, on files and live."""
 
-import importlib
 import logging
 import os
 import random
@@ -14,7 +13,7 @@ from pxr import Sdf, Usd, UsdGeom
 from usdlive.omni import usd as omni_usd
 from usdlive.omni._registers import Recorder, make_like
 from usdlive.omni.kit import commands, undo
-from usdlive.omni.kit.usd.layers import LayerUtils
+from usdlive.omni.kit.usd.layers import LayerUtils, get_layers
 
 ROOT = """#usda 1.0
 (
@@ -835,55 +834,8 @@ def test_layer_helpers(layer, folder):
 # -- commands over the parts of Layers, which have the documented names
 
 
-class FakeLayers:
-    """A `Layers` as documented, in memory: what the commands ask of it."""
-
-    def __init__(self, stage):
-        self.stage, self.is_global, self.locked, self.links, self.specs = stage, False, set(), set(), set()
-
-    def get_layers_state(self):
-        return self
-
-    get_specs_linking = get_specs_locking = get_layers_state
-
-    def is_muteness_global(self):
-        return self.is_global
-
-    def is_layer_locked(self, identifier):
-        return identifier in self.locked
-
-    def set_layer_lock_state(self, identifier, locked):
-        (self.locked.add if locked else self.locked.discard)(identifier)
-
-    def get_all_spec_links(self):
-        return {spec: [layer for s, layer in self.links if s == spec] for spec, _ in self.links}
-
-    def below(self, path, hierarchy):
-        prim = self.stage.GetPrimAtPath(path)
-        prims = list(Usd.PrimRange(prim)) if hierarchy and prim else [prim] if prim else []
-        return {path} | {str(o.GetPath()) for p in prims for o in (p, *p.GetAuthoredProperties())}
-
-    def link_spec(self, path, layer, hierarchy=False):
-        self.links |= {(spec, layer) for spec in self.below(path, hierarchy)}
-
-    def unlink_spec(self, path, layer, hierarchy=False):
-        self.links -= {(spec, layer) for spec in self.below(path, hierarchy)}
-
-    def unlink_spec_from_all_layers(self, path, hierarchy=False):
-        self.links = {link for link in self.links if link[0] not in self.below(path, hierarchy)}
-
-    def get_all_locked_specs(self):
-        return list(self.specs)
-
-    def lock_spec(self, path, hierarchy=False):
-        self.specs |= self.below(path, hierarchy)
-
-    def unlock_spec(self, path, hierarchy=False):
-        self.specs -= self.below(path, hierarchy)
-
-
-class RealLayers:
-    """The same of the package itself."""
+class LayersParts:
+    """Of a context's Layers, what the commands change."""
 
     def __init__(self, layers):
         self.state, self.linking = layers.get_layers_state(), layers.get_specs_linking()
@@ -906,24 +858,9 @@ class RealLayers:
         return set(self.locking.get_all_locked_specs())
 
 
-@pytest.fixture(params=["documented", "real"])
-def layers(request, ctx, stage, monkeypatch):
-    package = importlib.import_module("usdlive.omni.kit.usd.layers")
-    if request.param == "real":
-        if not hasattr(package, "LayerEventType"):
-            pytest.skip("usdlive.omni.kit.usd.layers is not there yet")
-        return RealLayers(package.get_layers(ctx))
-    fake = FakeLayers(stage)
-
-    class Utils:
-        @staticmethod
-        def set_layer_global_muteness(root, identifier, muted):
-            path = "./" + os.path.basename(identifier)
-            root.customLayerData = {"omni_layer": {"muteness": {path: muted}}}
-
-    monkeypatch.setattr(package, "get_layers", lambda _: fake, raising=False)
-    monkeypatch.setattr(package, "LayerUtils", Utils, raising=False)
-    return fake
+@pytest.fixture
+def layers(ctx):
+    return LayersParts(get_layers(ctx))
 
 
 def test_mute_a_layer(ctx, stage, layer, layers, caplog):

@@ -1,9 +1,7 @@
 """kill -9 at any moment: no acknowledged edit is lost, none is doubled, the store opens."""
 
-import hashlib
 import os
 import random
-import struct
 import threading
 import time
 
@@ -194,58 +192,6 @@ def test_k1_acknowledged_edits_survive_kill_9(lot, project, serve, editor, capfd
     with capfd.disabled():
         print(f"\nK1 seed {seed}: {kills} kills, {len(stored)} commits, 0 lost, 0 doubled")
 
-
-def test_k1_killed_while_it_upgrades(project, serve):
-    """A store of an older format: what is found in its log is written, what is of no use is dropped, and the
-    number of the format says that this is done. It may die anywhere in between, again and again."""
-    (project / "root.usda").write_text('#usda 1.0\n\ndef "World"\n{\n    int64 n\n}\n')
-    server = serve(project)
-    edits, window = 20_000, 500
-    with wire.Peer(server.url) as peer:
-        for sequence in range(1, edits + window + 1):
-            if sequence <= edits:
-                peer.submit(sequence, "root.usda", wire.set_sample("/World.n", sequence, wire.int64(sequence)))
-            while sequence > window and peer.revision < sequence - window + 1:  # the first commit is the import
-                peer.follow(peer.expect("Commit", 20))
-        log, client, last = peer.log(), peer.client, peer.revision
-    text = cat(server, "root.usda")
-    server.kill()
-
-    number = project / ".usdlive" / "store" / "format"
-    current = number.read_bytes()
-    older = struct.pack("<I", 1)
-    older += hashlib.sha256(older).digest()
-    assert len(older) == len(current) and older != current
-    number.write_bytes(older)
-    began = time.monotonic()
-    server.start()
-    opening = time.monotonic() - began
-    assert number.read_bytes() == current
-    server.kill()
-
-    unfinished = 0
-    for attempt in range(12):
-        number.write_bytes(older)
-        for _ in range(3):  # what is half done is gone on with, too
-            server.launch()
-            time.sleep(opening * (0.2 + 0.8 * (attempt + random.random()) / 12))
-            server.kill()
-            if number.read_bytes() == current:
-                break
-            unfinished += 1
-        server.start()
-        assert number.read_bytes() == current
-        with wire.Peer(server.url, client) as peer:
-            assert (peer.revision, peer.hash) == (last, log[-1]["hash"])
-            # M9: who sent what is known still.
-            peer.submit(edits, "root.usda", wire.set_sample("/World.n", edits, wire.int64(edits)))
-            peer.expect("alreadyCommitted")
-        assert cat(server, "root.usda") == text
-        server.kill()
-    assert unfinished >= 5, "it was never killed before the upgrade was done"
-    server.start()
-    with wire.Peer(server.url) as peer:
-        assert [c["hash"] for c in peer.log()] == [c["hash"] for c in log]
 
 
 def test_edits_made_offline_arrive_later(project, serve, editor):

@@ -3,7 +3,6 @@
 import ast
 import asyncio
 import functools
-import importlib
 import inspect
 import os
 import pathlib
@@ -21,10 +20,8 @@ REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 SEEDS = REPOSITORY.parent / "shared" / "seeds"
 SHIM = REPOSITORY / "client" / "python" / "omni_shim"
 EXAMPLES = REPOSITORY / "client" / "examples" / "kit"
-HAS_LAYERS = hasattr(importlib.import_module("usdlive.omni.kit.usd.layers"), "get_layers")
 
 needs_seeds = pytest.mark.skipif(not SEEDS.is_dir(), reason="the guides are not beside the repository")
-needs_layers = pytest.mark.skipif(not HAS_LAYERS, reason="usdlive.omni.kit.usd.layers is not there yet")
 
 
 @pytest.fixture
@@ -176,7 +173,6 @@ def test_the_whole_guide_to_layers_is_read():
 
 
 @needs_seeds
-@needs_layers
 def test_the_snippets_for_layers(omni):
     import carb
 
@@ -223,7 +219,6 @@ def test_the_example_of_commands():
         "flattened: True"]
 
 
-@needs_layers
 def test_the_example_of_layers():
     assert run_example("layers.py").splitlines() == ["locked: True writable: False", "links: {} locks: []"]
 

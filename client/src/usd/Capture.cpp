@@ -13,6 +13,7 @@
 #include "usdlive/client/usd/ChildOrder.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/layer/FieldParts.h"
 #include "usdlive/common/layer/FileRules.h"
 
 namespace usdlive::client {
@@ -26,25 +27,6 @@ namespace {
 constexpr std::string_view kTimeSamples = "timeSamples";
 
 const TfToken& timeSamplesToken() { return pxr::SdfFieldKeys->TimeSamples; }
-
-std::optional<SpecKind> kindOf(SdfSpecType type) {
-    switch (type) {
-        case pxr::SdfSpecTypeAttribute:
-            return SpecKind::Attribute;
-        case pxr::SdfSpecTypePrim:
-            return SpecKind::Prim;
-        case pxr::SdfSpecTypePseudoRoot:
-            return SpecKind::PseudoRoot;
-        case pxr::SdfSpecTypeRelationship:
-            return SpecKind::Relationship;
-        case pxr::SdfSpecTypeVariant:
-            return SpecKind::Variant;
-        case pxr::SdfSpecTypeVariantSet:
-            return SpecKind::VariantSet;
-        default:
-            return std::nullopt;
-    }
-}
 
 constexpr std::array<ChildList, 4> kLists{ChildList::Prims, ChildList::Properties,
                                           ChildList::VariantSets, ChildList::Variants};
@@ -82,19 +64,6 @@ std::vector<std::string> splitKeyPath(const TfToken& keyPath) {
         rest.remove_prefix(std::min(colon + 1, rest.size()));
     }
     return keys;
-}
-
-const Dictionary::Entry* entryAt(const FieldValue* field, const std::vector<std::string>& keys) {
-    const Dictionary* dictionary = field ? field->as<Dictionary>() : nullptr;
-    const Dictionary::Entry* entry = nullptr;
-    for (const auto& key : keys) {
-        if (!dictionary) return nullptr;
-        const auto found = dictionary->entries.find(key);
-        if (found == dictionary->entries.end()) return nullptr;
-        entry = &found->second;
-        dictionary = std::get_if<Dictionary>(entry);
-    }
-    return entry;
 }
 
 const Value* sampleAt(const FieldValue* field, double time) {
@@ -185,7 +154,7 @@ private:
         return edits;
     }
     void collect(const SdfPath& path, std::vector<AuthoredEdit>& edits) {
-        const auto kind = kindOf(typeInLayer(path));
+        const auto kind = usd::specKind(typeInLayer(path));
         if (!kind) return;
         edits.push_back(authored(path, CreateSpec{*kind}));
         for (const TfToken& field : layer_->ListFields(path))
@@ -316,7 +285,8 @@ private:
     }
     bool compareKeys(const SdfPath& path, const TfToken& field, const TfToken& keyPath,
                      const std::vector<std::string>& keys) {
-        const auto* held = entryAt(doc().field(path.GetString(), field.GetString()), keys);
+        const FieldValue* whole = doc().field(path.GetString(), field.GetString());
+        const auto* held = entryAt(whole ? whole->as<Dictionary>() : nullptr, keys);
         const pxr::VtValue present = layer_->GetFieldDictValueByKey(path, field, keyPath);
         std::optional<FieldValue> from, to;
         if (held) std::visit([&](const auto& entry) { from = entry; }, *held);
@@ -398,7 +368,7 @@ private:
     // A spec with all that it holds, and all below it.
     void compareSpec(const SdfPath& path) {
         const std::string text = path.GetString();
-        const auto kind = kindOf(typeInLayer(path));
+        const auto kind = usd::specKind(typeInLayer(path));
         const auto held = doc().kind(text);
         if (held && held != kind) static_cast<void>(capture_.record(text, DeleteSpec{}));
         if (!kind) return;
@@ -416,7 +386,7 @@ private:
     void createFailed(const SdfPath& path, const Error& reason) {
         const SdfPath parent = path.GetParentPath();
         if (reason.code == ErrorCode::SpecNotFound && !parent.IsEmpty() &&
-            !doc().has(parent.GetString()) && kindOf(typeInLayer(parent))) {
+            !doc().has(parent.GetString()) && usd::specKind(typeInLayer(parent))) {
             compareSpec(parent);
             return;
         }
@@ -525,7 +495,7 @@ bool Capture::isForeign() {
 void Capture::specCreated(const SdfPath& path, SdfSpecType type) {
     if (isTarget(path) || isForeign()) return;
     begin();
-    const auto kind = kindOf(type);
+    const auto kind = usd::specKind(type);
     if (!kind || path.ContainsTargetPath()) {
         noteForeign(path, {}, "a spec of this kind");
         return;

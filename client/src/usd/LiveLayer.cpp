@@ -61,6 +61,12 @@ void LiveLayer::noteUses() {
     surroundings_.wake();
 }
 
+void LiveLayer::noteNames(const EditAction& action) {
+    if (!namesOthers(action)) return;
+    namesLayers_ = true;
+    noteUses();
+}
+
 std::unique_ptr<BackgroundFill> LiveLayer::newFill() {
     return std::make_unique<BackgroundFill>(layer_, surroundings_.workerSource,
                                             surroundings_.worker);
@@ -130,10 +136,7 @@ void LiveLayer::apply(const std::string& path, const EditAction& action) {
 
 void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
     const auto applied = store_->apply(path, action);
-    if (namesOthers(action)) {
-        namesLayers_ = true;
-        noteUses();
-    }
+    noteNames(action);
     if (!applied && !layer_->IsMuted())
         surroundings_.report(
             {applied.error().code, id_.value + " <" + path + ">: " + applied.error().message});
@@ -148,11 +151,7 @@ Capture::Sealed LiveLayer::seal() {
     if (startOver_) startOver();
     if (!hasWrites()) return {};
     auto sealed = capture_.seal(*store_, surroundings_.sink);
-    for (const auto& edit : sealed.edits)
-        if (namesOthers(edit.action)) {
-            namesLayers_ = true;
-            noteUses();
-        }
+    for (const auto& edit : sealed.edits) noteNames(edit.action);
     return sealed;
 }
 

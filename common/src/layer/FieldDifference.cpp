@@ -1,9 +1,9 @@
 #include <map>
 #include <set>
 
-#include "LongestIncreasing.h"
 #include "usdlive/common/layer/FieldParts.h"
 #include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/layer/LongestIncreasing.h"
 
 namespace usdlive {
 

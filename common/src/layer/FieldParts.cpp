@@ -93,19 +93,6 @@ Dictionary::Entry entryOf(const FieldValue& value) {
     return *value.as<Value>();
 }
 
-const Dictionary::Entry* entryAt(const Dictionary* dictionary,
-                                 const std::vector<std::string>& path) {
-    const Dictionary::Entry* entry = nullptr;
-    for (const auto& key : path) {
-        if (!dictionary) return nullptr;
-        const auto found = dictionary->entries.find(key);
-        if (found == dictionary->entries.end()) return nullptr;
-        entry = &found->second;
-        dictionary = std::get_if<Dictionary>(entry);
-    }
-    return entry;
-}
-
 // As VtDictionary::EraseValueAtPath: dictionaries that get empty on the way go, too.
 void eraseKey(Dictionary& dictionary, const std::string* key, const std::string* end) {
     const auto found = dictionary.entries.find(*key);
@@ -203,6 +190,19 @@ bool holdsAlready(const FieldValue& field, std::monostate, const SetField& set) 
 }
 
 }  // namespace
+
+const Dictionary::Entry* entryAt(const Dictionary* dictionary,
+                                 const std::vector<std::string>& path) {
+    const Dictionary::Entry* entry = nullptr;
+    for (const auto& key : path) {
+        if (!dictionary) return nullptr;
+        const auto found = dictionary->entries.find(key);
+        if (found == dictionary->entries.end()) return nullptr;
+        entry = &found->second;
+        dictionary = std::get_if<Dictionary>(entry);
+    }
+    return entry;
+}
 
 bool sameItem(const Value& left, const Value& right) {
     if (left.type() != right.type()) return false;

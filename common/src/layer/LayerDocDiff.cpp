@@ -3,8 +3,8 @@
 #include <unordered_map>
 #include <unordered_set>
 
-#include "LongestIncreasing.h"
 #include "usdlive/common/layer/LayerDocNode.h"
+#include "usdlive/common/layer/LongestIncreasing.h"
 
 namespace usdlive {
 

@@ -1,4 +1,4 @@
-#include "LongestIncreasing.h"
+#include "usdlive/common/layer/LongestIncreasing.h"
 
 #include <algorithm>
 

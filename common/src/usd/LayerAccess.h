@@ -22,7 +22,6 @@ void swapLayerData(const pxr::SdfLayerHandle& layer, pxr::SdfAbstractDataRefPtr&
 
 /// The field that lists the children.
 [[nodiscard]] const pxr::TfToken& childrenField(ChildList list);
-[[nodiscard]] std::optional<SpecKind> specKind(pxr::SdfSpecType type);
 /// As specpath::parent: a variant's is its set.
 [[nodiscard]] pxr::SdfPath parentOf(const pxr::SdfPath& path);
 [[nodiscard]] pxr::SdfPath childOf(const pxr::SdfPath& parent, ChildList list,

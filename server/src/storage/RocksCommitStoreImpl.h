@@ -98,7 +98,6 @@ private:
     [[nodiscard]] Result<std::optional<std::pair<Revision, Hash>>> readRevision(
         const std::string& key) const;
     Result<void> readLayers();
-    Result<void> upgrade();
     Result<void> readEdited();
     void findOlderSnapshots();
     [[nodiscard]] Result<SavedState> readSaved(std::uint32_t layer) const;

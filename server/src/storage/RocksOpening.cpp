@@ -9,8 +9,6 @@ namespace {
 
 // Opening writes what is in the log to tables.
 constexpr std::uint64_t kOpeningBytes = 2 * kMib;
-// Commits of an older format that are looked through before what was found is written.
-constexpr std::size_t kUpgradedAtOnce = 1'000;
 
 std::uint64_t logBytes(const std::filesystem::path& database) {
     std::uint64_t bytes = 0;
@@ -29,7 +27,7 @@ Result<void> RocksCommitStore::open() {
         .and_then([this] { return readBase(); })
         .and_then([this] { return readLayers(); })
         .and_then([this] { return verify(); })
-        .and_then([this] { return upgrade(); })
+        .and_then([this] { return folder_.takeFormat(); })
         .and_then([this] { return readEdited(); })
         .and_then([this] { return writeLogOut(); })
         .and_then([this] { return takeEpoch(); })
@@ -57,7 +55,6 @@ Result<void> RocksCommitStore::openDatabase() {
     const auto mark = folder_.mark();
     options.create_if_missing = !mark || mark->revision == 0;
     auto families = columnFamilies();
-    if (folder_.format() < StoreFolder::kSameRecords) families.push_back(formerFamily());
     rocksdb::DB* opened = nullptr;
     const auto status =
         rocksdb::DB::Open(options, folder_.database().string(), families, &handles_, &opened);
@@ -126,52 +123,6 @@ Result<std::optional<std::pair<Revision, Hash>>> RocksCommitStore::readRevision(
     return read;
 }
 
-/// A store of format 2 has no base, which need not be told of it. A store of format 1 held each
-/// layer field by field, and other keys for transactions. The log has all that is wanted now.
-Result<void> RocksCommitStore::upgrade() {
-    if (folder_.format() == StoreFolder::kFormat) return {};
-    if (folder_.format() >= StoreFolder::kSameRecords) return folder_.setFormat();
-    Group group(0);
-    group.head = head_;
-    group.batch.DeleteRange(family(Family::Clients), std::string(), std::string(64, '\xff'));
-    group.batch.DeleteRange(family(Family::Meta), std::string(1, kFormerChangedPrefix),
-                            std::string(1, kFormerChangedPrefix + 1));
-    Result<void> done;
-    const auto writeOut = [&] {
-        addFound(group);
-        done = checkSpace(group.batch.GetDataSize()).and_then([&] { return write(group.batch); });
-        for (const auto& [name, layer] : group.layers) layers_[name] = layer;
-        group = Group(0);
-        group.head = head_;
-        return bool(done);
-    };
-    const auto visit = [&](const StoredCommit& stored) {
-        const auto commit = decodeCommit(stored);
-        if (!commit) {
-            done = tl::unexpected(commit.error());
-            return false;
-        }
-        for (const Edit& edit : commit->edits) addEdited(group, edit.layer, commit->revision);
-        if (commit->imported) addEdited(group, *commit->imported, commit->revision);
-        done = addTransaction(group, commit->id, commit->revision);
-        if (!done || group.batch.Count() < kUpgradedAtOnce) return bool(done);
-        return writeOut();
-    };
-    const auto read = this->read(1, head_.revision, visit);
-    if (!read) return read;
-    addHead(group);
-    if (!done || !writeOut()) return done;
-    // Whatever the durability: the next two are synced.
-    if (const auto synced = db_->SyncWAL(); !synced.ok())
-        return tl::unexpected(error(synced, "upgrade"));
-    for (; handles_.size() > columnFamilies().size(); handles_.pop_back()) {
-        if (const auto dropped = db_->DropColumnFamily(handles_.back()); !dropped.ok())
-            return tl::unexpected(error(dropped, "upgrade"));
-        db_->DestroyColumnFamilyHandle(handles_.back());
-    }
-    return folder_.setFormat();
-}
-
 Result<void> RocksCommitStore::readEdited() {
     const std::unique_ptr<rocksdb::Iterator> at(
         db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
@@ -216,9 +167,7 @@ Result<SavedState> RocksCommitStore::readSaved(std::uint32_t layer) const {
 }
 
 Result<void> RocksCommitStore::verify() const {
-    const bool former = folder_.format() < StoreFolder::kSameRecords;
-    const auto clients =
-        former ? head_.revision : number<Revision>(Family::Clients, kClientsRevisionKey);
+    const auto clients = number<Revision>(Family::Clients, kClientsRevisionKey);
     if (!clients) return tl::unexpected(clients.error());
     if (clients->value_or(0) != head_.revision)
         return damagedAt(head_.revision, "is the newest, and what clients sent is of another");

@@ -84,8 +84,4 @@ std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies() {
     return families;
 }
 
-rocksdb::ColumnFamilyDescriptor formerFamily() {
-    return {"state", familyOptions(rocksdb::NewLRUCache(kMib))};
-}
-
 }  // namespace usdlive::server

@@ -18,7 +18,5 @@ enum class Family { Meta, Commits, Clients };
 /// Small in memory and files: a project is edited by people, and the log is read rarely.
 [[nodiscard]] rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> files);
 [[nodiscard]] std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies();
-/// A store of format 1 has this one behind them.
-[[nodiscard]] rocksdb::ColumnFamilyDescriptor formerFamily();
 
 }  // namespace usdlive::server

@@ -50,7 +50,8 @@ Result<void> StoreFolder::lock() {
     return {};
 }
 
-Result<void> StoreFolder::setFormat() {
+Result<void> StoreFolder::takeFormat() {
+    if (format_ == kFormat) return {};
     Bytes content;
     appendNumber<std::uint32_t>(content, kFormat);
     format_ = kFormat;
@@ -59,7 +60,7 @@ Result<void> StoreFolder::setFormat() {
 
 Result<void> StoreFolder::checkFormat() {
     const auto name = path_ / "format";
-    if (!std::filesystem::exists(name) && !std::filesystem::exists(database())) return setFormat();
+    if (!std::filesystem::exists(name) && !std::filesystem::exists(database())) return takeFormat();
     const auto file = openFile(name, O_RDONLY);
     const auto sealed = file ? readAt(*file, 0, kMostBytes, name) : Result<Bytes>(Bytes());
     const auto content = sealed ? sealedfile::unseal(*sealed) : std::nullopt;
@@ -68,10 +69,11 @@ Result<void> StoreFolder::checkFormat() {
                                                    name.string() + " is missing or damaged");
     ByteReader in(*content);
     format_ = in.u32();
-    if (format_ <= kFormat) return {};
-    return fail(ErrorCode::StorageTooNew, "the store " + path_.string() + " has format " +
-                                              std::to_string(format_) + ", this version reads " +
-                                              std::to_string(kFormat));
+    if (format_ >= kOldestFormat && format_ <= kFormat) return {};
+    return fail(format_ > kFormat ? ErrorCode::StorageTooNew : ErrorCode::StorageCorrupt,
+                "the store " + path_.string() + " has format " + std::to_string(format_) +
+                    ", this version reads " + std::to_string(kOldestFormat) + " to " +
+                    std::to_string(kFormat));
 }
 
 std::optional<StoreFolder::Mark> StoreFolder::mark() const {

@@ -15,11 +15,11 @@ namespace usdlive::server {
 class StoreFolder {
 public:
     static constexpr std::uint32_t kFormat = 3;
-    /// The first whose records of layers and clients are as they are now.
-    static constexpr std::uint32_t kSameRecords = 2;
+    /// The oldest that is read: like kFormat, but a store without a base.
+    static constexpr std::uint32_t kOldestFormat = 2;
 
-    /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is not told), or of the
-    /// disk.
+    /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is not told, or
+    /// older than what is read), or of the disk.
     [[nodiscard]] static Result<StoreFolder> open(const std::filesystem::path& path);
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
@@ -42,10 +42,8 @@ public:
     [[nodiscard]] std::filesystem::path bases() const { return path_ / "base"; }
     [[nodiscard]] std::filesystem::path snapshots() const { return path_ / "snapshots"; }
 
-    /// What the store was made as, at most kFormat.
-    [[nodiscard]] std::uint32_t format() const { return format_; }
-    /// It is of kFormat from now on, durably.
-    [[nodiscard]] Result<void> setFormat();
+    /// The store is of kFormat from now on, durably.
+    [[nodiscard]] Result<void> takeFormat();
 
     /// A commit that was acknowledged: what the database holds may not end before it. RocksDB takes
     /// a log that was cut off for one whose end was never written; this tells the difference.

@@ -20,12 +20,11 @@ inline constexpr const char* kEpochKey = "epoch";          // u64
 inline constexpr const char* kBaseKey = "base";            // revision, hash; absent: 0
 inline constexpr const char* kForgottenKey = "forgotten";  // revision; absent: 0
 inline constexpr char kLayerPrefix = 'L';                  // name -> number
-inline constexpr char kEditedPrefix = 'T';  // number, revision -> the last of a run of commits
-inline constexpr char kFormerChangedPrefix = 'C';  // of format 1
-inline constexpr char kSavedPrefix = 'S';          // number -> revision, file
-inline constexpr char kLayerBasePrefix = 'B';      // number -> revision, SHA-256 of its file
-inline constexpr char kCheckpointPrefix = 'K';     // name -> revision, time, user
-inline constexpr char kNamespacePrefix = 'N';      // revision -> its moves and deletes
+inline constexpr char kEditedPrefix = 'T';      // number, revision -> the last of a run of commits
+inline constexpr char kSavedPrefix = 'S';       // number -> revision, file
+inline constexpr char kLayerBasePrefix = 'B';   // number -> revision, SHA-256 of its file
+inline constexpr char kCheckpointPrefix = 'K';  // name -> revision, time, user
+inline constexpr char kNamespacePrefix = 'N';   // revision -> its moves and deletes
 // In `clients`, behind them all: the revision that it is of.
 inline const std::string kClientsRevisionKey(4, '\xff');
 

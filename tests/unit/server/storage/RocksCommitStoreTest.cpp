@@ -233,14 +233,11 @@ void writeFormat(const fs::path& folder, std::uint8_t number) {
 /// The records themselves, while no store has them open.
 class RawRecords {
 public:
-    /// `former`: with the family that a store of format 1 had.
-    explicit RawRecords(const fs::path& folder, bool former = true) {
+    explicit RawRecords(const fs::path& folder) {
         std::vector<rocksdb::ColumnFamilyDescriptor> families;
-        for (const char* name : {"default", "commits", "clients", "state"})
-            if (former || name != std::string("state"))
-                families.emplace_back(name, rocksdb::ColumnFamilyOptions());
+        for (const char* name : {"default", "commits", "clients"})
+            families.emplace_back(name, rocksdb::ColumnFamilyOptions());
         rocksdb::DBOptions options;
-        options.create_missing_column_families = true;
         rocksdb::DB* opened = nullptr;
         const auto status =
             rocksdb::DB::Open(options, (folder / "db").string(), families, &handles_, &opened);
@@ -250,7 +247,7 @@ public:
     ~RawRecords() {
         for (auto* handle : handles_) db_->DestroyColumnFamilyHandle(handle);
     }
-    enum Family { Meta, Commits, Clients, State };
+    enum Family { Meta, Commits, Clients };
     std::vector<std::string> keys(Family family) const {
         std::vector<std::string> all;
         const std::unique_ptr<rocksdb::Iterator> at(db_->NewIterator({}, handles_[family]));
@@ -372,7 +369,7 @@ TEST(RocksCommitStore, WhatABaseReplacedIsRemoved) {
         std::ofstream(folder.path / "base" / "1-9999") << "of a base that never was";
     }
     {
-        RawRecords raw(folder.path, false);
+        RawRecords raw(folder.path);
         for (int revision = 1; revision <= 3'000; ++revision) {
             std::string key(8, '\0');
             key[6] = char(revision >> 8);
@@ -385,7 +382,7 @@ TEST(RocksCommitStore, WhatABaseReplacedIsRemoved) {
     EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
     EXPECT_EQ(store->loadLayer(other).value()->dump(), commits.layers[other].dump());
     store.reset();
-    EXPECT_EQ(RawRecords(folder.path, false).keys(RawRecords::Commits).size(), 1u);
+    EXPECT_EQ(RawRecords(folder.path).keys(RawRecords::Commits).size(), 1u);
 }
 
 TEST(RocksCommitStore, AnOldRevisionBeginsWithTheNearestSnapshot) {
@@ -460,53 +457,27 @@ TEST(RocksCommitStore, ABaseIsMadeBesideAllElse) {
     EXPECT_GT(store->base().revision, 0u);
 }
 
-// Of the log alone, as a store of format 1 had other records beside it.
-TEST(RocksCommitStore, AnOlderFormatIsUpgraded) {
+TEST(RocksCommitStore, AStoreWithoutABaseIsTaken) {
     TestFolder folder;
     TestCommits commits;
-    const LayerId imported{"b.usda"};
-    {
-        const auto store = open(folder.path);
-        append(*store, std::vector{commits.import(imported, LayerDoc())});
-        append(*store, someCommits(commits, 2'500));
-    }
-    {
-        RawRecords raw(folder.path);
-        for (const auto& key : raw.keys(RawRecords::Clients)) raw.erase(RawRecords::Clients, key);
-        for (const auto& key : raw.keys(RawRecords::Meta))
-            if (key[0] == 'T') raw.erase(RawRecords::Meta, key);
-        raw.put(RawRecords::State, "old", "record");
-        raw.put(RawRecords::Meta, "Cold", "record");
-        raw.put(RawRecords::Clients, "old", "record");
-    }
-    writeFormat(folder.path, 1);
-    for (int opened = 0; opened < 2; ++opened) {
-        const auto store = open(folder.path);
-        EXPECT_EQ(store->head().hash, commits.head.hash);
-        EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
-        EXPECT_TRUE(*store->loadLayer(imported) == LayerDoc());
-        EXPECT_EQ(*store->committed(commits.id), commits.head.revision);
-        EXPECT_EQ(*store->unsavedLayers(), std::vector{kLayer});
-    }
-    append(*open(folder.path), someCommits(commits, 3));
+    append(*open(folder.path), someCommits(commits, 100));
+    writeFormat(folder.path, 2);
+    EXPECT_EQ(open(folder.path)->head().hash, commits.head.hash);
+    writeFormat(folder.path, 3);
     EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
-    const RawRecords raw(folder.path);
-    const auto keys = raw.keys(RawRecords::Clients);
-    EXPECT_TRUE(std::ranges::find(keys, "old") == keys.end());
-    EXPECT_TRUE(raw.keys(RawRecords::State).empty()) << "it was dropped";
-    std::map<char, int> counts;
-    for (const auto& key : raw.keys(RawRecords::Meta)) ++counts[key[0]];
-    EXPECT_EQ(counts['C'], 0);
-    EXPECT_EQ(counts['T'], 2) << "a run for each layer";
 }
 
-TEST(RocksCommitStore, ANewerFormatIsLeftAlone) {
-    TestFolder folder;
-    (void)open(folder.path);
-    writeFormat(folder.path, 4);
-    const auto opened = createRocksCommitStore(folder.path, options());
-    ASSERT_FALSE(opened);
-    EXPECT_EQ(opened.error().code, ErrorCode::StorageTooNew);
+TEST(RocksCommitStore, AFormatThatIsNotReadIsLeftAlone) {
+    const std::map<std::uint8_t, ErrorCode> formats{{std::uint8_t(1), ErrorCode::StorageCorrupt},
+                                                    {std::uint8_t(4), ErrorCode::StorageTooNew}};
+    for (const auto& [format, code] : formats) {
+        TestFolder folder;
+        (void)open(folder.path);
+        writeFormat(folder.path, format);
+        const auto opened = createRocksCommitStore(folder.path, options());
+        ASSERT_FALSE(opened);
+        EXPECT_EQ(opened.error().code, code);
+    }
 }
 
 TEST(RocksCommitStore, OneHasItOpen) {

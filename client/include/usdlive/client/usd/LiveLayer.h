@@ -94,6 +94,7 @@ private:
     void setPermission(bool closed, bool lockedByOther);
     void startOver();
     void noteUses();
+    void noteNames(const EditAction& action);
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     void applyNow(const std::string& path, const EditAction& action);

@@ -31,6 +31,10 @@ void setPart(FieldValue& field, const SetField& set);
 /// False when nothing is left, so that the field has to go as a whole. Precondition: holdsPart().
 [[nodiscard]] bool erasePart(FieldValue& field, const FieldPart& part);
 
+/// What stands at the key path, one key a level; nullptr: nothing, or there is no dictionary.
+[[nodiscard]] const Dictionary::Entry* entryAt(const Dictionary* dictionary,
+                                               const std::vector<std::string>& path);
+
 /// Are these the same item of a list (itemKey)?
 [[nodiscard]] bool sameItem(const Value& left, const Value& right);
 

@@ -15,6 +15,9 @@
 
 namespace usdlive::usd {
 
+/// The kind of such a spec in the protocol; nothing: it has none (mappers, expressions, targets).
+[[nodiscard]] std::optional<SpecKind> specKind(pxr::SdfSpecType type);
+
 /// What an editor wrote into a layer, in the order it was written. Called from within Sdf, before
 /// the change stands in the layer, on whatever thread writes; must not touch the layer.
 class LayerWriteObserver {
