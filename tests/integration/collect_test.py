@@ -1,4 +1,4 @@
-"""B6: big values that nothing names are removed, also by a server that is killed all the time; what anything
+"""B6, B7: big values that nothing names are removed, also by a server that is killed all the time; what anything
 names stays, and an editor whose work names a value that was removed loses nothing."""
 
 import hashlib
@@ -167,3 +167,47 @@ def test_b6_killed_while_it_removes(project, serve, editor):
     removed = re.search(r"^usdlive_removed_blobs_total (\d+)", page, re.M)
     assert removed and int(removed[1]) > 0
     assert "unused big values removed" in server.log.read_text()
+
+
+def test_b7_a_drag_leaves_little_on_the_authors_disk(project, serve, editor, tmp_path, monkeypatch):
+    """Also of an editor that is killed: the next one removes its temporary folder."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    (project / "root.usda").write_text(ROOT)
+    server = serve(project)
+    ada = editor(server, "ada", "root.usda")
+    ada.run("import time\n" + WRITE)
+
+    def used(folder):
+        total = 0
+        for path in folder.rglob("*"):
+            try:
+                total += path.stat().st_size if path.is_file() else 0
+            except FileNotFoundError:
+                pass
+        return total
+
+    ada.process.stdin.write('"result = drag(\'/M\', 5)"\n')
+    ada.process.stdin.flush()
+    most, state = 0, tmp_path / "state"
+    end = time.monotonic() + 4.5
+    while time.monotonic() < end:
+        most = max(most, used(temporary) + used(state))
+        time.sleep(0.05)
+    frames = ada._answer()
+    assert frames > 60
+    assert most < 60 << 20, f"{most >> 20} MiB for {frames} frames of 1 MiB"
+    ada.flush()
+    wait(lambda: used(temporary) < 4 << 20, timeout=20)
+    ada.run("points('/N').Set(value(7)); live.tick()")
+    folders = [path for path in temporary.iterdir() if path.is_dir()]
+    assert len(folders) == 1
+    bo = editor(server, "bo", "root.usda")
+    assert len([path for path in temporary.iterdir() if path.is_dir()]) == 2, "of one that lives"
+    ada.process.kill()
+    ada.process.wait()
+    cy = editor(server, "cy", "root.usda")
+    wait(lambda: not folders[0].exists())
+    bo.close(), cy.close()
+    assert list(temporary.iterdir()) == []

@@ -45,13 +45,14 @@ T orRaise(Result<T> result) {
 class PythonClient {
 public:
     PythonClient(const std::string& url, const std::string& user, const std::string& application,
-                 const std::string& cacheFolder, double timeoutMs) {
+                 const std::string& cacheFolder, double timeoutMs, std::uint64_t cacheBytes) {
         client_ = orRaise([&] {
             nb::gil_scoped_release release;
             return Client::connect(url, {.user = user,
                                          .application = application,
                                          .cacheFolder = cacheFolder,
-                                         .connectTimeoutMs = timeoutMs});
+                                         .connectTimeoutMs = timeoutMs,
+                                         .cacheBytes = cacheBytes});
         }());
         client_->setEventHandler([this](const client::Event& event) {
             nb::gil_scoped_acquire acquire;
@@ -312,9 +313,9 @@ NB_MODULE(_usdlive, module) {
     module.attr("__version__") = USDLIVE_VERSION;
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
-                      const std::string&, double>(),
+                      const std::string&, double, std::uint64_t>(),
              nb::arg("url"), nb::arg("user"), nb::arg("application"), nb::arg("cache_folder"),
-             nb::arg("timeout_ms"))
+             nb::arg("timeout_ms"), nb::arg("cache_bytes"))
         .def("close", &PythonClient::close)
         .def("may_wait", &PythonClient::mayWait)
         .def_prop_ro("closed", &PythonClient::isClosed)

@@ -19,15 +19,20 @@ from ._errors import Error
 
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
-            timeout: float = 10.0) -> "Live":
+            timeout: float = 10.0, cache_mib: int = 4096) -> "Live":
     """Connects to a server and waits, at most `timeout` seconds, until it answers. A server that cannot be
     reached at all is an error after a second.
 
     `url`: `ws://host:port`, `usdlive://host:port` or `host:port`, which mean the same (the port is 7447
     where none is given), or `dds://project` for a project served over DDS. `user` is shown to others;
     empty is the system's user name. Layers stand below `cache_folder`; empty is a temporary folder that
-    is removed with the connection. Raises an Error: `notConnected`, `invalidArgument`."""
-    return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0))
+    is removed with the connection. Of big values the folder holds `cache_mib` MiB, and removes those used
+    longest ago; values that the server does not have yet come on top. Raises an Error: `notConnected`,
+    `invalidArgument`."""
+    if cache_mib < 0:
+        raise ValueError(f"cache_mib is {cache_mib}: it has to be 0 or more")
+    return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0,
+                                cache_mib << 20))
 
 
 _open: "weakref.WeakSet[Live]" = weakref.WeakSet()

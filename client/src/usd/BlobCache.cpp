@@ -1,14 +1,9 @@
 #include "usdlive/client/usd/BlobCache.h"
 
-#include <fcntl.h>
-#include <sys/file.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <chrono>
 #include <fstream>
 #include <optional>
-#include <random>
 #include <system_error>
 #include <vector>
 
@@ -22,23 +17,9 @@ constexpr std::size_t kHashDigits = 64;
 // A file that is being written by somebody else is left alone for so long.
 constexpr std::chrono::hours kUnfinishedFor{1};
 
-// Several processes may write the same value at the same time, each to a file of its own.
-std::string unusedName() {
-    std::random_device random;
-    return std::to_string(::getpid()) + "-" + std::to_string(random());
-}
-
 bool isHash(const std::string& name) {
     return name.size() == kHashDigits &&
            name.find_first_not_of("0123456789abcdef") == std::string::npos;
-}
-
-// A file that this process holds locked as long as it runs; -1 when another process does.
-int lockFile(const fs::path& path) {
-    const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
-    if (file < 0 || ::flock(file, LOCK_EX | LOCK_NB) == 0) return file;
-    ::close(file);
-    return -1;
 }
 
 }  // namespace
@@ -56,11 +37,6 @@ BlobCache::~BlobCache() {
     }
     changed_.notify_all();
     writer_.join();
-    if (ownLock_ < 0) return;
-    std::error_code ignored;
-    fs::remove_all(ownFolder_, ignored);
-    fs::remove(lockOf(ownFolder_), ignored);
-    ::close(ownLock_);
 }
 
 SharedBytes BlobCache::blob(const Hash& hash) {
@@ -81,7 +57,8 @@ SharedBytes BlobCache::blob(const Hash& hash) {
 void BlobCache::keepBlob(const Hash& hash, SharedBytes bytes) {
     const std::lock_guard lock(mutex_);
     if (!bytes) return;
-    released_.erase(hash);
+    cached_.erase(hash);
+    dropped_.erase(hash);
     if (kept_.insert(hash).second) write(hash, std::move(bytes));
 }
 
@@ -105,12 +82,30 @@ void BlobCache::holdBlob(const Hash& hash, SharedBytes bytes) {
     if (bytes) insert(hash, std::move(bytes), State::Held);
 }
 
-void BlobCache::releaseKept() {
+void BlobCache::keepOnly(const std::set<Hash>& named, const std::set<Hash>& stored) {
     const std::lock_guard lock(mutex_);
-    if (kept_.empty()) return;
-    released_.merge(kept_);
-    kept_.clear();
+    for (auto kept = kept_.begin(); kept != kept_.end();) {
+        if (named.contains(*kept)) {
+            ++kept;
+            continue;
+        }
+        // A cached one that is still to be written is written where these are.
+        const bool caches = stored.contains(*kept);
+        (caches ? cached_ : dropped_).insert(*kept);
+        if (!caches) std::erase(unwritten_, *kept);
+        const bool queued = caches && std::ranges::find(unwritten_, *kept) != unwritten_.end();
+        const auto entry = entries_.find(*kept);
+        if (!queued && entry != entries_.end() && entry->second.state == State::Unwritten)
+            entry->second.state = State::Held;
+        kept = kept_.erase(kept);
+    }
+    evict();
     changed_.notify_all();
+}
+
+std::size_t BlobCache::kept() {
+    const std::lock_guard lock(mutex_);
+    return kept_.size();
 }
 
 bool BlobCache::holds(const Hash& hash) {
@@ -146,16 +141,22 @@ void BlobCache::evict() {
 
 void BlobCache::work() {
     if (folderBytes_ != kUnbounded) {
-        removeDead();
+        ProcessFolder::removeDead(folder_, kOwn);
         clean();
     }
     std::unique_lock lock(mutex_);
     for (;;) {
-        changed_.wait(lock,
-                      [this] { return stopping_ || !unwritten_.empty() || !released_.empty(); });
-        release();
-        if (unwritten_.empty() && stopping_) return;
-        if (unwritten_.empty()) continue;
+        changed_.wait(lock, [this] {
+            return stopping_ || !unwritten_.empty() || !cached_.empty() || !dropped_.empty();
+        });
+        if (!cached_.empty() || !dropped_.empty()) {
+            const auto cached = std::exchange(cached_, {}), dropped = std::exchange(dropped_, {});
+            lock.unlock();
+            workOff(cached, dropped);
+            lock.lock();
+            continue;
+        }
+        if (unwritten_.empty()) return;
         const Hash hash = unwritten_.front();
         unwritten_.pop_front();
         const SharedBytes bytes = entries_.at(hash).bytes;  // not evicted before it is written
@@ -165,16 +166,21 @@ void BlobCache::work() {
         lock.lock();
         // Queued again when it is to be kept by now; then that is what counts.
         const bool again = std::ranges::find(unwritten_, hash) != unwritten_.end();
-        if (written && !again) entries_.at(hash).state = State::Written;
+        const auto entry = entries_.find(hash);  // it may have been dropped meanwhile
+        const bool waits = entry != entries_.end() && entry->second.state == State::Unwritten;
+        if (written && !again && waits) entry->second.state = State::Written;
+        // A full disk: what others have need not stay in memory for it.
+        if (!written && !again && waits && !kept_.contains(hash)) entry->second.state = State::Held;
         evict();
     }
 }
 
-// Nothing of these is needed any more but as a cache, which the folder is.
-void BlobCache::release() {
+void BlobCache::workOff(const std::set<Hash>& cached, const std::set<Hash>& dropped) {
+    if (!own_) return;
     std::error_code ignored;
-    for (const Hash& hash : std::exchange(released_, {}))
-        if (ownLock_ >= 0) fs::remove(ownFolder_ / hash.hex(), ignored);
+    for (const Hash& hash : dropped) fs::remove(own_.path() / hash.hex(), ignored);
+    for (const Hash& hash : cached)
+        fs::rename(own_.path() / hash.hex(), folder_ / hash.hex(), ignored);
 }
 
 bool BlobCache::writeFile(const Hash& hash, const Bytes& bytes, bool kept) {
@@ -183,7 +189,7 @@ bool BlobCache::writeFile(const Hash& hash, const Bytes& bytes, bool kept) {
     fs::create_directories(folder_, error);
     if (kept && !makeOwnFolder()) return false;
     if (!kept && fs::file_size(shared, error) == bytes.size() && !error) return true;
-    const fs::path target = kept ? ownFolder_ / hash.hex() : shared;
+    const fs::path target = kept ? own_.path() / hash.hex() : shared;
     const fs::path unfinished = folder_ / (unusedName() + ".part");
     {
         std::ofstream file(unfinished, std::ios::binary | std::ios::trunc);
@@ -195,48 +201,17 @@ bool BlobCache::writeFile(const Hash& hash, const Bytes& bytes, bool kept) {
     }
     fs::rename(unfinished, target, error);
     if (error) return false;
-    if (kept) fs::create_hard_link(target, shared, error);  // or it is there
     writtenBytes_ += bytes.size();
     if (folderBytes_ != kUnbounded && writtenBytes_ > folderBytes_ / 16) clean();
     return true;
 }
 
 bool BlobCache::makeOwnFolder() {
-    if (ownLock_ >= 0) return true;
-    for (int attempt = 0; attempt < 3; ++attempt) {
-        const fs::path folder = folder_ / (kOwn + unusedName());
-        const int lock = lockFile(lockOf(folder));
-        if (lock < 0) continue;
-        std::error_code error;
-        fs::create_directory(folder, error);
-        if (error) {
-            fs::remove(lockOf(folder), error);
-            ::close(lock);
-            return false;
-        }
-        const std::lock_guard guard(mutex_);
-        ownFolder_ = folder;
-        ownLock_ = lock;
-        return true;
-    }
-    return false;
-}
-
-// What processes have left that ended without a word.
-void BlobCache::removeDead() const {
-    std::error_code ignored;
-    std::vector<fs::path> locks;
-    for (const auto& entry : fs::directory_iterator(folder_, ignored))
-        if (entry.path().filename().string().starts_with(kOwn) &&
-            entry.path().extension() == ".lock")
-            locks.push_back(entry.path());
-    for (const fs::path& path : locks) {
-        const int lock = lockFile(path);
-        if (lock < 0) continue;
-        fs::remove_all(fs::path(path).replace_extension(), ignored);
-        fs::remove(path, ignored);
-        ::close(lock);
-    }
+    if (own_) return true;
+    auto made = ProcessFolder::make(folder_, kOwn);
+    const std::lock_guard lock(mutex_);
+    own_ = std::move(made);
+    return bool(own_);
 }
 
 // Removes the files that were used longest ago.
@@ -273,7 +248,7 @@ SharedBytes BlobCache::readFile(const Hash& hash) {
     fs::path own;
     {
         const std::lock_guard lock(mutex_);
-        if (kept_.contains(hash) && ownLock_ >= 0) own = ownFolder_ / hash.hex();
+        if (kept_.contains(hash) && own_) own = own_.path() / hash.hex();
     }
     SharedBytes bytes = own.empty() ? nullptr : readFile(own, hash);
     return bytes ? bytes : readFile(folder_ / hash.hex(), hash);

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <chrono>
 #include <deque>
+#include <future>
 #include <map>
 #include <set>
 #include <thread>
@@ -26,10 +27,12 @@
 #include "usdlive/client/usd/LostWorkLayer.h"
 #include "usdlive/client/usd/LostWorkStore.h"
 #include "usdlive/client/usd/Placeholders.h"
+#include "usdlive/client/usd/ProcessFolder.h"
 #include "usdlive/client/usd/UnsentWorkStore.h"
 #include "usdlive/client/usd/UsedLayers.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive {
@@ -67,8 +70,9 @@ constexpr std::size_t kLookedAtPerTick = 100;
 constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
 // A join of a connected client that hears nothing for so long is given up.
 constexpr double kSilenceMs = 60'000;
-// Big values in the cache folder, beyond those that the server does not have yet.
-constexpr std::uint64_t kMaxCacheBytes = std::uint64_t(4) << 30;
+// Values that are kept and no longer named are let go when there are more than so many, and twice
+// as many as were named the last time.
+constexpr std::size_t kKeptAtLeast = 8;
 constexpr std::size_t kMaxCacheMemory = std::size_t(256) << 20;
 // What a blocking call gives one tick.
 constexpr double kBlockingBudgetMs = 50;
@@ -93,32 +97,29 @@ private:
     bool& flag_;
 };
 
-// A folder that goes with the client, unless the editor has named one.
-struct CacheFolder {
-    fs::path path;
-    bool own = false;
-
-    ~CacheFolder() {
-        std::error_code ignored;
-        if (own) fs::remove_all(path, ignored);
-    }
-};
+// Of cache folders that nobody has named, in the system's temporary folder.
+constexpr const char* kCachePrefix = "usdlive-cache-";
 
 }  // namespace
 
 class Client::Impl final : public client::SessionHost, public client::LayerView {
 public:
     Impl(std::unique_ptr<Connection> connection, Options options, ClientId id, LayerFolders folders,
-         bool ownCacheFolder)
+         client::ProcessFolder ownCacheFolder)
         : options_(std::move(options)),
-          cacheFolder_{folders.cacheFolder(), ownCacheFolder},
+          ownCacheFolder_(std::move(ownCacheFolder)),
           folders_(std::move(folders)),
           placeholders_(folders_.cacheFolder()),
-          blobs_(folders_.cacheFolder() / ".usdlive-blobs", kMaxCacheMemory, kMaxCacheBytes),
+          blobs_(folders_.cacheFolder() / ".usdlive-blobs", kMaxCacheMemory, options_.cacheBytes),
           connection_(std::move(connection)),
           lost_(folders_.cacheFolder() / ".usdlive-lost"),
           session_(sessionOptions(options_, std::move(id)), *this, *this) {
         session_.showPresence({});
+        if (ownCacheFolder_)
+            removing_ =
+                std::async(std::launch::async, [parent = folders_.cacheFolder().parent_path()] {
+                    client::ProcessFolder::removeDead(parent, kCachePrefix);
+                });
     }
 
     ~Impl() override {
@@ -717,9 +718,25 @@ private:
         if (unsent_)
             if (auto error = unsent_->takeError()) report(std::move(*error));
         if (auto error = placeholders_.takeError()) report(std::move(*error));
-        // Lost work is to be had with its values (M12).
+        releaseBlobs();
+    }
+
+    // B7: values that pending work no longer names, as those on the way of a drag. Lost work is to
+    // be had with its values (M12).
+    void releaseBlobs() {
         const bool idle = session_.pendingTransactions() == 0 && !session_.inGesture();
-        if (idle && lost_.size() == 0) blobs_.releaseKept();
+        const std::size_t kept = blobs_.kept();
+        if (kept <= (idle ? lostBlobs_.size() : std::max(kKeptAtLeast, 2 * stillKept_))) return;
+        auto named = session_.namedBlobs();
+        named.insert(lostBlobs_.begin(), lostBlobs_.end());
+        if (unsent_) named.merge(unsent_->neededBlobs());
+        blobs_.keepOnly(named, committedBlobs_);
+        committedBlobs_.clear();
+        stillKept_ = blobs_.kept();
+    }
+
+    static void addBlobs(const EditAction& action, std::set<Hash>& hashes) {
+        forEachBlob(action, [&](const Value& blob) { hashes.insert(blob.hash()); });
     }
 
     // Layers that the editor has written itself. Their files would count as changed behind the
@@ -817,6 +834,7 @@ private:
     }
 
     void lose(LostWork work) {
+        for (const auto& edit : work.edits) addBlobs(edit.action, lostBlobs_);
         if (const auto kept = lost_.add(work); !kept) report(kept.error());
         if (auto told = lostEvents_.add({std::move(work), lost_.size() - 1}, nowMs()))
             events_.push_back(std::move(*told));
@@ -851,6 +869,10 @@ private:
             for (const LayerState& state : states->layers) followLock(state.layer);
         } else if (const auto* changed = std::get_if<event::LayersChanged>(&one)) {
             setProjectLayers(changed->layers);
+        } else if (const auto* committed = std::get_if<event::Committed>(&one)) {
+            if (committed->commit.id.client == session_.id())
+                for (const Edit& edit : committed->commit.edits)
+                    addBlobs(edit.action, committedBlobs_);
         } else if (auto* joined = std::get_if<event::Joined>(&one)) {
             joined_.push_back(std::move(*joined));
             return false;
@@ -900,7 +922,8 @@ private:
     }
 
     const Options options_;
-    const CacheFolder cacheFolder_;
+    const client::ProcessFolder ownCacheFolder_;  // when the editor has not named one
+    std::future<void> removing_;                  // those of editors that were killed
     LayerFolders folders_;
     client::Placeholders placeholders_;
     BlobCache blobs_;
@@ -925,6 +948,10 @@ private:
     std::set<Hash> missingBlobs_;  // noticed within a tick, to be asked for at its end
     std::set<Hash> awaitedBlobs_;  // asked for
     std::vector<Hash> arrivedBlobs_;
+
+    std::set<Hash> lostBlobs_;       // that lost work names
+    std::set<Hash> committedBlobs_;  // of one's own, since some were let go
+    std::size_t stillKept_ = 0;      // then
 
     bool lineOpen_ = false;  // as far as heard
     std::optional<Error> lastLoss_;
@@ -973,15 +1000,22 @@ Result<std::unique_ptr<Client>> Client::make(std::unique_ptr<Connection> connect
                                              Connector connector, Options options) {
     if (options.user.empty()) options.user = client::systemUser().value;
     auto id = client::newClientId();
-    const bool own = options.cacheFolder.empty();
-    if (own)
-        options.cacheFolder = fs::temp_directory_path() / ("usdlive-" + id.value.substr(0, 12));
+    client::ProcessFolder own;
+    if (options.cacheFolder.empty()) {
+        const fs::path temporary = fs::temp_directory_path();
+        own = client::ProcessFolder::make(temporary, kCachePrefix);
+        if (!own)
+            return fail(ErrorCode::InvalidArgument, "cannot make a folder in " +
+                                                        temporary.string() +
+                                                        ". Name a cache folder, or set TMPDIR");
+        options.cacheFolder = own.path();
+    }
     auto folders = LayerFolders::create(options.cacheFolder);
     if (!folders) return tl::unexpected(folders.error());
 
     std::unique_ptr<Client> made(new Client);
     made->impl_ = std::make_unique<Impl>(std::move(connection), std::move(options), std::move(id),
-                                         std::move(*folders), own);
+                                         std::move(*folders), std::move(own));
     if (auto greeted = made->impl_->greet(); !greeted) return tl::unexpected(greeted.error());
     made->impl_->startJournal(std::move(connector));
     return made;

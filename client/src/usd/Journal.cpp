@@ -10,6 +10,7 @@
 
 #include "usdlive/client/usd/LostWorkStore.h"
 #include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::client {
 
@@ -25,6 +26,7 @@ constexpr auto kRetry = milliseconds(1'000);
 // Above this size the file is written anew when less than half of it is still pending.
 constexpr std::uint64_t kCompactBytes = 16 * 1024 * 1024;
 constexpr const char* kExtension = ".journal";
+constexpr const char* kBlobExtension = ".blobs";
 constexpr std::uint8_t kWork = 1, kAnswered = 2;
 
 std::int64_t wallClockMs() {
@@ -86,7 +88,15 @@ fs::path journalPath(const fs::path& folder, const ClientId& client) {
     return folder / (client.value + kExtension);
 }
 fs::path blobFolderOf(const fs::path& journal) {
-    return fs::path(journal).replace_extension(".blobs");
+    return fs::path(journal).replace_extension(kBlobExtension);
+}
+
+// The big values that it names.
+std::set<Hash> hashes(const JournaledWork& work) {
+    std::set<Hash> named;
+    for (const AuthoredEdit& edit : work.edits)
+        forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
+    return named;
 }
 
 void add(UnsentWork& sum, const UnsentWork& one) {
@@ -130,6 +140,18 @@ Result<void> writeSynced(const fs::path& path, const Bytes& bytes) {
     ::close(file);
     if (!whole || ::rename(unfinished.c_str(), path.c_str()) != 0) return failed();
     return {};
+}
+
+// Big values without their journal, as a process that was killed may leave them.
+void removeOrphan(const fs::path& folder) {
+    constexpr auto kSurelyLeft = std::chrono::hours(1);
+    std::error_code error;
+    if (folder.extension() != kBlobExtension ||
+        fs::exists(fs::path(folder).replace_extension(kExtension), error))
+        return;
+    const auto written = fs::last_write_time(folder, error);
+    if (!error && fs::file_time_type::clock::now() - written > kSurelyLeft)
+        fs::remove_all(folder, error);
 }
 
 // A new name is on the disk when its folder is.
@@ -199,6 +221,13 @@ void Journal::flush() {
     hurry_ = false;
 }
 
+std::set<Hash> Journal::neededBlobs() {
+    const std::lock_guard lock(mutex_);
+    std::set<Hash> needed = writing_;
+    for (const auto& [sequence, work] : works_) needed.merge(hashes(work));
+    return needed;
+}
+
 std::optional<UnsentWork> Journal::summary() {
     const std::lock_guard lock(mutex_);
     if (pending_.empty()) return std::nullopt;
@@ -225,10 +254,12 @@ void Journal::run() {
         auto works = std::exchange(works_, {});
         auto answered = std::exchange(answered_, {});
         busy_ = true;
+        for (const auto& [sequence, work] : works) writing_.merge(hashes(work));
         lock.unlock();
         write(works, answered);
         lock.lock();
         busy_ = false;
+        writing_.clear();
         // What could not be written is written later, unless it is of no use any more.
         for (auto& [sequence, work] : works)
             if (pending_.contains(sequence)) works_.try_emplace(sequence, std::move(work));
@@ -243,6 +274,7 @@ void Journal::write(std::map<std::uint64_t, JournaledWork>& works,
                     std::set<std::uint64_t>& answered) {
     std::erase_if(answered, [&](std::uint64_t sequence) { return !places_.contains(sequence); });
     const auto written = writeBatch(works, answered);
+    if (!written) removeUnnamed();
     const std::lock_guard lock(mutex_);
     if (written) {
         failing_ = false;
@@ -279,8 +311,12 @@ Result<void> Journal::writeBatch(const std::map<std::uint64_t, JournaledWork>& w
     for (const std::uint64_t sequence : answered) places_.erase(sequence);
     std::uint64_t live = 0;
     for (const auto& [sequence, place] : places_) live += place.bytes;
-    if (file_.size() > kCompactBytes && live < file_.size() / 2) return compact();
-    return file_.sync();
+    const bool compacts = file_.size() > kCompactBytes && live < file_.size() / 2;
+    if (const auto done = compacts ? compact() : file_.sync(); !done) return done;
+    // Work that has changed, as an open gesture does, names other values than before.
+    for (const auto& [sequence, work] : works) name(sequence, hashes(work));
+    for (const std::uint64_t sequence : answered) name(sequence, {});
+    return {};
 }
 
 Result<void> Journal::openFile() {
@@ -296,12 +332,8 @@ Result<void> Journal::openFile() {
 
 // Big values are files of their own, by their hash: the cache may forget them.
 Result<void> Journal::keepBlobs(const JournaledWork& work) {
-    std::vector<Hash> missing;
-    for (const AuthoredEdit& edit : work.edits)
-        if (const auto* set = std::get_if<SetField>(&edit.action))
-            forEachBlob(set->value, [&](const Value& blob) {
-                if (!kept_.contains(blob.hash())) missing.push_back(blob.hash());
-            });
+    std::set<Hash> missing = hashes(work);
+    std::erase_if(missing, [this](const Hash& hash) { return kept_.contains(hash); });
     if (missing.empty()) return {};
     const fs::path folder = blobFolderOf(journalPath(folder_, client_));
     std::error_code error;
@@ -314,6 +346,31 @@ Result<void> Journal::keepBlobs(const JournaledWork& work) {
     }
     syncFolder(folder);
     return {};
+}
+
+// From now on the work names these values, and no others. What no work names is removed.
+void Journal::name(std::uint64_t sequence, std::set<Hash> named) {
+    for (const Hash& hash : named) ++names_[hash];
+    for (const Hash& hash : std::exchange(named_[sequence], std::move(named))) {
+        if (--names_[hash] > 0) continue;
+        names_.erase(hash);
+        if (kept_.erase(hash) > 0) removeBlob(hash);
+    }
+    if (named_[sequence].empty()) named_.erase(sequence);
+}
+
+// Values of work that could not be written: by the next time it may name others.
+void Journal::removeUnnamed() {
+    std::erase_if(kept_, [this](const Hash& hash) {
+        if (names_.contains(hash)) return false;
+        removeBlob(hash);
+        return true;
+    });
+}
+
+void Journal::removeBlob(const Hash& hash) {
+    std::error_code ignored;
+    fs::remove(blobFolderOf(journalPath(folder_, client_)) / hash.hex(), ignored);
 }
 
 Result<void> Journal::compact() {
@@ -344,6 +401,8 @@ Result<void> Journal::compact() {
 void Journal::removeAll() {
     places_.clear();
     kept_.clear();
+    named_.clear();
+    names_.clear();
     if (!file_.isOpen()) return;
     const fs::path path = file_.path();
     file_.remove();
@@ -383,6 +442,7 @@ std::vector<UnsentWork> LeftJournal::list(const fs::path& folder, std::vector<Er
     std::vector<UnsentWork> all;
     std::error_code error;
     for (const auto& entry : fs::directory_iterator(folder, error)) {
+        removeOrphan(entry.path());
         if (entry.path().extension() != kExtension) continue;
         auto journal = open(folder, ClientId{entry.path().stem().string()});
         if (!journal) {

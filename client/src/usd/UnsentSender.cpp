@@ -38,6 +38,10 @@ SharedBytes UnsentSender::localBlob(const Hash& hash) {
     return bytes ? bytes : blobs_.blob(hash);
 }
 
+bool UnsentSender::holdsBlob(const Hash& hash) {
+    return ownBlobs_.holds(hash) || blobs_.blob(hash) != nullptr;
+}
+
 Result<SentWork> UnsentSender::send(double timeoutMs) {
     end_ = Clock::now() + std::chrono::microseconds(std::int64_t(timeoutMs * 1000));
     for (const auto& [sequence, work] : journal_.works()) wanted_[work.revision] = work.hash;

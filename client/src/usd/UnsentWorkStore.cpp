@@ -1,6 +1,7 @@
 #include "usdlive/client/usd/UnsentWorkStore.h"
 
 #include "usdlive/client/usd/LostWorkLayer.h"
+#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::client {
@@ -25,7 +26,7 @@ private:
 }  // namespace
 
 UnsentWorkStore::UnsentWorkStore(std::filesystem::path folder, Connector connector,
-                                 Session::Options options, usd::BlobSource& blobs)
+                                 Session::Options options, BlobCache& blobs)
     : folder_(std::move(folder)),
       connector_(std::move(connector)),
       options_(std::move(options)),
@@ -49,6 +50,10 @@ std::optional<UnsentWork> UnsentWorkStore::keep() {
 
 std::optional<Error> UnsentWorkStore::takeError() {
     return journal_ ? journal_->takeError() : std::nullopt;
+}
+
+std::set<Hash> UnsentWorkStore::neededBlobs() {
+    return journal_ ? journal_->neededBlobs() : std::set<Hash>();
 }
 
 std::vector<UnsentWork> UnsentWorkStore::left(std::vector<Error>& damaged) const {
@@ -77,6 +82,11 @@ Result<SentWork> UnsentWorkStore::send(const ClientId& work, double timeoutMs,
     UnsentSender sender(**connection, std::move(options), *journal, blobs_);
     auto sent = sender.send(timeoutMs);
     lost = sender.takeLost();
+    for (const LostWork& one : lost)
+        for (const AuthoredEdit& edit : one.edits)
+            forEachBlob(edit.action, [&](const Value& blob) {
+                blobs_.keepBlob(blob.hash(), sender.localBlob(blob.hash()));
+            });
     if (!sent) return sent;
     sent->lost = lost.size();
     journal->remove();

@@ -581,6 +581,38 @@ TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
     EXPECT_TRUE(peer.agrees());
 }
 
+// Nobody knows whether what was sent is committed: it is not sent again, and not lost without a
+// word.
+TEST_F(SessionTest, M14WhoWasForgottenGetsBackWhatWasSent) {
+    joinShot();
+    peer.author({authored("/A", setText("comment", "sent"))});
+    peer.advance();
+    peer.commit(peer.takeTransaction());
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.author({authored("/A", setText("kind", "not sent"))});
+    peer.sent.clear();
+    peer.session.connected();
+    ASSERT_TRUE(peer.takeControl<Hello>()->resume);
+    peer.deliver(ErrorMessage{"clientForgotten", "away for long", false, {}, {}});
+    peer.deliver(peer.welcomeMessage(false));
+    peer.advance();
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].work.reason.code, ErrorCode::ClientForgotten);
+    ASSERT_EQ(lost[0].work.edits.size(), 1u);
+    EXPECT_EQ(lost[0].work.edits[0].action, EditAction(setText("comment", "sent")));
+    EXPECT_EQ(peer.session.pendingTransactions(), 1u);
+    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
+    peer.advance();
+    const Transaction own = peer.takeTransaction();
+    ASSERT_EQ(own.edits.size(), 1u);
+    EXPECT_EQ(own.edits[0].action, EditAction(setText("kind", "not sent")));
+    peer.tell(peer.commit(own).revision);
+    peer.advance();
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+    EXPECT_TRUE(peer.agrees());
+}
+
 TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
     joinShot();
     authorComment("/A", "mine");
@@ -1027,6 +1059,25 @@ TEST_F(SessionTest, B3APreviewFollowsItsBigValuesAndOnlyTheLastOnesAreStored) {
     peer.commitAndTell(peer.takeTransaction());
     peer.advance();
     EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, B7NamesTheValuesOfPendingWorkAndOfTheGestureAsItIs) {
+    joinShot();
+    const BigValue first = bigValue(1), second = bigValue(2), third = bigValue(3);
+    const auto author = [&](const BigValue& big) {
+        peer.blobs[big.value.hash()] = big.bytes;
+        peer.author({authored("/A", SetField{"x", {}, big.value, {}})});
+    };
+    const auto named = [&] { return peer.session.namedBlobs(); };
+    EXPECT_TRUE(named().empty());
+    author(first);
+    peer.session.beginGesture();
+    author(second);
+    EXPECT_EQ(named(), (std::set<Hash>{first.value.hash(), second.value.hash()}));
+    author(third);
+    EXPECT_EQ(named(), (std::set<Hash>{first.value.hash(), third.value.hash()}));
+    peer.session.endGesture();
+    EXPECT_EQ(named(), (std::set<Hash>{first.value.hash(), third.value.hash()}));
 }
 
 TEST_F(SessionTest, B3AServerThatWouldStoreThemGetsNoValuesOfPreviews) {

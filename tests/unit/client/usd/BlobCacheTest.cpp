@@ -6,6 +6,7 @@
 #include <chrono>
 #include <deque>
 #include <fstream>
+#include <set>
 #include <thread>
 
 using namespace usdlive;
@@ -20,20 +21,30 @@ struct Folder {
     ~Folder() { fs::remove_all(path); }
 };
 
-SharedBytes bytes(std::uint8_t fill, std::size_t size = 1000) {
-    return std::make_shared<const Bytes>(size, fill);
+SharedBytes bytes(int fill, std::size_t size = 1000) {
+    return std::make_shared<const Bytes>(size, std::uint8_t(fill));
 }
 Hash hashOf(const SharedBytes& bytes) { return sha256(ByteView(*bytes)); }
+// The names of values that are in folders of one cache's own.
+std::set<std::string> ownFiles(const Folder& folder) {
+    std::set<std::string> found;
+    std::error_code ignored;  // they are removed meanwhile
+    for (fs::recursive_directory_iterator entry(folder.path, ignored), end; entry != end;
+         entry.increment(ignored))
+        if (entry->path().parent_path() != folder.path)
+            found.insert(entry->path().filename().string());
+    return found;
+}
 
 }  // namespace
 
-TEST(BlobCache, GivesBackWhatItKeepsAlsoToALaterOne) {
+TEST(BlobCache, GivesBackWhatItCachesAlsoToALaterOne) {
     const Folder folder;
     const auto blob = bytes(1);
     {
         BlobCache cache(folder.path);
         EXPECT_EQ(cache.blob(hashOf(blob)), nullptr);
-        cache.keepBlob(hashOf(blob), blob);
+        cache.cacheBlob(hashOf(blob), blob);
         EXPECT_EQ(*cache.blob(hashOf(blob)), *blob);
     }
     BlobCache later(folder.path);
@@ -61,7 +72,7 @@ TEST(BlobCache, B3WhatIsHeldIsInMemoryOnlyUntilItIsKept) {
         cache.holdBlob(hashOf(other), other);
         EXPECT_TRUE(cache.holds(hashOf(blob)));
         EXPECT_EQ(*cache.blob(hashOf(blob)), *blob);
-        cache.keepBlob(hashOf(other), other);
+        cache.cacheBlob(hashOf(other), other);
     }
     BlobCache later(folder.path);
     EXPECT_FALSE(later.holds(hashOf(blob)));
@@ -97,28 +108,82 @@ TEST(BlobCache, WhatIsKeptStaysWhateverOthersRemove) {
         ASSERT_TRUE(blob) << int(i);
         EXPECT_EQ(*blob, *bytes(i));
     }
-    mine.releaseKept();
-    const auto own = [&] {
-        std::size_t count = 0;
-        for (const auto& entry : fs::recursive_directory_iterator(folder.path))
-            count += entry.path().parent_path() != folder.path ? 1 : 0;
-        return count;
-    };
-    for (int wait = 0; wait < 1'000 && own() > 0; ++wait)
+    mine.keepOnly({}, {});
+    for (int wait = 0; wait < 1'000 && !ownFiles(folder).empty(); ++wait)
         std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    EXPECT_EQ(own(), 0u);
+    EXPECT_TRUE(ownFiles(folder).empty());
+}
+
+// The values on the way of a drag: only what work still names is kept, and what the server has
+// is cached.
+TEST(BlobCache, B7OnlyWhatIsStillNamedIsKept) {
+    const Folder folder;
+    {
+        BlobCache cache(folder.path, 0, 1'000'000'000);
+        std::set<Hash> named, stored;
+        for (int round = 0; round < 5; ++round) {
+            for (std::uint8_t i = 0; i < 40; ++i)
+                cache.keepBlob(hashOf(bytes(40 * round + i)), bytes(40 * round + i));
+            named = {hashOf(bytes(40 * round + 39))};
+            stored = {hashOf(bytes(40 * round + 5))};
+            cache.keepOnly(named, stored);
+            EXPECT_EQ(cache.kept(), 1u);
+        }
+        const std::set<std::string> last{hashOf(bytes(199)).hex()};
+        for (int wait = 0; wait < 1'000 && ownFiles(folder) != last; ++wait)
+            std::this_thread::sleep_for(std::chrono::milliseconds(5));
+        EXPECT_EQ(ownFiles(folder), last);
+        EXPECT_EQ(*cache.blob(hashOf(bytes(199))), *bytes(199));
+        EXPECT_TRUE(cache.holds(hashOf(bytes(199))));
+        // One that is let go and written again is kept.
+        cache.keepOnly({}, {});
+        cache.keepBlob(hashOf(bytes(199)), bytes(199));
+        EXPECT_EQ(*cache.blob(hashOf(bytes(199))), *bytes(199));
+        cache.keepOnly({}, {hashOf(bytes(199))});
+    }
+    BlobCache later(folder.path);
+    for (const std::uint8_t number : {5, 45, 85, 125, 165, 199})
+        EXPECT_TRUE(later.blob(hashOf(bytes(number)))) << int(number);
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder.path), {}), 6) << "nothing else is left";
+}
+
+TEST(BlobCache, OfAFolderThatCannotBeWrittenOnlyWhatIsKeptStaysInMemory) {
+    const Folder folder;
+    std::ofstream(folder.path) << "in the way";
+    BlobCache cache(folder.path, 5'000, 1'000'000'000);
+    std::set<Hash> own, others;
+    for (int i = 0; i < 20; ++i) {
+        cache.keepBlob(hashOf(bytes(i)), bytes(i));
+        own.insert(hashOf(bytes(i)));
+    }
+    for (int i = 20; i < 120; ++i) {
+        cache.cacheBlob(hashOf(bytes(i)), bytes(i));
+        others.insert(hashOf(bytes(i)));
+    }
+    const auto held = [&](const std::set<Hash>& hashes) {
+        return std::ranges::count_if(hashes, [&](const Hash& hash) { return cache.holds(hash); });
+    };
+    for (int wait = 0; wait < 1'000 && held(others) > 5; ++wait)
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    EXPECT_LE(held(others), 5);
+    for (const Hash& hash : own) EXPECT_TRUE(cache.blob(hash));
+    cache.keepOnly({}, own);
+    EXPECT_LE(held(own), 5);
 }
 
 TEST(BlobCache, SeveralMayWriteTheSameAtOnce) {
     const Folder folder;
     {
         std::deque<BlobCache> caches;
+        std::set<Hash> stored;
         for (int i = 0; i < 4; ++i) caches.emplace_back(folder.path, 0, 1'000'000'000);
         for (std::uint8_t i = 0; i < 50; ++i)
             for (BlobCache& cache : caches) {
-                cache.keepBlob(hashOf(bytes(i, 100'000)), bytes(i, 100'000));
-                cache.cacheBlob(hashOf(bytes(100 + i, 100'000)), bytes(100 + i, 100'000));
+                cache.cacheBlob(hashOf(bytes(i, 100'000)), bytes(i, 100'000));
+                cache.keepBlob(hashOf(bytes(100 + i, 100'000)), bytes(100 + i, 100'000));
+                stored.insert(hashOf(bytes(100 + i, 100'000)));
             }
+        for (BlobCache& cache : caches) cache.keepOnly({}, stored);
     }
     BlobCache later(folder.path);
     for (std::uint8_t i = 0; i < 50; ++i) {
@@ -137,15 +202,19 @@ TEST(BlobCache, WhatAKilledProcessLeftIsRemoved) {
     std::ofstream(folder.path / "other.part") << "x";
     fs::last_write_time(folder.path / "other.part",
                         fs::file_time_type::clock::now() - std::chrono::hours(2));
+    const auto living = client::ProcessFolder::make(folder.path, "own-");
+    ASSERT_TRUE(living);
+    std::ofstream(living.path() / "value") << "x";
     BlobCache(folder.path, 0, 1'000'000);
-    EXPECT_EQ(std::distance(fs::directory_iterator(folder.path), {}), 0);
+    EXPECT_TRUE(fs::exists(living.path() / "value")) << "of a process that lives";
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder.path), {}), 2);
 }
 
 TEST(BlobCache, DoesNotTrustItsFiles) {
     const Folder folder;
     const auto blob = bytes(1);
     {
-        BlobCache(folder.path).keepBlob(hashOf(blob), blob);
+        BlobCache(folder.path).cacheBlob(hashOf(blob), blob);
     }
     std::fstream(folder.path / hashOf(blob).hex()) << "x";
     BlobCache cache(folder.path);

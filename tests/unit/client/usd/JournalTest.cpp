@@ -1,8 +1,11 @@
 #include "usdlive/client/usd/Journal.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <chrono>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 
@@ -105,6 +108,76 @@ TEST_F(JournalTest, ATornRecordEndsTheJournal) {
         before = journal->works().size();
     }
     EXPECT_EQ(before, 0u);
+}
+
+// B7: a drag changes its work again and again; only the values that the work still names are kept.
+TEST_F(JournalTest, B7KeepsTheBigValuesThatItsWorkNames) {
+    const auto dragged = [&](int number) {
+        const auto bytes = std::make_shared<const Bytes>(1'000, std::uint8_t(number));
+        const Hash hash = sha256(ByteView(*bytes));
+        blobs.all = {{hash, bytes}};
+        return std::vector<AuthoredEdit>{
+            {LayerId{"shot.usda"}, "/p.x",
+             SetField{"default", {}, Value::blob(arrayOf(ValueType::Float), hash, 1'000), {}}}};
+    };
+    const fs::path values = folder / (kClient.value + ".blobs");
+    const auto count = [&] { return std::distance(fs::directory_iterator(values), {}); };
+    Journal journal(folder, kClient, blobs);
+    for (int number = 0; number < 20; ++number) {
+        const auto edits = dragged(number);
+        journal.pending({1, 7, sha256(asBytes("seven")), edits});
+        EXPECT_EQ(journal.neededBlobs().size(), 1u);
+        journal.flush();
+        EXPECT_EQ(count(), 1);
+        EXPECT_TRUE(journal.neededBlobs().empty());
+    }
+    const auto same = dragged(19);
+    journal.pending({2, 7, sha256(asBytes("seven")), same});
+    journal.flush();
+    journal.answered(1);
+    journal.flush();
+    EXPECT_EQ(count(), 1) << "another work names it";
+    journal.answered(2);
+    journal.flush();
+    EXPECT_FALSE(fs::exists(values));
+}
+
+// As on a full disk: the value has room, and the record that names it has not.
+TEST_F(JournalTest, B7OfWorkThatCannotBeWrittenNoValuesStay) {
+    const auto bytes = std::make_shared<const Bytes>(1'000, std::uint8_t(1));
+    const Hash hash = sha256(ByteView(*bytes));
+    blobs.all = {{hash, bytes}};
+    const std::vector<AuthoredEdit> edits{
+        {LayerId{"shot.usda"}, "/p.x",
+         SetField{"default", {}, Value::blob(arrayOf(ValueType::Float), hash, 1'000), {}}},
+        {LayerId{"shot.usda"}, "/" + std::string(20'000, 'p'), CreateSpec{SpecKind::Prim}}};
+    const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+    rlimit before{};
+    ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
+    const rlimit small{10'000, before.rlim_max};
+    ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
+    Journal journal(folder, kClient, blobs);
+    journal.pending({1, 7, sha256(asBytes("seven")), edits});
+    journal.flush();
+    ::setrlimit(RLIMIT_FSIZE, &before);
+    std::signal(SIGXFSZ, handler);
+    EXPECT_TRUE(journal.takeError());
+    const fs::path values = folder / (kClient.value + ".blobs");
+    EXPECT_TRUE(fs::is_empty(values));
+    EXPECT_EQ(journal.neededBlobs(), std::set<Hash>{hash});
+    journal.flush();
+}
+
+TEST_F(JournalTest, B7ValuesWithoutTheirJournalAreRemoved) {
+    const fs::path old = folder / "00.blobs", fresh = folder / "11.blobs";
+    for (const fs::path& values : {old, fresh}) {
+        fs::create_directories(values);
+        std::ofstream(values / "value") << "x";
+    }
+    fs::last_write_time(old, fs::file_time_type::clock::now() - std::chrono::hours(2));
+    EXPECT_TRUE(left().empty());
+    EXPECT_FALSE(fs::exists(old));
+    EXPECT_TRUE(fs::exists(fresh)) << "somebody may be at it";
 }
 
 TEST_F(JournalTest, SaysOnceThatItCannotBeWritten) {

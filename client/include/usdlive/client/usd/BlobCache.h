@@ -11,6 +11,7 @@
 #include <thread>
 #include <unordered_map>
 
+#include "usdlive/client/usd/ProcessFolder.h"
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Hash.h"
 #include "usdlive/common/usd/ValueCodec.h"
@@ -36,14 +37,17 @@ public:
     ~BlobCache() override;
 
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
-    /// Keeps a value that nobody else may have, until releaseKept().
+    /// Keeps a value that nobody else may have, until keepOnly() does not name it.
     void keepBlob(const Hash& hash, SharedBytes bytes) override;
     /// Caches a value that the server has.
     void cacheBlob(const Hash& hash, SharedBytes bytes);
     /// Holds a value in memory only, for as long as there is room.
     void holdBlob(const Hash& hash, SharedBytes bytes);
-    /// The server has all values that were kept so far: they are cached from now on.
-    void releaseKept();
+    /// Of the values that were kept so far only `named` are kept on. Of the others those that the
+    /// server has (`stored`) are cached from now on, and the rest is removed.
+    void keepOnly(const std::set<Hash>& named, const std::set<Hash>& stored);
+    /// How many are kept.
+    [[nodiscard]] std::size_t kept();
     /// Is it here, as far as its file's name says?
     [[nodiscard]] bool holds(const Hash& hash);
 
@@ -56,19 +60,16 @@ private:
     };
     static constexpr const char* kOwn = "own-";
 
-    static std::filesystem::path lockOf(std::filesystem::path folder) { return folder += ".lock"; }
-
     // With mutex_ held.
     void insert(const Hash& hash, SharedBytes bytes, State state);
     void write(const Hash& hash, SharedBytes bytes);
     void evict();
-    void release();
 
     // By the writer.
     void work();
+    void workOff(const std::set<Hash>& cached, const std::set<Hash>& dropped);
     [[nodiscard]] bool writeFile(const Hash& hash, const Bytes& bytes, bool kept);
     [[nodiscard]] bool makeOwnFolder();
-    void removeDead() const;
     void clean();
 
     [[nodiscard]] SharedBytes readFile(const Hash& hash);
@@ -85,9 +86,9 @@ private:
     std::list<Hash> uses_;  // the latest first
     std::size_t bytes_ = 0;
     std::deque<Hash> unwritten_;
-    std::set<Hash> kept_, released_;
-    std::filesystem::path ownFolder_;
-    int ownLock_ = -1;  // -1: there is no own folder yet
+    std::set<Hash> kept_;
+    std::set<Hash> cached_, dropped_;  // kept no longer, and still in the own folder
+    ProcessFolder own_;                // when there is something to keep; made by the writer
     bool stopping_ = false;
 
     std::thread writer_;

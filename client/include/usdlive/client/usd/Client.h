@@ -47,6 +47,9 @@ public:
         /// below the cache folder if one is named, else $XDG_STATE_HOME/usdlive or
         /// ~/.local/state/usdlive.
         std::filesystem::path stateFolder = {};
+        /// Big values that the cache folder holds, in bytes: of more the ones used longest ago are
+        /// removed. Values of one's own that the server does not have yet come on top.
+        std::uint64_t cacheBytes = std::uint64_t(4) << 30;
     };
 
     /// A call that is a mistake of the caller's. Nothing was done.

@@ -45,6 +45,8 @@ public:
 
     /// Returns when everything so far is on the disk, or could not be written.
     void flush();
+    /// Big values of work that is not on the disk yet: `blobs` has to give them until then.
+    [[nodiscard]] std::set<Hash> neededBlobs();
     /// What is pending: nothing when all of it was answered.
     [[nodiscard]] std::optional<UnsentWork> summary();
     /// Why the journal cannot be written; once for each time that it begins to fail.
@@ -62,6 +64,9 @@ private:
                             const std::set<std::uint64_t>& answered);
     Result<void> openFile();
     Result<void> keepBlobs(const JournaledWork& work);
+    void name(std::uint64_t sequence, std::set<Hash> named);
+    void removeUnnamed();
+    void removeBlob(const Hash& hash);
     Result<void> compact();
     void removeAll();
 
@@ -74,6 +79,7 @@ private:
     std::map<std::uint64_t, JournaledWork> works_;  // to be written
     std::set<std::uint64_t> answered_;              // that are in the file, or being written
     std::map<std::uint64_t, UnsentWork> pending_;   // what each holds, for summary()
+    std::set<Hash> writing_;                        // big values of what is being written
     bool busy_ = false;
     bool hurry_ = false;
     bool stopping_ = false;
@@ -82,7 +88,9 @@ private:
     // The thread's own.
     RecordFile file_;
     std::map<std::uint64_t, Place> places_;
-    std::set<Hash> kept_;
+    std::set<Hash> kept_;                            // big values beside the file
+    std::map<std::uint64_t, std::set<Hash>> named_;  // that are named, by which work
+    std::map<Hash, std::size_t> names_;              // and by how many
     bool failing_ = false;
     std::thread thread_;
 };

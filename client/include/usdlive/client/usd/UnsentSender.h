@@ -48,6 +48,7 @@ public:
     void send(SharedBytes frames) override { connection_.send(std::move(frames)); }
     bool takesMore() override;
     SharedBytes localBlob(const Hash& hash) override;
+    bool holdsBlob(const Hash& hash) override;
     void blobArrived(const Hash&, SharedBytes, bool) override {}
     void pending(const PendingWork& work) override;
     void answered(std::uint64_t sequence) override { done_.push_back(sequence); }

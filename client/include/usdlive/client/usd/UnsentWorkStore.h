@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "usdlive/client/transport/Connection.h"
@@ -22,17 +23,20 @@ public:
     /// `options` are those of this connection's session. Without a `folder` nothing is kept;
     /// without a `connector` nothing that was left can be sent.
     UnsentWorkStore(std::filesystem::path folder, Connector connector, Session::Options options,
-                    usd::BlobSource& blobs);
+                    BlobCache& blobs);
 
     void pending(const PendingWork& work);
     void answered(std::uint64_t sequence);
     /// What of this connection is pending, when it is on the disk; nothing when all was answered.
     [[nodiscard]] std::optional<UnsentWork> keep();
     [[nodiscard]] std::optional<Error> takeError();
+    /// Big values that the journal still has to write.
+    [[nodiscard]] std::set<Hash> neededBlobs();
 
     /// What others have left; `damaged`: why a journal cannot be read.
     [[nodiscard]] std::vector<UnsentWork> left(std::vector<Error>& damaged) const;
-    /// Sends it. `lost` gets what is refused or dropped, also when the rest could not be sent.
+    /// Sends it. `lost` gets what is refused or dropped, also when the rest could not be sent; its
+    /// big values are kept in this connection's cache.
     Result<SentWork> send(const ClientId& work, double timeoutMs, std::vector<LostWork>& lost);
     /// Its edits of one layer; `known`: that layer in the project, or nullptr.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> asLayer(const ClientId& work, const LayerId& layer,
@@ -45,7 +49,7 @@ private:
     const std::filesystem::path folder_;
     const Connector connector_;
     const Session::Options options_;
-    usd::BlobSource& blobs_;
+    BlobCache& blobs_;
     std::unique_ptr<Journal> journal_;
 };
 

@@ -1,0 +1,87 @@
+#include "usdlive/client/usd/ProcessFolder.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <random>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace usdlive::client {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kLock = ".lock";
+constexpr int kAttempts = 3;
+
+// The file, locked; -1 when another process has it, or it is not there any more.
+int lockFile(const fs::path& path, int flags) {
+    const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | flags, 0600);
+    if (file < 0) return -1;
+    struct stat opened{}, named{};
+    // Who removed it in between had it locked until then.
+    if (::flock(file, LOCK_EX | LOCK_NB) == 0 && ::fstat(file, &opened) == 0 &&
+        ::stat(path.c_str(), &named) == 0 && opened.st_ino == named.st_ino)
+        return file;
+    ::close(file);
+    return -1;
+}
+
+void remove(const fs::path& folder, int lock) {
+    std::error_code ignored;
+    fs::remove_all(folder, ignored);
+    fs::remove(folder.string() + kLock, ignored);
+    ::close(lock);
+}
+
+}  // namespace
+
+std::string unusedName() {
+    std::random_device random;
+    return std::to_string(::getpid()) + "-" + std::to_string(random());
+}
+
+ProcessFolder::~ProcessFolder() {
+    if (lock_ >= 0) remove(path_, lock_);
+}
+
+void ProcessFolder::swap(ProcessFolder& other) noexcept {
+    path_.swap(other.path_);
+    std::swap(lock_, other.lock_);
+}
+
+ProcessFolder ProcessFolder::make(const fs::path& parent, const std::string& prefix) {
+    ProcessFolder made;
+    for (int attempt = 0; attempt < kAttempts; ++attempt) {
+        const fs::path path = parent / (prefix + unusedName());
+        const int lock = lockFile(path.string() + kLock, O_CREAT | O_EXCL);
+        if (lock < 0) continue;
+        if (::mkdir(path.c_str(), 0700) != 0) {
+            remove(path, lock);
+            break;
+        }
+        made.path_ = path;
+        made.lock_ = lock;
+        break;
+    }
+    return made;
+}
+
+void ProcessFolder::removeDead(const fs::path& parent, const std::string& prefix) {
+    std::error_code ignored;
+    std::vector<fs::path> locks;
+    for (const auto& entry : fs::directory_iterator(parent, ignored))
+        if (entry.path().filename().string().starts_with(prefix) &&
+            entry.path().extension() == kLock)
+            locks.push_back(entry.path());
+    for (const fs::path& path : locks)
+        if (const int lock = lockFile(path, 0); lock >= 0)
+            remove(fs::path(path).replace_extension(), lock);
+}
+
+}  // namespace usdlive::client
