@@ -6,6 +6,7 @@ include(CMakePackageConfigHelpers)
 function(usdlive_install_wheel)
     set_target_properties(_usdlive PROPERTIES INSTALL_RPATH "$ORIGIN/../usd_core.libs")
     install(TARGETS _usdlive LIBRARY DESTINATION usdlive)
+    install(FILES ${PROJECT_BINARY_DIR}/python/usdlive/_error_code.py DESTINATION usdlive)
     # From bin/ of an environment, or of a system like Debian's, to the usd-core beside the package.
     set(python lib/python${Python_VERSION_MAJOR}.${Python_VERSION_MINOR})
     set_target_properties(usdlive usdlive-server PROPERTIES INSTALL_RPATH

@@ -1,4 +1,4 @@
-"""Writes ErrorCode.h and ErrorCode.cpp from errors.json, the one table of error codes."""
+"""Writes the error codes for C++, Python and TypeScript from errors.json, their one table."""
 
 import json
 import pathlib
@@ -72,6 +72,33 @@ std::optional<ErrorCode> errorFromName(std::string_view name) {{
 """
 
 
+PYTHON = '''"""Generated from common/protocol/errors.json. Do not edit."""
+
+import enum
+
+
+class ErrorCode(enum.StrEnum):
+    """What went wrong, as it is written on the wire: `ErrorCode.LAYER_NOT_FOUND == "layerNotFound"`."""
+
+{members}
+'''
+
+TYPESCRIPT = """// Generated from common/protocol/errors.json. Do not edit.
+
+/** Each code as it is written on the wire, and one plain sentence for people. */
+export const errorTexts = {{
+{members}
+}} as const;
+
+export type ErrorCode = keyof typeof errorTexts;
+
+/** A newer server may know codes that are not among these. */
+export function isErrorCode(code: string): code is ErrorCode {{
+  return Object.hasOwn(errorTexts, code);
+}}
+"""
+
+
 def read_errors(path):
     errors = json.loads(path.read_text(encoding="utf-8"))["errors"]
     codes = [error["code"] for error in errors]
@@ -88,14 +115,23 @@ def literal(text):
     return json.dumps(text, ensure_ascii=False)
 
 
-def main(errors_path, header_path, source_path):
+def write(path, text):
+    path = pathlib.Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def main(errors_path, header_path, source_path, python_path, typescript_path):
     errors = read_errors(pathlib.Path(errors_path))
     enumerators = "\n".join(f"    {code[0].upper()}{code[1:]}," for code, _ in errors)
     rows = "\n".join(f"    {{{literal(code)}, {literal(text)}}}," for code, text in errors)
-    header, source = pathlib.Path(header_path), pathlib.Path(source_path)
-    header.parent.mkdir(parents=True, exist_ok=True)
-    header.write_text(HEADER.format(enumerators=enumerators), encoding="utf-8")
-    source.write_text(SOURCE.format(count=len(errors), rows=rows), encoding="utf-8")
+    write(header_path, HEADER.format(enumerators=enumerators))
+    write(source_path, SOURCE.format(count=len(errors), rows=rows))
+    constants = [(re.sub("([A-Z])", r"_\1", code).upper(), code, text) for code, text in errors]
+    write(python_path, PYTHON.format(members="\n".join(
+        f"    {name} = {literal(code)}\n    {literal(text)}" for name, code, text in constants)))
+    write(typescript_path, TYPESCRIPT.format(members="\n".join(
+        f"  {code}: {literal(text)}," for code, text in errors)))
 
 
 if __name__ == "__main__":

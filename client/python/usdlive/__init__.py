@@ -32,7 +32,8 @@ from pxr import Sdf as _Sdf  # noqa: E402,F401 - loads usd-core's library, which
 
 from . import events  # noqa: E402
 from ._usdlive import __version__  # noqa: E402
+from ._error_code import ErrorCode  # noqa: E402
 from ._errors import Error  # noqa: E402
 from ._live import Live, UnsentWork, connect  # noqa: E402
 
-__all__ = ["__version__", "Error", "Live", "UnsentWork", "connect", "events"]
+__all__ = ["__version__", "Error", "ErrorCode", "Live", "UnsentWork", "connect", "events"]

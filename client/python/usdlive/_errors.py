@@ -4,8 +4,8 @@
 class Error(RuntimeError):
     """Something usdlive refused or could not do.
 
-    `code` is a name of errors.json ("layerNotFound"), the same in C++, on the wire and here;
-    `message` says in one sentence what and where.
+    `code` is the name of an ErrorCode ("layerNotFound"), the same in C++, on the wire and here; a newer
+    server may have others. `message` says in one sentence what and where.
     """
 
     def __init__(self, code: str, message: str):

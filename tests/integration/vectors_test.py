@@ -1,0 +1,56 @@
+"""The samples of tests/vectors, read by code that shares nothing with the product."""
+
+import json
+import os
+import pathlib
+import re
+
+import usdlive
+import wire
+
+VECTORS = pathlib.Path(__file__).parents[1] / "vectors"
+FRAMES = VECTORS / "frames.json"
+
+
+def as_json(value):
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, (list, tuple)):
+        return [as_json(one) for one in value]
+    if isinstance(value, dict):
+        return {name: as_json(one) for name, one in value.items()}
+    return value
+
+
+def test_frames_say_what_they_say():
+    samples = json.loads(FRAMES.read_text())
+    for sample in samples["frames"]:
+        frame = bytes.fromhex(sample["bytes"])
+        kind, members = wire.decode(frame)
+        after = None
+        if kind == "Commit":
+            after = (members["hash_after"] or wire.chain_hash(members["previous"], frame)).hex()
+        if os.environ.get("USDLIVE_WRITE_VECTORS") and "kind" not in sample:
+            sample |= {"kind": kind, "members": as_json(members)} | ({"after": after} if after else {})
+        assert (sample["kind"], sample["members"]) == (kind, as_json(members)), sample["name"]
+        assert sample.get("after") == after, sample["name"]
+        # Another writer's layout says the same.
+        again = wire.decode(wire.encode(kind, members)[4:])
+        assert as_json(again) == as_json((kind, members)), sample["name"]
+    if os.environ.get("USDLIVE_WRITE_VECTORS"):
+        FRAMES.write_text(json.dumps(samples, indent=1, ensure_ascii=False) + "\n")
+
+
+def test_every_kind_of_frame_has_a_sample():
+    kinds = {sample["kind"] for sample in json.loads(FRAMES.read_text())["frames"]}
+    assert kinds == {kind for kind in wire.UNIONS["Body"] if kind != "NONE"}
+
+
+def test_error_codes_are_the_same_in_every_language():
+    table = json.loads((VECTORS.parents[1] / "common/protocol/errors.json").read_text())["errors"]
+    codes = [error["code"] for error in table]
+    assert [code.value for code in usdlive.ErrorCode] == codes
+    assert usdlive.ErrorCode.LAYER_NOT_FOUND == "layerNotFound"
+    script = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "typescript/errorCodes.ts"
+    texts = re.findall(r"^  (\w+): (\".*\"),$", script.read_text(), re.M)
+    assert [(code, json.loads(text)) for code, text in texts] == [(e["code"], e["text"]) for e in table]

@@ -1,0 +1,93 @@
+// The frames of tests/vectors are read as they say.
+#include "unit/common/Vectors.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "SampleFrames.h"
+
+using namespace usdlive;
+using namespace usdlive::test;
+
+namespace {
+
+const std::string kFrames = vectorsFile("frames.json");
+
+/// What each sample of a frame says, in the order of the file.
+std::vector<std::pair<std::string, Frame>> meanings() {
+    Commit first = sampleCommit();
+    first.revision = 1;
+    first.edits = {edit("/World", CreateSpec{SpecKind::Prim})};
+    first.dropped.clear();
+    first.gesture = 0;
+    first.previous = Hash();
+    Commit imported = first;
+    imported.revision = 2;
+    imported.imported = LayerId{"shot/a.usda"};
+    imported.edits.clear();
+    CommitFrame stub{imported, sha256(asBytes("after the import"))};
+    std::vector<std::pair<std::string, Frame>> all{
+        {"first commit", CommitFrame{first}},
+        {"stub of an import", stub},
+        {"withdrawn preview", PreviewFrame{{"someone"}, 3, 17, {}}}};
+    const std::vector<std::string> names{"submit",
+                                         "commit",
+                                         "conflated commits",
+                                         "refusal",
+                                         "preview",
+                                         "part of a big value",
+                                         "part of a preview's big value",
+                                         "snapshot",
+                                         "control"};
+    const auto samples = sampleFrames();
+    for (std::size_t index = 0; index < names.size(); ++index)
+        all.emplace_back(names[index], samples[index]);
+    return all;
+}
+
+}  // namespace
+
+TEST(Vectors, FramesSayWhatTheySay) {
+    auto file = nlohmann::ordered_json::parse(std::ifstream(kFrames));
+    std::map<std::string, std::size_t> places;
+    for (std::size_t index = 0; index < file["frames"].size(); ++index)
+        places[file["frames"][index]["name"]] = index;
+    for (const auto& [name, meaning] : meanings()) {
+        SCOPED_TRACE(name);
+        if (writesVectors() && !places.contains(name)) {
+            const Bytes message = encodeFrame(meaning);
+            file["frames"].push_back(
+                {{"name", name}, {"bytes", toHex(ByteView(message).subspan(4))}});
+            continue;
+        }
+        ASSERT_TRUE(places.contains(name));
+        const auto& sample = file["frames"][places[name]];
+        const Bytes bytes = fromHex(sample["bytes"]);
+        const auto decoded = decodeFrame(bytes);
+        ASSERT_TRUE(decoded) << decoded.error().message;
+        EXPECT_TRUE(*decoded == meaning);
+        const auto* commit = std::get_if<CommitFrame>(&meaning);
+        if (!commit || !sample.contains("after")) continue;
+        EXPECT_EQ(hashAfter(*commit, commit->commit.previous, bytes).hex(), sample["after"]);
+    }
+    if (writesVectors()) {
+        std::ofstream(kFrames) << file.dump(1) << "\n";
+        return;
+    }
+    EXPECT_EQ(places.size(), meanings().size());
+}
+
+TEST(Vectors, WhatIsNoFrameIsRefusedWithItsCode) {
+    const auto file = nlohmann::ordered_json::parse(std::ifstream(kFrames));
+    ASSERT_FALSE(file["refused"].empty());
+    for (const auto& sample : file["refused"]) {
+        SCOPED_TRACE(sample["name"]);
+        const Bytes bytes = fromHex(sample["bytes"]);
+        const auto decoded = decodeFrame(bytes);
+        ASSERT_FALSE(decoded);
+        EXPECT_EQ(errorName(decoded.error().code), sample["code"]);
+    }
+}
