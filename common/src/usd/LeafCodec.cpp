@@ -537,10 +537,22 @@ std::optional<VtValue> readLeaf(ByteView bytes, const SharedBytes& owner) {
     return VtValue::Take(*value);
 }
 
+/// The items of an array of numbers, as they lie in memory and are carried; empty for all else.
+template <class T>
+ByteView plainItems(const VtValue& value) {
+    if constexpr (PlainArray<T>) {
+        const auto& array = value.UncheckedGet<T>();
+        return {reinterpret_cast<const std::uint8_t*>(array.cdata()),
+                array.size() * sizeof(typename T::ElementType)};
+    }
+    return {};
+}
+
 struct LeafCodec {
     ValueType type = ValueType::None;
     bool (*write)(const VtValue& value, Bytes& out) = nullptr;
     std::optional<VtValue> (*read)(ByteView bytes, const SharedBytes& owner) = nullptr;
+    ByteView (*plainItems)(const VtValue& value) = nullptr;
 };
 
 struct LeafTable {
@@ -549,7 +561,7 @@ struct LeafTable {
 
     template <class T>
     void add() {
-        const LeafCodec codec{Element<T>::kType, &writeLeaf<T>, &readLeaf<T>};
+        const LeafCodec codec{Element<T>::kType, &writeLeaf<T>, &readLeaf<T>, &plainItems<T>};
         byCppType.emplace(typeid(T), codec);
         byType.emplace(codec.type, codec);
     }
@@ -693,6 +705,24 @@ bool readsBack(const LeafCodec& codec, ByteView bytes) {
     return value && codec.write(*value, again) && std::ranges::equal(bytes, again);
 }
 
+/// A big array of numbers, hashed where it lies, so that it is copied only for a sink that wants
+/// its bytes. Any such numbers are valid. Nothing: it is something else.
+std::optional<Value> encodeBigArray(const LeafCodec& codec, const VtValue& value, BlobSink& blobs) {
+    const ByteView items = codec.plainItems(value);
+    if (items.size() < kBigValueBytes || !canBeBlob(codec.type)) return std::nullopt;
+    Bytes count;
+    appendNumber<std::uint64_t>(count, value.GetArraySize());
+    const Hash hash = sha256({count, items});
+    if (blobs.wantsBlob(hash)) {
+        Bytes bytes;
+        bytes.reserve(count.size() + items.size());
+        appendBytes(bytes, count);
+        appendBytes(bytes, items);
+        blobs.keepBlob(hash, std::make_shared<const Bytes>(std::move(bytes)));
+    }
+    return Value::blob(codec.type, hash, count.size() + items.size());
+}
+
 }  // namespace
 
 bool areIdentical(const VtValue& left, const VtValue& right) {
@@ -719,6 +749,7 @@ Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
         if (auto known = blobs.encoded(value)) return *std::move(known);
     const LeafCodec* codec = value.IsEmpty() ? nullptr : codecFor(value);
     if (!codec) return unsupported(value, "");
+    if (auto big = encodeBigArray(*codec, value, blobs)) return *std::move(big);
     Bytes bytes;
     if (!codec->write(value, bytes)) return unsupported(value, ": it has a part that cannot");
     if (auto valid = validateValue(codec->type, bytes); !valid)

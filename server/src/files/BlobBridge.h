@@ -24,6 +24,7 @@ private:
 /// For comparing: only the names of big values are needed.
 class BlobNames final : public usd::BlobSink {
 public:
+    [[nodiscard]] bool wantsBlob(const Hash&) override { return false; }
     void keepBlob(const Hash&, SharedBytes) override {}
 };
 

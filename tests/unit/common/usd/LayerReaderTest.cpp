@@ -9,6 +9,7 @@
 #include <pxr/usd/sdf/fileFormat.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/path.h>
+#include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <cstdlib>
@@ -52,6 +53,41 @@ public:
 
 }  // namespace
 
+// Each of these is another layer.
+TEST(LayerReader, HoldsNothingElseThanTheDoc) {
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    ASSERT_TRUE(
+        layer->ImportFromString("#usda 1.0\n(\n    \"c\"\n)\n"
+                                "def \"A\" {\n    double x = 1\n    int y = 2\n}\n"
+                                "def \"B\" {\n}\n"));
+    const VtValue points(VtArray<GfVec3f>(100'000, GfVec3f(1, 2, 3)));
+    layer->SetField(SdfPath("/A.x"), TfToken("big"), points);
+    MemoryBlobs blobs;
+    const LayerDoc doc = *readLayer(layer, blobs);
+    ASSERT_EQ(blobs.all.size(), 1U);
+    EXPECT_TRUE(holds(layer, doc));
+    const std::vector<std::pair<std::string, EditAction>> changes{
+        {"/A.x", SetField{"default", {}, doubleValue(2)}},
+        {"/A.x", EraseField{"default", {}}},
+        {"/A.x", EraseField{"big", {}}},
+        {"/", SetField{"comment", {}, stringValue("d")}},
+        {"/A", SetField{"comment", {}, stringValue("d")}},
+        {"/B", DeleteSpec{}},
+        {"/A.y", MoveSpec{{"/A", {}}, "z"}},
+        {"/A.z", CreateSpec{SpecKind::Attribute}},
+        {"/A", MoveSpec{{"/B", {}}, "A"}}};
+    for (const auto& [path, action] : changes) {
+        LayerDoc other = doc;
+        ASSERT_TRUE(other.apply(path, action)) << path;
+        EXPECT_FALSE(holds(layer, other)) << path;
+    }
+    const auto swapped = SdfLayer::CreateAnonymous(".usda");
+    swapped->TransferContent(layer);
+    swapped->SetRootPrims(
+        {swapped->GetPrimAtPath(SdfPath("/B")), swapped->GetPrimAtPath(SdfPath("/A"))});
+    EXPECT_FALSE(holds(swapped, doc));
+}
+
 TEST(LayerReader, RealStagesComeBackAsTheyWere) {
     const auto stages = newtonStages();
     if (stages.empty()) GTEST_SKIP() << "no stages in " << newtonFolder();
@@ -71,6 +107,7 @@ TEST(LayerReader, RealStagesComeBackAsTheyWere) {
             std::string after;
             ASSERT_TRUE((*made)->ExportToString(&after));
             ASSERT_TRUE(after == before) << format;
+            EXPECT_TRUE(holds(*made, *doc)) << format;
             EXPECT_TRUE(*readLayer(*made, blobs) == *doc);
         }
     }

@@ -89,5 +89,8 @@ private:
 /// A whole layer into a LayerDoc. Errors name path and field; specs that are no specs of the model
 /// (mappers, expressions) with content are UnsupportedValue.
 [[nodiscard]] Result<LayerDoc> readLayer(const pxr::SdfLayerHandle& layer, BlobSink& blobs);
+/// Whether readLayer() would give `doc`. Makes no second copy of the content, and one of no array
+/// of numbers.
+[[nodiscard]] bool holds(const pxr::SdfLayerHandle& layer, const LayerDoc& doc);
 
 }  // namespace usdlive::usd

@@ -20,6 +20,8 @@ public:
 class BlobSink {
 public:
     virtual ~BlobSink() = default;
+    /// False: the bytes of this value are not needed. keepBlob() may be called for it all the same.
+    [[nodiscard]] virtual bool wantsBlob(const Hash& /*hash*/) { return true; }
     /// Keeps the bytes of a big value, whose SHA-256 is `hash`.
     virtual void keepBlob(const Hash& hash, SharedBytes bytes) = 0;
     /// What encodeLeaf() gives for this array, if that has been found out before; its bytes are
