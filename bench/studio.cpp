@@ -5,8 +5,15 @@
 // So many layers, in folders of a hundred; a root layer has `open` of them as references and the
 // rest as payloads. `listenMs`: from the start of the server's process until it listens.
 // `connectMs`: a connect to a fresh cache folder, and how long until every layer has its
-// placeholder. `openMs`: the root and what it brings in. The ticks are of an idle client, 300
-// of them, one a millisecond: the median and the 99th percentile.
+// placeholder; `longestTickMs`: of the ticks until then, one each 2 ms. `openMs`: the root and what
+// it brings in. The idle ticks are 300, one a millisecond: the median and the 99th percentile.
+//
+//   --big=100  --mib=10
+//
+// What does the server keep of layers that nobody has open any more? So many layers with that much
+// text each, of attributes with a double3, are opened and closed by one client after the other.
+// `serverPeakMiB`, `serverMiB`: the server's memory at its most, and at the end. `openMs`: the
+// median of opening one, import included.
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -66,7 +73,13 @@ void measure(int layers, int open) {
     LiveClient client(server.url());
     const double connectMs = millisecondsSince(begin);
     const fs::path last = client.client->cacheFolder() / nameOf(layers - 1);
-    while (!fs::exists(last)) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    double longestTickMs = 0;
+    while (!fs::exists(last)) {
+        const auto tick = Clock::now();
+        client.client->tick();
+        longestTickMs = std::max(longestTickMs, millisecondsSince(tick));
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
     const double placeholdersMs = millisecondsSince(begin);
     const Ticks connected = idleTicks(client);
 
@@ -80,11 +93,59 @@ void measure(int layers, int open) {
                                  {"listenMs", listenMs},
                                  {"connectMs", connectMs},
                                  {"placeholdersMs", placeholdersMs},
+                                 {"longestTickMs", longestTickMs},
                                  {"idleTickMs", connected.median},
                                  {"slowIdleTickMs", connected.slow},
                                  {"openMs", openMs},
                                  {"openIdleTickMs", opened.median},
                                  {"openSlowIdleTickMs", opened.slow}}
+              .dump());
+}
+
+// Of /proc/<pid>/status: "VmHWM", "VmRSS".
+double memoryMib(pid_t process, const std::string& name) {
+    std::ifstream status("/proc/" + std::to_string(process) + "/status");
+    for (std::string line; std::getline(status, line);)
+        if (line.starts_with(name + ":")) return std::stod(line.substr(name.size() + 1)) / 1024;
+    throw std::runtime_error("the server's memory is not told");
+}
+
+void writeBig(const fs::path& file, int mib) {
+    std::ofstream out(file);
+    out << "#usda 1.0\ndef \"World\"\n{\n";
+    for (int prim = 0; out.tellp() < std::streamoff(mib) << 20; ++prim) {
+        out << "def \"p" << prim << "\"\n{\n";
+        for (int attribute = 0; attribute < kAttributesPerPrim; ++attribute)
+            out << "    custom double3 a" << attribute << " = (" << prim << ", " << attribute
+                << ", 0.5)\n";
+        out << "}\n";
+    }
+    out << "}\n";
+}
+
+void measureBig(int layers, int mib) {
+    const TemporaryFolder folder;
+    for (int layer = 0; layer < layers; ++layer)
+        writeBig(folder.path() / ("l" + std::to_string(layer) + ".usda"), mib);
+    ServerProcess server(folder.path(), {"--min-free-mib=1"}, {});
+    LiveClient client(server.url());
+    std::vector<float> opens;
+    for (int layer = 0; layer < layers; ++layer) {
+        const usdlive::LayerId id{"l" + std::to_string(layer) + ".usda"};
+        const auto begin = Clock::now();
+        const auto opened = client.client->openLayer(id);
+        if (!opened) throw std::runtime_error(opened.error().message);
+        opens.push_back(float(millisecondsSince(begin)));
+        client.client->close(id);
+        client.client->tick();
+    }
+    const pid_t process = server.process().pid();
+    print(nlohmann::ordered_json{{"bench", "studio"},
+                                 {"bigLayers", layers},
+                                 {"mib", mib},
+                                 {"openMs", percentile(opens, 0.5)},
+                                 {"serverPeakMiB", memoryMib(process, "VmHWM")},
+                                 {"serverMiB", memoryMib(process, "VmRSS")}}
               .dump());
 }
 
@@ -95,8 +156,11 @@ int main(int argc, char** argv) {
         Arguments arguments(argc, argv);
         const int layers = arguments.number("--layers", 50'000);
         const int open = arguments.number("--open", 2'000);
+        const int big = arguments.number("--big", 100);
+        const int mib = arguments.number("--mib", 10);
         arguments.finish();
         loadUsd();
-        measure(layers, open);
+        if (layers > 0) measure(layers, open);
+        if (big > 0) measureBig(big, mib);
     });
 }

@@ -4,6 +4,7 @@
 #include <pxr/usd/sdf/layer.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <fstream>
 #include <mutex>
@@ -30,6 +31,20 @@ Result<std::string> emptyCrate(const fs::path& folder) {
     fs::remove(path, ignored);
     return content.str();
 }
+
+// A mutex whose threads take turns: who takes it over and over, as the worker does, lets in who
+// waits.
+class Turns {
+public:
+    void lock() {
+        const std::lock_guard next(waiting_);
+        taken_.lock();
+    }
+    void unlock() { taken_.unlock(); }
+
+private:
+    std::mutex waiting_, taken_;
+};
 
 }  // namespace
 
@@ -59,18 +74,17 @@ struct Placeholders::State : std::enable_shared_from_this<State> {
         const LayerId layer = std::move(left.back());
         left.pop_back();
         const auto made = make(layer);
-        if (!made && !failure) failure = made.error();
-    }
-
-    [[nodiscard]] bool isComplete() {
-        const std::lock_guard lock(mutex);
-        return left.empty();
+        if (!made && !failure) {
+            failure = made.error();
+            hasFailed = true;
+        }
+        isComplete = left.empty();
     }
 
     // Posts itself again, so that the worker's other tasks come in between.
     void work(Worker& worker) {
         for (std::size_t i = 0; i < kMadeInOneTask; ++i) {
-            if (isComplete()) break;
+            if (isComplete) break;
             makeNext();
         }
         const std::lock_guard lock(mutex);
@@ -79,7 +93,9 @@ struct Placeholders::State : std::enable_shared_from_this<State> {
     }
 
     const fs::path folder;
-    std::mutex mutex;  // guards all below
+    // Read by each tick, which waits for no file.
+    std::atomic<bool> isComplete = true, hasFailed = false;
+    Turns mutex;  // guards all below
     std::string crate;
     std::vector<LayerId> left;  // the next one last; only one thread at a time takes from it
     bool isAtWork = false;      // the worker is
@@ -94,9 +110,10 @@ void Placeholders::add(std::vector<LayerId> layers, double budgetMs, Worker& wor
     using Clock = std::chrono::steady_clock;
     const auto end = Clock::now() + std::chrono::duration<double, std::milli>(budgetMs);
     State& state = *state_;
-    std::unique_lock lock(state.mutex);
+    std::unique_lock<Turns> lock(state.mutex);
     state.left.insert(state.left.begin(), std::make_move_iterator(layers.rbegin()),
                       std::make_move_iterator(layers.rend()));
+    state.isComplete = state.left.empty();
     while (!state.isAtWork && !state.left.empty()) {
         if (Clock::now() > end) {
             state.isAtWork = true;
@@ -109,7 +126,7 @@ void Placeholders::add(std::vector<LayerId> layers, double budgetMs, Worker& wor
     }
 }
 
-bool Placeholders::isComplete() const { return state_->isComplete(); }
+bool Placeholders::isComplete() const { return state_->isComplete; }
 
 Result<bool> Placeholders::make(const LayerId& layer) {
     const std::lock_guard lock(state_->mutex);
@@ -122,6 +139,7 @@ void Placeholders::remove(const LayerId& layer) {
 }
 
 std::optional<Error> Placeholders::takeError() {
+    if (!state_->hasFailed.exchange(false)) return std::nullopt;
     const std::lock_guard lock(state_->mutex);
     return std::exchange(state_->failure, std::nullopt);
 }
