@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstdio>
 
 #include "RocksCommitStoreImpl.h"
@@ -30,7 +31,8 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
         !ready)
         return ready;
     std::size_t bytes = 0;
-    for (const CommitRecord& commit : commits) bytes += commit.frame->size() + kRecordBytes;
+    for (const CommitRecord& commit : commits)
+        bytes += std::min(commit.frame->size(), kBigFrame) + kRecordBytes;
 
     Group group(bytes);
     group.head = head_;
@@ -96,7 +98,9 @@ void RocksCommitStore::addEdited(Group& group, const LayerId& name, Revision rev
 void RocksCommitStore::addRecord(Group& group, const CommitRecord& commit) {
     const std::string revision = storekeys::commit(commit.revision);
     const rocksdb::Slice keys[] = {revision};
-    const rocksdb::Slice values[] = {slice(commit.hash.bytes), slice(*commit.frame)};
+    Bytes storage;
+    const ByteView record = recordOf(*commit.frame, storage);
+    const rocksdb::Slice values[] = {slice(commit.hash.bytes), slice(record)};
     group.batch.Put(family(Family::Commits), {keys, 1}, {values, 2});
 }
 

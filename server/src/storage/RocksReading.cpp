@@ -19,9 +19,9 @@ std::optional<StoredCommit> RocksCommitStore::commitAt(const rocksdb::Iterator& 
     const ByteView value = bytes(at.value());
     if (at.key().size() != sizeof(Revision) || value.size() < kHashBytes + kFrameLengthBytes)
         return std::nullopt;
-    const ByteView frame = value.subspan(kHashBytes);
-    return StoredCommit{storekeys::bigEndian64(text(at.key())),
-                        std::make_shared<const Bytes>(frame.begin(), frame.end()), hashOf(value)};
+    SharedBytes frame = frameOf(value.subspan(kHashBytes));
+    if (!frame) return std::nullopt;
+    return StoredCommit{storekeys::bigEndian64(text(at.key())), std::move(frame), hashOf(value)};
 }
 
 Result<void> RocksCommitStore::read(Revision from, Revision to,

@@ -14,8 +14,8 @@ namespace usdlive::server {
 /// themselves.
 class StoreFolder {
 public:
-    static constexpr std::uint32_t kFormat = 3;
-    /// The oldest that is read: like kFormat, but a store without a base.
+    static constexpr std::uint32_t kFormat = 4;
+    /// The oldest that is read. In 2 there is no base, until 3 no commit is compressed.
     static constexpr std::uint32_t kOldestFormat = 2;
 
     /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is not told, or

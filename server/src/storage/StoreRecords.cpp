@@ -1,8 +1,18 @@
 #include "StoreRecords.h"
 
 #include <algorithm>
+#include <limits>
+
+#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
+
+namespace {
+
+constexpr std::size_t kCompressedHeader = sizeof(std::uint32_t) + sizeof(std::uint64_t);
+
+}  // namespace
 
 namespace {
 
@@ -79,6 +89,26 @@ std::optional<std::pair<Revision, Hash>> decodedRevision(ByteView bytes) {
     ByteReader in(bytes);
     const Revision revision = in.u64();
     return std::pair(revision, hashOf(in.take(kHashBytes)));
+}
+
+ByteView recordOf(ByteView frame, Bytes& storage) {
+    if (frame.size() < kBigFrame) return frame;
+    const Bytes deflated = deflate(frame);
+    appendNumber<std::uint32_t>(storage, 0);
+    appendNumber<std::uint64_t>(storage, frame.size());
+    appendBytes(storage, deflated);
+    return storage;
+}
+
+SharedBytes frameOf(ByteView record) {
+    ByteReader in(record);
+    if (record.size() < kCompressedHeader || in.u32() != 0)
+        return std::make_shared<const Bytes>(record.begin(), record.end());
+    const std::uint64_t size = in.u64();
+    const ByteView deflated = in.take(record.size() - kCompressedHeader);
+    auto frame = inflate(deflated, size, std::numeric_limits<std::size_t>::max());
+    if (!frame || frame->size() < kFrameLengthBytes) return nullptr;
+    return std::make_shared<const Bytes>(std::move(*frame));
 }
 
 Bytes encodedCheckpoint(const Checkpoint& checkpoint) {

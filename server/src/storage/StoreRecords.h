@@ -62,6 +62,13 @@ template <Number T>
 [[nodiscard]] Bytes encoded(Revision revision, const Hash& hash);
 [[nodiscard]] std::optional<std::pair<Revision, Hash>> decodedRevision(ByteView bytes);
 
+inline constexpr std::size_t kBigFrame = 256 * 1024;
+/// What stands behind the hash in a commit's record. A small frame as it is, with its length in
+/// front; one of kBigFrame or more, such as an import's, compressed: a length of 0, which no frame
+/// has, then the size as a u64, then zstd. `storage` holds the latter while the view is used.
+[[nodiscard]] ByteView recordOf(ByteView frame, Bytes& storage);
+[[nodiscard]] SharedBytes frameOf(ByteView record);  ///< nullptr: it is none
+
 [[nodiscard]] Bytes encodedCheckpoint(const Checkpoint& checkpoint);
 [[nodiscard]] std::optional<Checkpoint> decodedCheckpoint(std::string_view name, ByteView bytes);
 

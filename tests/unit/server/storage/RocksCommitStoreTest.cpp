@@ -254,6 +254,11 @@ public:
         for (at->SeekToFirst(); at->Valid(); at->Next()) all.push_back(at->key().ToString());
         return all;
     }
+    std::string get(Family family, const std::string& key) const {
+        std::string value;
+        EXPECT_TRUE(db_->Get({}, handles_[family], key, &value).ok());
+        return value;
+    }
     void put(Family family, const std::string& key, const std::string& value) {
         ASSERT_TRUE(db_->Put({}, handles_[family], key, value).ok());
     }
@@ -457,19 +462,55 @@ TEST(RocksCommitStore, ABaseIsMadeBesideAllElse) {
     EXPECT_GT(store->base().revision, 0u);
 }
 
-TEST(RocksCommitStore, AStoreWithoutABaseIsTaken) {
+TEST(RocksCommitStore, OlderFormatsThatAreReadAreTaken) {
     TestFolder folder;
     TestCommits commits;
     append(*open(folder.path), someCommits(commits, 100));
     writeFormat(folder.path, 2);
     EXPECT_EQ(open(folder.path)->head().hash, commits.head.hash);
-    writeFormat(folder.path, 3);
+    writeFormat(folder.path, 3);  // and no commit is compressed
     EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
+TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
+    TestFolder folder;
+    TestCommits commits;
+    LayerDoc big;
+    for (int i = 0; i < 20'000; ++i)
+        ASSERT_TRUE(big.apply("/P" + std::to_string(i), CreateSpec{SpecKind::Prim}));
+    const CommitRecord import = commits.import(kLayer, big);
+    append(*open(folder.path), std::vector{import});
+    {
+        const RawRecords raw(folder.path);
+        const auto keys = raw.keys(RawRecords::Commits);
+        ASSERT_EQ(keys.size(), 1u);
+        EXPECT_LT(raw.get(RawRecords::Commits, keys[0]).size(), import.frame->size() / 4);
+    }
+    {
+        const auto store = open(folder.path);
+        EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), big.dump());
+        Bytes found;
+        ASSERT_TRUE(store->read(1, 1, [&](const StoredCommit& commit) {
+            found = *commit.frame;
+            return true;
+        }));
+        EXPECT_TRUE(found == *import.frame) << "what was acknowledged, byte for byte";
+    }
+    {
+        RawRecords raw(folder.path);
+        const auto key = raw.keys(RawRecords::Commits)[0];
+        std::string record = raw.get(RawRecords::Commits, key);
+        record[sizeof(Hash::bytes) + 4] ^= 1;  // its size
+        raw.put(RawRecords::Commits, key, record);
+    }
+    const auto damaged = createRocksCommitStore(folder.path, options());
+    ASSERT_FALSE(damaged);
+    EXPECT_EQ(damaged.error().code, ErrorCode::StorageCorrupt);
 }
 
 TEST(RocksCommitStore, AFormatThatIsNotReadIsLeftAlone) {
     const std::map<std::uint8_t, ErrorCode> formats{{std::uint8_t(1), ErrorCode::StorageCorrupt},
-                                                    {std::uint8_t(4), ErrorCode::StorageTooNew}};
+                                                    {std::uint8_t(5), ErrorCode::StorageTooNew}};
     for (const auto& [format, code] : formats) {
         TestFolder folder;
         (void)open(folder.path);
