@@ -1,9 +1,12 @@
 """K3: whatever of the unsynced writes a crash of the machine takes along, what was acknowledged before it is
-there, in order and chained, and the store opens."""
+there, in order and chained, and the store opens. Also where commits give way to a base meanwhile, and big values
+that nothing names are removed."""
 
 import collections
 import concurrent.futures
 import filecmp
+import hashlib
+import json
 import os
 import pathlib
 import random
@@ -13,7 +16,7 @@ import time
 import crash
 import pytest
 import wire
-from conftest import Server, cat
+from conftest import Server, cat, run, wait
 from pxr import Sdf
 from websockets.exceptions import WebSocketException
 
@@ -24,7 +27,10 @@ AT_ONCE = 2
 INTERPOSER = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "bin" / "interpose.so"
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n'
 
+BIG_SAMPLE = -1  # the one that big values are written to, in turn
 Acknowledged = collections.namedtuple("Acknowledged", "at epoch revision client sequence hash")
+Compacted = collections.namedtuple("Compacted", "asked done base")  # where in the trace, and to which revision
+Recorded = collections.namedtuple("Recorded", "trace acknowledged history compacted big")
 
 
 class Author:
@@ -36,6 +42,19 @@ class Author:
         self.peer = wire.Peer(server.url)
         self.sequence = self.waiting = 0
         self.acknowledged = []
+        self.big = {}  # big values by who named them: (client, sequence)
+
+    def write_big(self, count):
+        for _ in range(count):
+            content = wire.string_bytes(self.random.randbytes(150_000).hex())
+            self.peer.upload(content)
+            self.sequence += 1
+            self.big[self.peer.client, self.sequence] = hashlib.sha256(content).hexdigest()
+            self.peer.submit(self.sequence, "root.usda",
+                             wire.set_sample("/World.s", BIG_SAMPLE, wire.big_string(content)))
+            self.waiting += 1
+            while self.waiting:
+                self.take()
 
     def write(self, count, window, most):
         for _ in range(count):
@@ -58,12 +77,13 @@ class Author:
                                               commit["sequence"], commit["hash"]))
 
 
-def record(project, tmp_path, unsynced):
-    """Three servers after each other, each killed: (trace, what was acknowledged, history). `unsynced`:
-    the first one is killed between a write and its sync, so that the next finds what is not on the disk."""
+def record(project, tmp_path, unsynced, compacts):
+    """Three servers after each other, each killed. `unsynced`: the first one is killed between a write and its
+    sync, so that the next finds what is not on the disk."""
     random_ = random.Random(SEED)
-    server, trace = Server(project, tmp_path / "recorded.log"), tmp_path / "trace"
-    acknowledged = []
+    options = ("--keep-unused-blobs", "0") if compacts else ()
+    server, trace = Server(project, tmp_path / "recorded.log", *options), tmp_path / "trace"
+    made = Recorded(trace, [], [], [], {})
     try:
         for life in range(3):
             fault = f"sync:{random_.randint(40, 80)}:KILL" if unsynced and life == 0 else None
@@ -72,21 +92,47 @@ def record(project, tmp_path, unsynced):
             author = Author(server, trace, random_, 1000 * life)
             try:
                 author.write(40, 1, 2000)
+                if compacts:
+                    author.write_big(3)
+                    compact(server, made)
+                    author.write_big(2)
                 author.write(60, 8, 2000)
                 author.write(24, 4, 250_000)
             except (OSError, WebSocketException, EOFError):
                 assert fault
-            acknowledged += author.acknowledged
+            made.acknowledged.extend(author.acknowledged)
+            made.big.update(author.big)
             author.peer.close()
             if fault:
                 server.process.wait(timeout=20)
             else:
-                history = log_of(server)
+                follow(server, made)
+                if compacts:
+                    # What was replaced in this life is not named any more: two remain, and what the base has.
+                    wait(lambda: len(values(project)) <= 3, timeout=30)
                 at_rest(trace)
                 server.kill()
     finally:
         server.kill()
-    return trace, acknowledged, history
+    return made
+
+
+def follow(server, made):
+    base, log = log_of(server)
+    made.history.extend(log[len(made.history) - base:])
+
+
+def compact(server, made):
+    """All commits so far give way to a base."""
+    follow(server, made)
+    asked = made.trace.stat().st_size
+    base = json.loads(run("compact", server.url, "--days", "0", "--json"))["base"]
+    assert base == len(made.history)
+    made.compacted.append(Compacted(asked, made.trace.stat().st_size, base))
+
+
+def values(project):
+    return {path.name: path for path in (project / ".usdlive/blobs").glob("??/*") if len(path.name) == 64}
 
 
 def at_rest(trace):
@@ -97,18 +143,22 @@ def at_rest(trace):
 
 
 def log_of(server):
+    """(base, commits after it)."""
     with wire.Peer(server.url) as peer:
-        if peer.revision == 0:
-            return []
-        return [(c["revision"], c["client"], c["sequence"], c["hash"]) for c in peer.log()]
+        base = peer.welcome["base"]
+        if peer.revision == base:
+            return base, []
+        return base, [(c["revision"], c["client"], c["sequence"], c["hash"]) for c in peer.log(0)]
 
 
 class Wrong(Exception):
     pass
 
 
-def judge(server, acknowledged, history, whole, refusal):
+def judge(server, made, place, whole, refusal):
     """How many commits that nobody was told of are there, too; None: it was refused, where that may be."""
+    acknowledged = [one for one in made.acknowledged if one.at <= place]
+    told = acknowledged[-1].revision if acknowledged else 0
     server.launch()
     try:
         end = time.monotonic() + 30
@@ -122,21 +172,37 @@ def judge(server, acknowledged, history, whole, refusal):
                 raise Wrong("neither serves nor ends")
             time.sleep(0.005)
         server.port = int(server.port_file.read_text())
-        log = log_of(server)
-        if len(log) < len(acknowledged):
-            raise Wrong(f"{len(acknowledged)} commits were acknowledged, {len(log)} are there")
-        if log != history[:len(log)]:
+        base, log = log_of(server)
+        bases = [one.base for one in made.compacted if one.asked <= place]
+        promised = [one.base for one in made.compacted if one.done <= place]
+        if base not in [*promised[-1:], *bases[len(promised):], *([] if promised else [0])]:
+            raise Wrong(f"the history begins after {base}: {promised} were done, {bases} asked for")
+        head = base + len(log)
+        if head < told:
+            raise Wrong(f"revision {told} was acknowledged, {head} is there")
+        if log != made.history[base:head]:
             raise Wrong("the history is another one")
         with wire.Peer(server.url) as peer:
             if acknowledged and peer.epoch <= acknowledged[-1].epoch:
                 raise Wrong(f"SE3: epoch {peer.epoch} after {acknowledged[-1].epoch}")
-        if whole and log:
+        big = [(one[0], made.big[one[1:3]]) for one in made.history[:head] if one[1:3] in made.big]
+        named = {value for revision, value in big if revision > base} | {value for _, value in big[-1:]}
+        for value in named:
+            path = values(server.folder).get(value)
+            if not path or hashlib.sha256(path.read_bytes()).hexdigest() != value:
+                raise Wrong(f"the big value {value} is not there")
+        if whole and head:
             layer = Sdf.Layer.CreateAnonymous(".usda")
             if not layer.ImportFromString(cat(server, "root.usda")):
                 raise Wrong("the layer does not parse")
-            if layer.GetNumTimeSamplesForPath("/World.s") != sum(bool(c[1]) for c in log):
+            small = sum(bool(one[1]) and one[1:3] not in made.big for one in made.history[:head])
+            if layer.GetNumTimeSamplesForPath("/World.s") != small + bool(big):
                 raise Wrong("the layer is not that of the history")
-        return len(log) - len(acknowledged)
+            if big:
+                text = wire.string_bytes(layer.QueryTimeSample("/World.s", BIG_SAMPLE))
+                if hashlib.sha256(text).hexdigest() != big[-1][1]:
+                    raise Wrong("the layer has another big value")
+        return head - told
     finally:
         server.process.kill()
         server.process.wait()
@@ -149,10 +215,14 @@ def same(one, other):
     return different + [name for sub in compared.common_dirs for name in same(one / sub, other / sub)]
 
 
-def places(records, acknowledged, random_):
-    """Ends of records: half anywhere, half where something had just been acknowledged."""
+def places(records, made, random_):
+    """Ends of records: half anywhere, or while commits give way to a base, half where something had just been
+    acknowledged."""
     ends = [one.end for one in records]
-    promised = sorted({one.at for one in acknowledged})
+    if made.compacted:
+        ends = [end for end in ends
+                if any(one.asked <= end <= one.done + (one.done - one.asked) for one in made.compacted)]
+    promised = sorted({one.at for one in made.acknowledged})
     chosen = [random_.choice(ends if number % 2 else promised) for number in range(CRASHES)]
     # The first opening of a store is short in the trace.
     first = promised[0]
@@ -160,45 +230,45 @@ def places(records, acknowledged, random_):
     return sorted(chosen + random_.sample(opening, min(len(opening), CRASHES // 8)))
 
 
-@pytest.mark.parametrize("journal,pages,unsynced", [
-    pytest.param(True, False, False, id="journal"),
-    pytest.param(True, True, False, id="pages"),
-    pytest.param(False, False, False, id="posix"),
-    pytest.param(True, False, True, id="unsynced"),
+@pytest.mark.parametrize("journal,pages,unsynced,compacts", [
+    pytest.param(True, False, False, False, id="journal"),
+    pytest.param(True, True, False, False, id="pages"),
+    pytest.param(False, False, False, False, id="posix"),
+    pytest.param(True, False, True, False, id="unsynced"),
+    pytest.param(True, False, False, True, id="compacted"),
+    pytest.param(False, False, False, True, id="compacted-posix"),
 ])
-def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, unsynced, project, tmp_path,
-                                                              capfd):
+def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, unsynced, compacts, project,
+                                                              tmp_path, capfd):
     """Where pages of the last write are kept in any order, the log may have a hole in front of its end, which
     is told as damage: then it may be refused, never shortened."""
     print(f"repeat with USDLIVE_SEED={SEED} USDLIVE_CRASHES={CRASHES}")
     (project / "root.usda").write_text(ROOT)
     before = tmp_path / "before"
     shutil.copytree(project, before)
-    trace, acknowledged, history = record(project, tmp_path, unsynced)
-    records = list(crash.records(trace))
+    made = record(project, tmp_path, unsynced, compacts)
+    records = list(crash.records(made.trace))
     disk = crash.Disk(before)
     left = collections.deque(records)
 
-    def crashed(number, folder, promised, place, kept):
+    def crashed(number, folder, place, kept):
         try:
-            more = judge(Server(folder, folder.with_suffix(".log")), promised, history, number % 5 == 0,
+            more = judge(Server(folder, folder.with_suffix(".log")), made, place, compacts or number % 5 == 0,
                          pages)
         except Exception as failure:  # a lost connection is wrong, too
-            return (f"{folder.name} at {place} ({kept}), {len(promised)} acknowledged: "
-                    f"{type(failure).__name__}: {failure}"), 0
+            return f"{folder.name} at {place} ({kept}): {type(failure).__name__}: {failure}", 0
         shutil.rmtree(folder)
         return None, more
 
     tried = []
     with concurrent.futures.ThreadPoolExecutor(AT_ONCE) as pool:
-        for number, place in enumerate(places(records, acknowledged, random.Random(SEED))):
+        for number, place in enumerate(places(records, made, random.Random(SEED))):
             while left and left[0].end <= place:
                 disk.take(left.popleft())
             folder = tmp_path / f"crash{number}"
             kept = crash.Kept(random.Random(f"{SEED} {number}"), journal, pages, least=number % 4 == 0)
             disk.write(folder, kept)
-            promised = [one for one in acknowledged if one.at <= place]
-            tried.append(pool.submit(crashed, number, folder, promised, place, kept))
+            tried.append(pool.submit(crashed, number, folder, place, kept))
             if number >= 2 * AT_ONCE:
                 tried[number - 2 * AT_ONCE].result()  # not all folders at the same time
     for one in left:
@@ -210,7 +280,7 @@ def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, un
     wrong = [one[0] for one in results if one[0]]
     refused = sum(one[1] is None for one in results)
     with capfd.disabled():
-        print(f"\nK3 seed {SEED}: {len(results)} crashes over {len(records)} calls, {len(history)} commits, "
+        print(f"\nK3 seed {SEED}: {len(results)} crashes over {len(records)} calls, {len(made.history)} commits, "
               f"{refused} refused, {len(wrong)} wrong")
     assert not wrong, f"{len(wrong)} of {len(results)}:\n" + "\n".join(wrong[:20])
     assert refused <= len(results) // 4, "the places do not say anything"

@@ -17,6 +17,7 @@ from websockets.sync.client import connect
 SCHEMA = pathlib.Path(__file__).parents[2] / "common/protocol/frames.fbs"
 SCALARS = {"bool": "?", "ubyte": "B", "ushort": "H", "uint": "I", "ulong": "Q", "long": "q",
            "double": "d"}
+CHUNK = 256 * 1024  # of a big value
 Member = collections.namedtuple("Member", "name type slot")
 
 
@@ -174,6 +175,13 @@ def chain_hash(before: bytes, frame: bytes) -> bytes:
     return hashlib.sha256(before + frame).digest()  # CH1
 
 
+def stored_zstd(content: bytes) -> bytes:
+    """A zstd frame that compresses nothing (RFC 8878)."""
+    blocks = [content[at:at + 0x20000] for at in range(0, len(content), 0x20000)] or [b""]
+    return struct.pack("<IBI", 0xFD2FB528, 0xA0, len(content)) + b"".join(
+        struct.pack("<I", len(block) << 3 | (block is blocks[-1]))[:3] + block for block in blocks)
+
+
 class Broken(Exception):
     """The server broke a rule."""
 
@@ -273,6 +281,16 @@ class Peer:
                                     "base": self.revision if base is None else base,
                                     "edits": list(edits)}))
 
+    def upload(self, content):
+        """B1: a big value, until the server has it."""
+        value = hashlib.sha256(content).digest()
+        for at in range(0, len(content), CHUNK):
+            part = content[at:at + CHUNK]
+            self.send(encode("Blob", {"hash": value, "size": len(content), "offset": at,
+                                      "raw_bytes": len(part), "data": stored_zstd(part)}))
+        while self.expect("blobStored", 30)["hash"] != value.hex():
+            pass
+
 
 # --- edits -------------------------------------------------------------------------------------------
 
@@ -289,8 +307,17 @@ def int64(value: int) -> bytes:
 
 
 def string(text: str) -> bytes:
+    return leaf(STRING, string_bytes(text))
+
+
+def string_bytes(text: str) -> bytes:
     content = text.encode()
-    return leaf(STRING, struct.pack("<I", len(content)) + content)
+    return struct.pack("<I", len(content)) + content
+
+
+def big_string(content: bytes) -> bytes:
+    """V10: a text that travels beside the stream, by what string_bytes() gave."""
+    return struct.pack("<HBQ", STRING, 1, len(content)) + hashlib.sha256(content).digest()
 
 
 def set_field(path, field, value, part=None):

@@ -181,6 +181,8 @@ Result<void> RocksCommitStore::verifyMark() const {
         return damagedAt(mark->revision, ("was acknowledged, and the history ends at " +
                                           std::to_string(head_.revision))
                                              .c_str());
+    // A crash of the machine may leave an older mark than the one that was written last.
+    if (mark->revision < base_.revision) return {};
     const auto hash = hashAt(mark->revision);
     if (!hash) return tl::unexpected(hash.error());
     if (*hash != mark->hash) return damagedAt(mark->revision, "is another than was acknowledged");

@@ -347,6 +347,22 @@ TEST(RocksCommitStore, ABaseThatIsDamagedIsFound) {
     EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
 }
 
+// As a crash of the machine may leave it: the mark is not synced.
+TEST(RocksCommitStore, AMarkThatIsOlderThanTheBaseDoesNoHarm) {
+    TestFolder folder;
+    TestCommits commits;
+    const fs::path mark = folder.path / "head", old = folder.path / "old-head";
+    {
+        const auto store = open(folder.path);
+        append(*store, someCommits(commits, 10));
+        fs::copy_file(mark, old);
+        append(*store, someCommits(commits, 20));
+        ASSERT_TRUE(store->compact(20, always));
+    }
+    fs::copy_file(old, mark, fs::copy_options::overwrite_existing);
+    EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+}
+
 TEST(RocksCommitStore, WhatABaseReplacedIsRemoved) {
     TestFolder folder;
     TestCommits commits;
