@@ -41,8 +41,8 @@ std::optional<event::Lost> LostEvents::add(event::Lost lost, std::int64_t nowMs)
     return std::nullopt;
 }
 
-std::deque<event::Lost> LostEvents::due(std::int64_t nowMs) {
-    std::deque<event::Lost> events;
+std::vector<event::Lost> LostEvents::due(std::int64_t nowMs) {
+    std::vector<event::Lost> events;
     if (told_.empty() || nowMs < nextMs_) return events;
     nextMs_ = std::numeric_limits<std::int64_t>::max();
     for (auto one = told_.begin(); one != told_.end();) {
@@ -58,6 +58,14 @@ std::deque<event::Lost> LostEvents::due(std::int64_t nowMs) {
         nextMs_ = std::min(nextMs_, told.atMs + kTogetherMs);
         ++one;
     }
+    std::ranges::sort(events, {}, [](const event::Lost& lost) { return lost.index; });
+    return events;
+}
+
+std::vector<event::Lost> LostEvents::waiting() {
+    std::vector<event::Lost> events;
+    for (auto& [key, told] : told_)
+        if (told.waiting) events.push_back(std::move(*std::exchange(told.waiting, std::nullopt)));
     std::ranges::sort(events, {}, [](const event::Lost& lost) { return lost.index; });
     return events;
 }

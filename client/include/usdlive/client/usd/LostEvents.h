@@ -2,10 +2,10 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <string>
 #include <unordered_map>
+#include <vector>
 
 #include "usdlive/client/session/Session.h"
 
@@ -21,8 +21,11 @@ public:
     /// The event to tell now. Nothing when work of the same code and registers was told within the
     /// last kTogetherMs: due() gives it later, the newest for all of them.
     [[nodiscard]] std::optional<event::Lost> add(event::Lost lost, std::int64_t nowMs);
-    /// What has waited for kTogetherMs.
-    [[nodiscard]] std::deque<event::Lost> due(std::int64_t nowMs);
+    /// What has waited for kTogetherMs, by index. Called in each tick: allocates nothing when
+    /// nothing is due.
+    [[nodiscard]] std::vector<event::Lost> due(std::int64_t nowMs);
+    /// What still waits, by index: for an editor that leaves.
+    [[nodiscard]] std::vector<event::Lost> waiting();
 
 private:
     struct Told {
