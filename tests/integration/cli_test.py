@@ -285,7 +285,7 @@ def test_links_are_followed_and_what_is_skipped_is_counted_and_logged(project, s
     counted = subprocess.Popen([os.environ["USDLIVE_BIN"], "serve", str(project), "--port", "0", "--min-free-mib", "1"],
                                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
-        assert "3 layers; 6 files are skipped, and the log says why" in counted.stdout.readline()
+        assert "3 layers; 6 files are skipped, `usdlive ls --skipped` says why" in counted.stdout.readline()
     finally:
         counted.terminate()
         counted.wait(timeout=20)
@@ -307,3 +307,70 @@ def test_a_link_that_is_set_to_another_version_is_outdated_and_reloaded(project,
     assert "latest/hall.usda" in usdlive("reload", server.url)
     assert "radius = 4" in usdlive("cat", server.url, "latest/hall.usda")
     assert "radius = 3" in usdlive("cat", server.url, "v3/hall.usda")
+
+
+def test_the_log_says_who_did_what(served, editor):
+    """Names of users are shown without what a terminal would obey, and a flood of refusals is not logged line by line."""
+    url = served.url
+    usdlive("lock", url, "root.usda", "--user", "ada \x1b[31m\x9b")
+    for _ in range(3):
+        ended("lock", url, "root.usda", "--user", "bob")
+    usdlive("unlock", url, "root.usda", "--user", "ada \x1b[31m\x9b")
+    usdlive("mute", url, "root.usda", "sets/hall.usda", "--user", "cy")
+    usdlive("unmute", url, "root.usda", "sets/hall.usda", "--user", "cy")
+    usdlive("save", url, "--user", "cy")
+    usdlive("checkpoint", url, "before lunch", "--user", "cy")
+    (served.folder / "root.usda").write_text(ROOT.replace("radius = 1", "radius = 7"))
+    usdlive("reload", url, "root.usda", "--user", "dee")
+    log = served.log.read_text()
+    for line in ('user joined user=bob detail="usdlive command line"', "layer muted user=cy layer=sets/hall.usda",
+                 "layer unmuted user=cy layer=sets/hall.usda", "layer saved user=cy layer=root.usda",
+                 'checkpoint made user=cy detail="before lunch"', "layer reloaded user=dee layer=root.usda",
+                 'layer locked user="ada \\u001b[31m\\u009b" layer=root.usda',
+                 "edits refused user=bob layer=root.usda", 'layer unlocked user="ada \\u001b', "user left user=bob",
+                 'layer imported user="ada \\u001b[31m\\u009b" layer=root.usda'):
+        assert line in log, line
+    assert "\x1b" not in log and "\x9b" not in log
+
+    bob = editor(served, "bob", "root.usda")
+    usdlive("lock", url, "root.usda", "--user", "cy")
+    bob.run("layer = stage.GetRootLayer(); assert live.wait(lambda: not layer.permissionToEdit, 20)\n"
+            "layer.SetPermissionToEdit(True)  # as an editor that does not mind the lock\n"
+            "for i in range(100):\n"
+            "    stage.GetRootLayer().comment = str(i); live.flush(5)")
+    added = served.log.read_text()[len(log):]
+    assert 1 <= added.count("edits refused user=bob") <= 10
+
+
+def on_a_terminal(*arguments: str) -> str:
+    """What the tool writes when both outputs are a terminal."""
+    import pty
+    process, terminal = pty.fork()
+    if process == 0:
+        os.execv(os.environ["USDLIVE_BIN"], ["usdlive", *arguments])
+    written = b""
+    while True:
+        try:
+            part = os.read(terminal, 65536)
+        except OSError:  # how the end of a terminal is told
+            break
+        if not part:
+            break
+        written += part
+    assert os.waitpid(process, 0)[1] == 0
+    os.close(terminal)
+    return written.decode()
+
+
+def test_a_bar_for_what_takes_long_on_a_terminal_only(project, serve):
+    prims = "".join(f'def Xform "P{i}"\n{{\n    double3 xformOp:translate = ({i}, 0, 0)\n}}\n' for i in range(120_000))
+    (project / "big.usda").write_text("#usda 1.0\n" + prims)
+    server = serve(project)
+    shown = on_a_terminal("tree", server.url, "big.usda")
+    assert "importing big.usda" in shown
+    assert "P119999" in shown and shown.rfind("\x1b[K") < shown.find("P0 "), "the bar is gone before the answer"
+    server.stop()
+    (project / ".usdlive").rename(project.parent / "aside")
+    server.start()
+    ran = subprocess.run([os.environ["USDLIVE_BIN"], "tree", server.url, "big.usda"], capture_output=True, text=True)
+    assert ran.returncode == 0 and "\x1b" not in ran.stdout and ran.stderr == ""

@@ -36,7 +36,7 @@ static void digest(Digest& out, const Answer& part) {
 static void digest(Digest& out, const LayersSaved::Failure& part) { out(part.layer, part.code); }
 static void digest(Digest& out, const server::Session& part) {
     const auto& [id, phase, client, user, application, features, open, presence, heard, heardMs,
-                 shown, uploads, greetedAt, position, ahead, opened, stream, logs, reads,
+                 shown, uploads, greeted, greetedAt, position, ahead, opened, stream, logs, reads,
                  transactions, transactionBytes, answers, historyReads, failedSaves] = part;
     // Features are the same for all, and nobody shows where he is.
     out(id, phase, client, user, open, greetedAt, position, opened, stream, logs, reads,
@@ -63,8 +63,8 @@ static void digest(Digest& out, const ReadyOpen& part) {
     out(open, layer, doc, revision);
 }
 static void digest(Digest& out, const InFlightCommit& part) {
-    const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, layers, layerData,
-                 blobs, imported, reloaded, mark] = part;
+    const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, user, layers,
+                 layerData, blobs, imported, reloaded, mark] = part;
     out(revision, hash, id, session, gesture, layers, imported, mark);  // the others follow
 }
 static void digest(Digest& out, const NamespaceHistory& part) {
@@ -164,6 +164,9 @@ public:
     void sendBlob(SessionId, const Hash&, std::uint64_t) override { notModelled(); }
     void writeBlob(SessionId, BlobFrame) override { notModelled(); }
     void saveLayers(SessionId, std::uint64_t, std::vector<SaveJob>) override { notModelled(); }
+    void createLayerFile(SessionId, std::uint64_t, const LayerId&) override { notModelled(); }
+    void listSkipped(SessionId, std::uint64_t) override { notModelled(); }
+    void happened(const Happening&) override {}  // a log decides nothing
 
 private:
     void requireOpen() const { require(!now->disk_->failed, "the project uses a closed store"); }

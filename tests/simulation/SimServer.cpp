@@ -292,6 +292,20 @@ void SimServer::reloadLayer(SessionId session, std::uint64_t request, const Laye
     });
 }
 
+/// The folder takes no new files; clients of the simulation ask for none.
+void SimServer::createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) {
+    later(diskUs(), [this, session, request, layer] {
+        project_->layerCreated(session, request, layer,
+                               fail(ErrorCode::SaveFailed, "the folder cannot be written"));
+    });
+}
+
+void SimServer::listSkipped(SessionId session, std::uint64_t request) {
+    later(diskUs(), [this, session, request] {
+        project_->skippedListed(session, request, std::vector<SkippedFile>());
+    });
+}
+
 // ---- big values
 
 void SimServer::sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) {

@@ -59,6 +59,10 @@ public:
     void readCheckpoints(server::SessionId session, std::uint64_t request) override;
     void reloadLayer(server::SessionId session, std::uint64_t request, const LayerId& layer,
                      LayerDoc present) override;
+    void createLayerFile(server::SessionId session, std::uint64_t request,
+                         const LayerId& layer) override;
+    void listSkipped(server::SessionId session, std::uint64_t request) override;
+    void happened(const Happening& /*happening*/) override {}  // a log decides nothing
     [[nodiscard]] std::vector<LayerId> unsavedLayers() override { return *store().unsavedLayers(); }
     [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override;
     [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override;

@@ -196,6 +196,35 @@ nb::dict convert(const client::event::CheckpointsListed& event) {
     return d;
 }
 
+nb::dict convert(const client::event::LayerMade& event) {
+    nb::dict d = make("LayerMade");
+    d["request"] = event.answer.request;
+    d["layer"] = text(event.answer.layer.value);
+    return d;
+}
+
+nb::dict convert(const client::event::SkippedListed& event) {
+    nb::dict d = make("SkippedListed");
+    nb::list files;
+    for (const SkippedFile& file : event.answer.files)
+        files.append(nb::make_tuple(text(file.path), text(file.reason)));
+    d["request"] = event.answer.request;
+    d["count"] = event.answer.count;
+    d["files"] = files;
+    return d;
+}
+
+nb::dict convert(const client::event::Progress& event) {
+    constexpr const char* names[] = {"import", "save", "upload", "fetch"};
+    nb::dict d = make("Progress");
+    d["task"] = names[int(event.task)];
+    d["layer"] = text(event.layer.value);
+    d["done"] = event.done;
+    d["total"] = event.total;
+    d["request"] = event.request;
+    return d;
+}
+
 nb::dict convert(const client::event::ServerError& event) {
     nb::dict d = make("ServerError");
     d["request"] = event.message.request ? nb::object(nb::int_(*event.message.request))

@@ -97,6 +97,13 @@ public:
             ->GetIdentifier();
     }
 
+    std::string createLayer(const std::string& name) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        return orRaise(work("create_layer", true,
+                            [&](Client& live) { return live.createLayer(layer); }))
+            ->GetIdentifier();
+    }
+
     std::vector<std::string> attach(const std::string& projectFolder) {
         const auto attached =
             orRaise(work("attach", true, [&](Client& live) { return live.attach(projectFolder); }));
@@ -142,6 +149,7 @@ public:
     std::uint64_t createCheckpoint(const std::string& name) {
         return client("create_checkpoint").createCheckpoint(name);
     }
+    std::uint64_t listSkipped() { return client("skipped_files").session().listSkipped(); }
     std::uint64_t listCheckpoints() { return client("checkpoints").listCheckpoints(); }
 
     void setGloballyMuted(const std::string& root, const std::string& layer, bool muted) {
@@ -321,6 +329,7 @@ NB_MODULE(_usdlive, module) {
         .def_prop_ro("closed", &PythonClient::isClosed)
         .def("layers", &PythonClient::layers)
         .def("open_layer", &PythonClient::openLayer)
+        .def("create_layer", &PythonClient::createLayer)
         .def("attach", &PythonClient::attach)
         .def("close_layer", &PythonClient::closeLayer)
         .def("tick", &PythonClient::tick)
@@ -328,6 +337,7 @@ NB_MODULE(_usdlive, module) {
         .def("save", &PythonClient::save)
         .def("reload", &PythonClient::reload)
         .def("create_checkpoint", &PythonClient::createCheckpoint)
+        .def("list_skipped", &PythonClient::listSkipped)
         .def("list_checkpoints", &PythonClient::listCheckpoints)
         .def("set_globally_muted", &PythonClient::setGloballyMuted)
         .def("globally_muted", &PythonClient::globallyMuted)

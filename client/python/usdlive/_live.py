@@ -92,6 +92,22 @@ class Live:
         that only payloads bring in are left out until a stage loads them. Blocks until it is here."""
         return Sdf.Layer.Find(self._client.open_layer(layer, payloads))
 
+    def create_layer(self, layer: str) -> Sdf.Layer:
+        """Makes a new, empty layer of the project, for everybody, and opens it:
+
+            effects = live.create_layer("effects/fx.usda")
+            stage.GetRootLayer().subLayerPaths.insert(0, "effects/fx.usda")
+
+        `layer` is a path relative to the project that ends in .usda, .usdc or .usd (binary). Its file is in the
+        project's folder at once. Raises an Error: `invalidLayerName`; `layerExists`; `notConnected`, because
+        only the server knows which names are free; `invalidArgument` from a notice handler within `tick()`."""
+        return Sdf.Layer.Find(self._client.create_layer(layer))
+
+    def skipped_files(self, timeout: float = 10.0) -> list[tuple[str, str]]:
+        """(path, reason) of files in the project's folder that look like layers and are not served; at most
+        1,000."""
+        return list(self._answer(self._client.list_skipped(), events.SkippedListed, timeout).files)
+
     def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
                    follow_muteness: bool = True) -> Usd.Stage:
         """An ordinary `Usd.Stage` on a layer of the project, whose layers are live. Opened with `LoadNone`,

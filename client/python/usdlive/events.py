@@ -167,6 +167,36 @@ class CheckpointsListed:
 
 
 @dataclasses.dataclass(frozen=True)
+class LayerMade:
+    """A new layer is in the project; `request` is of the connection that made it."""
+
+    request: int
+    layer: str
+
+
+@dataclasses.dataclass(frozen=True)
+class SkippedListed:
+    """(path, reason) of files that are not served, at most 1,000 of `count`."""
+
+    request: int
+    count: int
+    files: tuple[tuple[str, str], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """How far something is that takes long, about twice a second. `task`: "import" (the server reads the file of
+    `layer`, told once), "save" (`done` of `total` layers, now `layer`; `request` as of `Saved`), "upload" (bytes of
+    big values) or "fetch" (specs). `total` 0: not known. A layer on its way here is told by `Joining`."""
+
+    task: str
+    layer: str
+    done: int
+    total: int
+    request: int
+
+
+@dataclasses.dataclass(frozen=True)
 class ServerError:
     """`request`: the number of the request it answers, None where it answers none."""
 
@@ -237,14 +267,14 @@ class UnsentFound:
 Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
     | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
-    | LayerStatesChanged | PresenceChanged | UnsentFound
+    | LayerStatesChanged | PresenceChanged | UnsentFound | LayerMade | SkippedListed | Progress
 )
 
 _TYPES = {
     kind.__name__: kind
     for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed,
                  Lost, PreviewChanged, Saved, Reloaded, CheckpointMade, CheckpointsListed, ServerError,
-                 LayerStatesChanged, PresenceChanged, UnsentFound)
+                 LayerStatesChanged, PresenceChanged, UnsentFound, LayerMade, SkippedListed, Progress)
 }
 
 

@@ -15,6 +15,7 @@
 
 #include "Json.h"
 #include "Link.h"
+#include "ProgressBar.h"
 #include "Terminal.h"
 #include "Text.h"
 #include "usdlive/client/transport/SystemUser.h"
@@ -47,7 +48,9 @@ UserName userOf(const Common& options) {
 }
 
 Result<std::unique_ptr<Link>> reach(const Common& options) {
-    return Link::connect(options.target.server, userOf(options), kTimeoutMs);
+    auto link = Link::connect(options.target.server, userOf(options), kTimeoutMs);
+    if (link && !options.json && isForPeople()) (*link)->showProgress();
+    return link;
 }
 
 bool hasLayer(const Link& link, const LayerId& layer) {
@@ -406,6 +409,23 @@ Result<void> reportFiles(const std::string& verb, Revision revision,
                                            " layers were not " + verb);
 }
 
+/// FI5
+Result<void> listSkipped(Link& link, bool json) {
+    link.session().listSkipped();
+    return answer<event::SkippedListed>(link).map([&](const event::SkippedListed& listed) {
+        Json all = Json::array();
+        for (const SkippedFile& file : listed.answer.files)
+            if (json)
+                all.push_back({{"path", file.path}, {"reason", file.reason}});
+            else
+                std::cout << describe(file) << "\n";
+        if (json) std::cout << line(all);
+        if (listed.answer.count > listed.answer.files.size())
+            std::cerr << "usdlive: " << listed.answer.count - listed.answer.files.size()
+                      << " more files are skipped\n";
+    });
+}
+
 // The server sends layer states and presences before the answer to whatever is asked.
 Result<void> waitForStates(Link& link) {
     return readLog(link, link.welcome().revision, link.welcome().revision).map([](const auto&) {});
@@ -418,6 +438,7 @@ Result<void> list(const ListOptions& options) {
     if (server.dds && server.project.empty()) return listProjects(options.json);
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
+    if (options.skipped) return listSkipped(**link, options.json);
     std::vector<LayerId> layers;
     for (const auto& info : (*link)->welcome().layers) layers.push_back(info.layer);
     std::sort(layers.begin(), layers.end());

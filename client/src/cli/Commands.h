@@ -19,7 +19,8 @@ struct Common {
     bool json = false;
 };
 struct ListOptions : Common {
-    bool states = false;  ///< beside each layer what is known of it
+    bool states = false;   ///< beside each layer what is known of it
+    bool skipped = false;  ///< instead of layers, files that are none and why
 };
 struct CatOptions : Common {
     Revision revision = 0;

@@ -125,8 +125,11 @@ private:
         auto options = std::make_shared<ListOptions>();
         auto* ls = add("ls", "The layers of the project; of dds://, the projects", "[URL]", kNone,
                        options, list);
-        ls->add_flag("-l,--long", options->states,
-                     "Beside each its state: changed, locked, who has it open");
+        auto* states = ls->add_flag("-l,--long", options->states,
+                                    "Beside each its state: changed, locked, who has it open");
+        ls->add_flag("--skipped", options->skipped,
+                     "Files of the folder that are not served, and why, instead")
+            ->excludes(states);
     }
 
     void addCat(const std::string& name, const std::string& help,

@@ -1,8 +1,13 @@
 #include "Link.h"
 
 #include <chrono>
+#include <iostream>
 #include <optional>
 #include <set>
+
+#include "ProgressBar.h"
+#include "Text.h"
+
 namespace usdlive::cli {
 
 namespace {
@@ -24,6 +29,14 @@ client::Session::Options sessionOptions(UserName user) {
 
 std::int64_t nowMs() {
     return std::chrono::duration_cast<milliseconds>(Clock::now().time_since_epoch()).count();
+}
+
+std::optional<client::event::Progress> progressOf(const client::Event& event) {
+    if (const auto* progress = std::get_if<client::event::Progress>(&event)) return *progress;
+    const auto* joining = std::get_if<client::event::Joining>(&event);
+    if (!joining) return std::nullopt;
+    return client::event::Progress{client::event::Progress::Task::Fetch, joining->progress.layer,
+                                   joining->progress.specs, joining->progress.specsTotal, 0};
 }
 
 const ErrorMessage* lastWords(const std::vector<client::Event>& events) {
@@ -87,9 +100,16 @@ Result<std::vector<client::Event>> Link::step() {
 }
 
 Result<void> Link::run(const std::function<bool(const std::vector<client::Event>&)>& done) {
+    ProgressBar bar(std::cerr, Clock::now());
+    std::optional<client::event::Progress> last;
     for (;;) {
         const auto events = step();
         if (!events) return tl::unexpected(events.error());
+        if (showsProgress_) {
+            for (const auto& one : *events)
+                if (auto progress = progressOf(one)) last = std::move(progress);
+            if (last) bar.show(describe(*last), last->done, last->total, Clock::now());
+        }
         if (done(*events)) return {};
     }
 }

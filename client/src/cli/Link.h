@@ -26,6 +26,8 @@ public:
     /// Works for at most about 0.1 s, until something has come. An error: the connection is lost;
     /// going on is possible, it is tried again.
     Result<std::vector<client::Event>> step();
+    /// From now on run() shows people how far the server is, where isForPeople().
+    void showProgress() { showsProgress_ = true; }
     /// Works until `done`, telling it of each event.
     Result<void> run(const std::function<bool(const std::vector<client::Event>&)>& done);
 
@@ -58,6 +60,7 @@ private:
     std::unique_ptr<client::Session> session_;
     std::unordered_map<Hash, SharedBytes> blobs_;
     bool open_ = false;
+    bool showsProgress_ = false;
 };
 
 }  // namespace usdlive::cli

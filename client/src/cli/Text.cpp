@@ -23,15 +23,17 @@ std::string shortened(std::string_view text) {
 }
 
 // Nothing in it does anything to a terminal.
-std::string printable(std::string_view text) {
+std::string withoutControls(std::string_view text) {
     std::string out;
-    for (const char c : shortened(text))
+    for (const char c : text)
         if (c == '\n')
             out += "\\n";
         else
             out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
     return out;
 }
+
+std::string printable(std::string_view text) { return withoutControls(shortened(text)); }
 
 std::string inQuotes(std::string_view text, char quote) { return quote + printable(text) + quote; }
 
@@ -370,6 +372,15 @@ std::string describe(const Storage& storage, const Palette& palette) {
                             sizeText(layer.snapshots) + ", " + counted(layer.blobs, "big value") +
                             " " + sizeText(layer.blobBytes));
     return text;
+}
+
+std::string describe(const SkippedFile& file) {
+    return withoutControls(file.path) + "  " + withoutControls(file.reason);
+}
+
+std::string describe(const client::event::Progress& progress) {
+    constexpr std::array<const char*, 4> kVerbs{"importing", "saving", "uploading", "fetching"};
+    return std::string(kVerbs[std::size_t(progress.task)]) + " " + printable(progress.layer.value);
 }
 
 std::string describeTree(const LayerDoc& doc, const Palette& palette) {

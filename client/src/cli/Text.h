@@ -5,6 +5,7 @@
 #include <string>
 
 #include "Terminal.h"
+#include "usdlive/client/session/Session.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
@@ -35,6 +36,12 @@ namespace usdlive::cli {
 [[nodiscard]] std::string describe(const HistoryCompacted& done);
 /// What the store takes: a line for each kind, then one for each layer, the largest first.
 [[nodiscard]] std::string describe(const Storage& storage, const Palette& palette);
+
+/// A line: `a:b.usda  the layer name ... holds a colon`.
+[[nodiscard]] std::string describe(const SkippedFile& file);
+
+/// What is under way: `saving shot.usda`.
+[[nodiscard]] std::string describe(const client::event::Progress& progress);
 
 /// The prims of a layer as a tree with their types.
 [[nodiscard]] std::string describeTree(const LayerDoc& doc, const Palette& palette);

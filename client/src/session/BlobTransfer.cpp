@@ -25,7 +25,7 @@ bool BlobUploads::ready(const std::vector<Value>& blobs) {
         if (Upload* upload = find(blob.hash()))
             upload->wanted = true;
         else if (host_.holdsBlob(blob.hash()))
-            uploads_.push_back({.hash = blob.hash()});
+            uploads_.push_back({.hash = blob.hash(), .size = blob.size()});
         else
             continue;  // the server's own, or its refusal will say so
         ready = false;
@@ -63,8 +63,28 @@ void BlobUploads::send(std::size_t chunks, std::int64_t nowMs) {
     for (const Hash& hash : unknown) stored(hash);
 }
 
+std::optional<event::Progress> BlobUploads::progress(std::int64_t nowMs) {
+    if (uploads_.empty()) {
+        toldMs_.reset();
+        return std::nullopt;
+    }
+    if (!toldMs_) {
+        toldMs_ = nowMs;
+        storedBytes_ = 0;
+    }
+    if (nowMs - *toldMs_ < kTellEveryMs) return std::nullopt;
+    toldMs_ = nowMs;
+    event::Progress progress{event::Progress::Task::Upload, {}, storedBytes_, storedBytes_, 0};
+    for (const Upload& upload : uploads_) {
+        progress.done += upload.offset;
+        progress.total += upload.size;
+    }
+    return progress;
+}
+
 void BlobUploads::stored(const Hash& hash) {
     stored_.insert(hash);
+    if (const Upload* upload = find(hash)) storedBytes_ += upload->size;
     std::erase_if(uploads_, [&](const Upload& upload) { return upload.hash == hash; });
 }
 

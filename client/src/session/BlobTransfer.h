@@ -4,6 +4,7 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <optional>
 #include <set>
 #include <vector>
 
@@ -30,6 +31,10 @@ public:
     /// Sends up to `chunks` parts.
     void send(std::size_t chunks, std::int64_t nowMs);
 
+    /// How far the uploads are, if that is to be told now: every kTellEveryMs, from then on when
+    /// they have taken so long.
+    [[nodiscard]] std::optional<event::Progress> progress(std::int64_t nowMs);
+
     [[nodiscard]] bool isStored(const Hash& hash) const { return stored_.contains(hash); }
     /// The server has it (BlobStored, or a commit that names it).
     void stored(const Hash& hash);
@@ -38,11 +43,15 @@ public:
     void refused(const Hash& hash, ErrorCode why, std::int64_t nowMs);
     /// It turned out that the server does not hold it.
     void forget(const Hash& hash) { stored_.erase(hash); }
-    void disconnected() { uploads_.clear(); }
+    void disconnected() {
+        uploads_.clear();
+        toldMs_.reset();
+    }
 
 private:
     struct Upload {
         Hash hash;
+        std::uint64_t size = 0;
         SharedBytes bytes = nullptr;  ///< while parts of it are sent
         std::uint64_t offset = 0;
         bool sent = false;   ///< all of it; to be answered
@@ -51,12 +60,15 @@ private:
         std::int64_t notBeforeMs = 0;
     };
     static constexpr std::int64_t kAgainMs = 1'000;
+    static constexpr std::int64_t kTellEveryMs = 500;
     static constexpr int kMaxMismatches = 5;
 
     [[nodiscard]] Upload* find(const Hash& hash);
 
     SessionHost& host_;
     std::deque<Upload> uploads_;
+    std::optional<std::int64_t> toldMs_;  ///< or begun; nothing: none are under way
+    std::uint64_t storedBytes_ = 0;       ///< of those that were under way together
     // Grows by 32 bytes for each big value of a session's life.
     std::set<Hash> stored_;
 };

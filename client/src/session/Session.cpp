@@ -1,5 +1,6 @@
 #include "usdlive/client/session/Session.h"
 
+#include <algorithm>
 #include <chrono>
 #include <random>
 
@@ -117,6 +118,23 @@ std::uint64_t Session::Impl::createCheckpoint(std::string name) {
     return request(CreateCheckpoint{0, std::move(name)});
 }
 
+std::uint64_t Session::Impl::createLayer(const LayerId& layer) {
+    return requestFeature("createLayer", CreateLayer{0, layer});
+}
+
+std::uint64_t Session::Impl::listSkipped() { return requestFeature("skipped", ListSkipped{}); }
+
+/// A server of an earlier version would end the session over a message that it does not know.
+template <class Request>
+std::uint64_t Session::Impl::requestFeature(std::string_view feature, Request message) {
+    if (!online_ || std::ranges::count(welcome_->features, feature) > 0)
+        return request(std::move(message));
+    report({ErrorCode::InvalidArgument,
+            "the server is of an earlier version of usdlive, which cannot do this"},
+           about(++lastRequest_));
+    return lastRequest_;
+}
+
 std::uint64_t Session::Impl::listCheckpoints() { return request(ListCheckpoints{}); }
 
 /// What the server does and a call answers.
@@ -192,6 +210,8 @@ std::uint64_t Session::reload(std::vector<LayerId> layers) {
 std::uint64_t Session::createCheckpoint(std::string name) {
     return impl_->createCheckpoint(std::move(name));
 }
+std::uint64_t Session::createLayer(const LayerId& layer) { return impl_->createLayer(layer); }
+std::uint64_t Session::listSkipped() { return impl_->listSkipped(); }
 std::uint64_t Session::listCheckpoints() { return impl_->listCheckpoints(); }
 void Session::compactHistory(std::optional<std::uint64_t> days,
                              std::function<void(Result<HistoryCompacted>)> done) {

@@ -45,6 +45,7 @@ Error toError(const ErrorMessage& message) {
 void Session::Impl::connected() {
     linked_ = true;
     forgotten_.reset();
+    notResumed_.reset();
     inbox_.clear();
     Hello hello{.protocol = kProtocolVersion,
                 .oldestProtocol = kOldestProtocolVersion,
@@ -226,9 +227,13 @@ void Session::Impl::handle(ReceivedSnapshot&& received) {
         events_.push_back(event::Joining{{layer, received.specs, total}});
         return;
     }
-    for (Peek& peek : peeks_)
-        if (peek.snapshot.request == received.request)
-            peek.snapshot.content = std::move(received.whole);
+    for (Peek& peek : peeks_) {
+        if (peek.snapshot.request != received.request) continue;
+        peek.snapshot.content = std::move(received.whole);
+        const std::uint64_t total = peek.snapshot.opened ? peek.snapshot.opened->specs : 0;
+        events_.push_back(event::Progress{event::Progress::Task::Fetch, peek.layer, received.specs,
+                                          total, received.request});
+    }
 }
 
 void Session::Impl::handle(RefusalFrame&& frame) {
@@ -293,6 +298,8 @@ bool Session::Impl::isCaughtUp() const { return welcome_ && revision_ >= welcome
 
 void Session::Impl::on(const Welcome& message) {
     if (message.epoch < epoch_) return protocolFault(otherHistory(message.epoch, epoch_));
+    if (auto why = std::exchange(notResumed_, std::nullopt))
+        events_.push_back(event::ServerError{*std::move(why)});
     welcome_ = message;
     epoch_ = message.epoch;
     online_ = true;
@@ -415,6 +422,17 @@ void Session::Impl::answerAsked(std::uint64_t request, Result<ControlMessage> an
     if (auto asked = asked_.extract(request)) asked.mapped()(std::move(answer));
 }
 
+void Session::Impl::on(const LayerCreated& message) { answer<event::LayerMade>(message); }
+void Session::Impl::on(const SkippedFiles& message) { answer<event::SkippedListed>(message); }
+
+void Session::Impl::on(const RequestProgress& message) {
+    using Task = event::Progress::Task;
+    if (message.task != "import" && message.task != "save") return;
+    const Task task = message.task == "save" ? Task::Save : Task::Import;
+    events_.push_back(
+        event::Progress{task, message.layer, message.done, message.total, message.request});
+}
+
 void Session::Impl::on(const LayerStates& message) {
     for (const LayerState& state : message.layers) layerStates_[state.layer] = state;
     events_.push_back(event::LayerStatesChanged{message.layers});
@@ -435,6 +453,10 @@ void Session::Impl::on(const ErrorMessage& message) {
     const Error error = toError(message);
     if (answered(message, error)) return;
     if (error.code == ErrorCode::ClientForgotten && !online_) forgotten_ = error;
+    if (error.code == ErrorCode::HistoryDiverged && !online_ && !message.closing) {
+        notResumed_ = message;  // the welcome decides what is to be said
+        return;
+    }
     if (message.blob) {
         if (downloads_.isAsked(*message.blob)) return blobFailed(*message.blob, error);
         uploads_.refused(*message.blob, error.code, nowMs_);
@@ -500,6 +522,7 @@ void Session::Impl::sendAll() {
     sendTransactions();
     uploads_.dropUnwanted();
     if (host_.takesMore()) uploads_.send(options_.uploadWindowChunks, nowMs_);
+    if (const auto progress = uploads_.progress(nowMs_)) events_.push_back(*progress);
     sendPreview();
     sendPresence();
 }

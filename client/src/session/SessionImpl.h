@@ -77,6 +77,8 @@ public:
     void compactHistory(std::optional<std::uint64_t> days,
                         std::function<void(Result<HistoryCompacted>)> done);
     void requestStorage(std::function<void(Result<Storage>)> done);
+    std::uint64_t createLayer(const LayerId& layer);
+    std::uint64_t listSkipped();
     void requestBlob(const Hash& hash);
     [[nodiscard]] std::set<Hash> namedBlobs() const;
 
@@ -161,6 +163,8 @@ private:
     std::uint64_t request(Request message);
     template <class Answer, class Request>
     void askStorage(Request message, std::function<void(Result<Answer>)> done);
+    template <class Request>
+    std::uint64_t requestFeature(std::string_view feature, Request message);
 
     // SessionConnection.cpp
     void handle(ControlMessage&& message);
@@ -183,6 +187,9 @@ private:
     void on(const HistoryCompacted& message) { answerAsked(message.request, message); }
     void on(const Storage& message) { answerAsked(message.request, message); }
     void answerAsked(std::uint64_t request, Result<ControlMessage> answer);
+    void on(const LayerCreated& message);
+    void on(const SkippedFiles& message);
+    void on(const RequestProgress& message);
     void on(const LayerStates& message);
     void on(const Presences& message);
     void on(const LogBegin& message);
@@ -271,7 +278,8 @@ private:
 
     // The connection.
     bool linked_ = false;
-    std::optional<Error> forgotten_;  // the server said so before its welcome (M14)
+    std::optional<Error> forgotten_;          // the server said so before its welcome (M14)
+    std::optional<ErrorMessage> notResumed_;  // the same, of another history (SE3)
     std::deque<Result<Received>> inbox_;
     std::uint64_t lastRequest_ = 0;
     bool takesPreviewValues_ = false;  // the server does (B3)

@@ -30,6 +30,7 @@
 #include "usdlive/client/usd/ProcessFolder.h"
 #include "usdlive/client/usd/UnsentWorkStore.h"
 #include "usdlive/client/usd/UsedLayers.h"
+#include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/protocol/CommitBlobs.h"
@@ -211,7 +212,10 @@ public:
         if (!mayBlock("leave")) return std::nullopt;
         tick(0, Seal::Now);
         session_.endGesture();
-        if (flush(timeoutMs)) return std::nullopt;
+        const bool sent = flush(timeoutMs);
+        for (auto& lost : lostEvents_.waiting()) events_.push_back(std::move(lost));
+        dispatch();
+        if (sent) return std::nullopt;
         return unsent();
     }
 
@@ -243,6 +247,22 @@ public:
         if (!opened && *made && !isOfProject(id)) placeholders_.remove(id);
         if (!opened) return tl::unexpected(opened.error());
         return layer;
+    }
+
+    Result<pxr::SdfLayerRefPtr> createLayer(const LayerId& id) {
+        if (auto valid = parseLayerId(id.value); !valid) return tl::unexpected(valid.error());
+        if (!session_.isConnected())
+            return fail(
+                ErrorCode::NotConnected,
+                "cannot create " + id.value +
+                    " without a connection: only the server knows which names are free. Try "
+                    "again when it is there");
+        const auto answer = answerTo(session_.createLayer(id), kSilenceMs);
+        if (!answer)
+            return fail(ErrorCode::NotConnected, "the server did not say in time whether " +
+                                                     id.value + " was created; it may be there");
+        if (!*answer) return tl::unexpected(answer->error());
+        return openLayer(id, LoadSet::All);
     }
 
     Result<std::vector<LayerId>> attach(const fs::path& projectFolder) {
@@ -375,17 +395,26 @@ public:
         if (const auto error = misuse("saveAndWait", true)) return tl::unexpected(*error);
         const auto start = Clock::now();
         if (!flush(timeoutMs)) return tl::unexpected(notConfirmed(timeoutMs));
-        awaited_ = {save(std::move(layers), force), std::nullopt};
-        while (!awaited_->answer && msSince(start) < timeoutMs) {
-            tick(kBlockingBudgetMs);
-            if (!awaited_->answer) connection_->wait(milliseconds(5));
-        }
-        const auto answer = std::exchange(awaited_, std::nullopt)->answer;
+        const double left = std::max(timeoutMs - msSince(start), 0.0);
+        const auto answer = answerTo(save(std::move(layers), force), left);
         if (!answer)
             return fail(ErrorCode::NotConnected,
                         "the server did not say in time that it has "
                         "saved; it may still do it");
-        return *answer;
+        return answer->map(
+            [](const client::Event& one) { return std::get<event::Saved>(one).outcome; });
+    }
+
+    /// Ticks until the server has answered the request; nothing: not in time. Event handlers run
+    /// meanwhile, and may ask and wait themselves.
+    std::optional<Result<client::Event>> answerTo(std::uint64_t request, double timeoutMs) {
+        awaited_[request] = std::nullopt;
+        const auto start = Clock::now();
+        do {
+            tick(kBlockingBudgetMs);
+            if (!awaited_.at(request)) connection_->wait(milliseconds(5));
+        } while (!awaited_.at(request) && msSince(start) < timeoutMs);
+        return std::move(awaited_.extract(request).mapped());
     }
     [[nodiscard]] Error notConfirmed(double timeoutMs) const {
         return {ErrorCode::NotConnected,
@@ -883,11 +912,12 @@ private:
             lose(std::move(lost->work));
             return false;
         } else if (const auto* saved = std::get_if<event::Saved>(&one)) {
-            if (awaited_ && awaited_->request == saved->outcome.request)
-                awaited_->answer = saved->outcome;
+            noteAnswer(saved->outcome.request, one);
+        } else if (const auto* made = std::get_if<event::LayerMade>(&one)) {
+            noteAnswer(made->answer.request, one);
         } else if (const auto* error = std::get_if<event::ServerError>(&one)) {
-            if (awaited_ && awaited_->request == error->message.request)
-                awaited_->answer = tl::unexpected(toError(error->message));
+            if (error->message.request)
+                noteAnswer(*error->message.request, tl::unexpected(toError(error->message)));
             if (error->message.blob) awaitedBlobs_.erase(*error->message.blob);
             if (error->message.closing) {
                 const bool again = refusal_ && refusal_->message == error->message.message;
@@ -897,6 +927,11 @@ private:
             }
         }
         return true;
+    }
+
+    void noteAnswer(std::uint64_t request, Result<client::Event> answer) {
+        if (const auto found = awaited_.find(request); found != awaited_.end())
+            found->second = std::move(answer);
     }
 
     static Error toError(const ErrorMessage& message) {
@@ -961,12 +996,8 @@ private:
     std::vector<event::Joined> joined_;
     std::deque<client::Event> events_;
     EventHandler handler_;
-    // A save that somebody waits for.
-    struct Awaited {
-        std::uint64_t request = 0;
-        std::optional<Result<LayersSaved>> answer;
-    };
-    std::optional<Awaited> awaited_;
+    /// Of requests that somebody waits for; several, when a handler asks while its caller waits.
+    std::map<std::uint64_t, std::optional<Result<client::Event>>> awaited_;
     bool ticking_ = false;
     bool dispatching_ = false;
     mutable std::atomic<std::thread::id> owner_{};  // the first that used it
@@ -1025,6 +1056,10 @@ std::vector<LayerId> Client::layers() const { return impl_->layers(); }
 Result<pxr::SdfLayerRefPtr> Client::openLayer(const LayerId& layer, client::LoadSet load) {
     if (const auto error = impl_->misuse("openLayer", true)) return tl::unexpected(*error);
     return impl_->openLayer(layer, load);
+}
+Result<pxr::SdfLayerRefPtr> Client::createLayer(const LayerId& layer) {
+    if (const auto error = impl_->misuse("createLayer", true)) return tl::unexpected(*error);
+    return impl_->createLayer(layer);
 }
 Result<std::vector<LayerId>> Client::attach(const fs::path& projectFolder) {
     if (const auto error = impl_->misuse("attach", true)) return tl::unexpected(*error);

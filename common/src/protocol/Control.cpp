@@ -82,6 +82,31 @@ void members(auto& io, Is<AlreadyCommitted> auto& message) {
     io("sequence", message.sequence);
     io("revision", message.revision);
 }
+void members(auto& io, Is<CreateLayer> auto& message) {
+    io("request", message.request);
+    io("layer", message.layer);
+}
+void members(auto& io, Is<LayerCreated> auto& message) {
+    io("request", message.request);
+    io("layer", message.layer);
+}
+void members(auto& io, Is<ListSkipped> auto& message) { io("request", message.request); }
+void members(auto& io, Is<SkippedFile> auto& message) {
+    io("path", message.path);
+    io("reason", message.reason);
+}
+void members(auto& io, Is<SkippedFiles> auto& message) {
+    io("request", message.request);
+    io("count", message.count);
+    io("files", message.files);
+}
+void members(auto& io, Is<RequestProgress> auto& message) {
+    io("request", message.request);
+    io("task", message.task);
+    io("layer", message.layer);
+    io("done", message.done);
+    io("total", message.total);
+}
 void members(auto& io, Is<SaveLayers> auto& message) {
     io("request", message.request);
     io("layers", message.layers);
@@ -215,7 +240,8 @@ constexpr std::array<const char*, std::variant_size_v<ControlMessage>> kTypes{
     "layersSaved",    "reloadLayers",     "layersReloaded",    "requestLog",       "logBegin",
     "logEnd",         "createCheckpoint", "checkpointCreated", "listCheckpoints",  "checkpoints",
     "compactHistory", "historyCompacted", "requestStorage",    "storage",          "layerStates",
-    "showPresence",   "presences",        "errorMessage"};
+    "showPresence",   "presences",        "errorMessage",      "createLayer",      "layerCreated",
+    "listSkipped",    "skippedFiles",     "requestProgress"};
 
 class Writer {
 public:

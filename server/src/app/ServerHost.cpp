@@ -33,6 +33,8 @@ constexpr milliseconds kForgetPause{10 * 60'000};
 // From one look at commits that are too old to the next.
 constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 constexpr int kKeeperNice = 10;
+// A save tells how far it is so often, from then on when it takes so long (PG1).
+constexpr milliseconds kProgressPause{500};
 
 SharedBytes encoded(const Frame& frame) {
     return std::make_shared<const Bytes>(encodeFrame(frame));
@@ -396,6 +398,7 @@ Result<std::optional<LoadedLayer>> ServerHost::loadStored(const LayerId& layer) 
 
 Result<LoadedLayer> ServerHost::import(const LayerId& layer) {
     faultPoint("import");
+    onProject([layer](Project& project) { project.layerBeingImported(layer); });
     const auto begin = steady_clock::now();
     auto imported = files_.layers.import(layer);
     if (!imported) {
@@ -407,7 +410,7 @@ Result<LoadedLayer> ServerHost::import(const LayerId& layer) {
     auto commit = makeImport(layer, doc);
     if (!commit) return tl::unexpected(commit.error());
     const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
-    log_.write(LogLevel::Info, "layer imported",
+    log_.write(LogLevel::Info, "file read",
                {{"layer", layer.value}, {"specs", doc.specCount()}, {"ms", time.count()}});
     return LoadedLayer{std::move(doc), std::move(*commit), {0, file}};
 }
@@ -483,7 +486,9 @@ bool ServerHost::hasSpace() {
 void ServerHost::saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) {
     inBackground(
         saver_, session, Intake::kJobBytes,
-        [this, jobs = std::move(jobs)]() -> Result<SaveOutcome> { return save(jobs); },
+        [this, session, request, jobs = std::move(jobs)]() -> Result<SaveOutcome> {
+            return save(session, request, jobs);
+        },
         [session, request](Project& project, Result<SaveOutcome> saved) {
             project.layersSaved(session, request, std::move(*saved));
         });
@@ -543,29 +548,37 @@ void ServerHost::setSaved(const LayerId& layer, const SavedState& saved) {
     });
 }
 
-SaveOutcome ServerHost::save(const std::vector<SaveJob>& jobs) {
+Result<FileStamp> ServerHost::save(const SaveJob& job) {
+    faultPoint("save-before");
+    std::vector<Hash> expected;
+    if (job.minds && job.saved.file) expected.push_back(job.saved.file->hash);
+    if (job.minds && job.saved.coming) expected.push_back(job.saved.coming->hash);
+    auto saved = files_.layers.save(job.layer, job.doc, expected, [&](const Hash& hash) {
+        SavedState state = job.saved;
+        state.coming = SavedState::Coming{job.revision, hash};
+        return store_.use([&](CommitStore& store) { return store.setSaved(job.layer, state); });
+    });
+    faultPoint("save-after");
+    if (!saved) return saved;
+    return store_
+        .use([&](CommitStore& store) { return store.setSaved(job.layer, {job.revision, *saved}); })
+        .map([&] { return *saved; });
+}
+
+SaveOutcome ServerHost::save(SessionId session, std::uint64_t request,
+                             const std::vector<SaveJob>& jobs) {
     SaveOutcome outcome;
-    for (const SaveJob& job : jobs) {
-        outcome.revision = std::max(outcome.revision, job.revision);
-        auto work = [&]() -> Result<FileStamp> {
-            faultPoint("save-before");
-            std::vector<Hash> expected;
-            if (job.minds && job.saved.file) expected.push_back(job.saved.file->hash);
-            if (job.minds && job.saved.coming) expected.push_back(job.saved.coming->hash);
-            auto saved = files_.layers.save(job.layer, job.doc, expected, [&](const Hash& hash) {
-                SavedState state = job.saved;
-                state.coming = SavedState::Coming{job.revision, hash};
-                return store_.use(
-                    [&](CommitStore& store) { return store.setSaved(job.layer, state); });
+    auto told = steady_clock::now();
+    for (std::size_t index = 0; index < jobs.size(); ++index) {
+        const SaveJob& job = jobs[index];
+        if (steady_clock::now() - told >= kProgressPause) {
+            told = steady_clock::now();
+            onProject([=, layer = job.layer, total = jobs.size()](Project& project) {
+                project.layersBeingSaved(session, request, layer, index, total);
             });
-            faultPoint("save-after");
-            if (!saved) return saved;
-            return store_
-                .use([&](CommitStore& store) {
-                    return store.setSaved(job.layer, {job.revision, *saved});
-                })
-                .map([&] { return *saved; });
-        };
+        }
+        outcome.revision = std::max(outcome.revision, job.revision);
+        auto work = [&] { return save(job); };
         if (const auto saved = resultOf(work)) {
             outcome.saved.emplace_back(job.layer, *saved);
         } else {
@@ -576,6 +589,44 @@ SaveOutcome ServerHost::save(const std::vector<SaveJob>& jobs) {
         }
     }
     return outcome;
+}
+
+void ServerHost::createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) {
+    inBackground(
+        saver_, session, Intake::kJobBytes, [this, layer] { return files_.layers.create(layer); },
+        [session, request, layer](Project& project, const Result<void>& created) {
+            project.layerCreated(session, request, layer, created);
+        });
+}
+
+void ServerHost::listSkipped(SessionId session, std::uint64_t request) {
+    inBackground(
+        workers_.files, session, Intake::kJobBytes, [this] { return files_.layers.skipped(); },
+        [session, request](Project& project, Result<std::vector<SkippedFile>> skipped) {
+            project.skippedListed(session, request, std::move(skipped));
+        });
+}
+
+void ServerHost::happened(const Happening& happening) {
+    const auto now =
+        std::chrono::duration_cast<milliseconds>(steady_clock::now().time_since_epoch());
+    std::string key(happening.what);
+    key += '\n' + happening.user.value;
+    const auto leftOut = logLimit_.take(key, now.count());
+    if (!leftOut) return;
+    const std::string_view user = happening.user.value, layer = happening.layer.value;
+    if (*leftOut > 0)
+        log_.write(LogLevel::Warning, "lines left out",
+                   {{"of", happening.what}, {"user", user}, {"count", *leftOut}});
+    if (layer.empty() && happening.detail.empty())
+        log_.write(LogLevel::Info, happening.what, {{"user", user}});
+    else if (layer.empty())
+        log_.write(LogLevel::Info, happening.what, {{"user", user}, {"detail", happening.detail}});
+    else if (happening.detail.empty())
+        log_.write(LogLevel::Info, happening.what, {{"user", user}, {"layer", layer}});
+    else
+        log_.write(LogLevel::Info, happening.what,
+                   {{"user", user}, {"layer", layer}, {"detail", happening.detail}});
 }
 
 std::vector<LayerId> ServerHost::unsavedLayers() {

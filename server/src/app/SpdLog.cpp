@@ -3,6 +3,8 @@
 #include <spdlog/logger.h>
 #include <spdlog/sinks/stdout_sinks.h>
 
+#include <algorithm>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 
 namespace usdlive::server {
@@ -11,13 +13,38 @@ namespace {
 
 using Json = nlohmann::json;
 
+// The controls beyond those that JSON escapes: DEL, and U+0080 to U+009F, which terminals obey,
+// too.
+std::string withoutControls(const std::string& json) {
+    std::string text;
+    for (std::size_t i = 0; i < json.size(); ++i) {
+        const auto byte = static_cast<unsigned char>(json[i]);
+        const auto next = i + 1 < json.size() ? static_cast<unsigned char>(json[i + 1]) : 0;
+        const bool isC1 = byte == 0xc2 && next >= 0x80 && next < 0xa0;
+        if (byte != 0x7f && !isC1) {
+            text += json[i];
+            continue;
+        }
+        char escaped[8];
+        std::snprintf(escaped, sizeof escaped, "\\u%04x", isC1 ? next : byte);
+        text += escaped;
+        if (isC1) ++i;
+    }
+    return text;
+}
+
 std::string quoted(std::string_view text) {
-    return Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
+    return withoutControls(Json(text).dump(-1, ' ', false, Json::error_handler_t::replace));
+}
+
+bool isPlain(std::string_view text) {
+    return !text.empty() && std::ranges::all_of(text, [](unsigned char byte) {
+        return byte > 0x20 && byte < 0x7f && byte != '"' && byte != '\\' && byte != '=';
+    });
 }
 
 std::string rendered(std::string_view text, LogFormat format) {
-    const bool plain = text.find_first_of(" \"\\=\n\t") == std::string_view::npos;
-    return format == LogFormat::Text && plain && !text.empty() ? std::string(text) : quoted(text);
+    return format == LogFormat::Text && isPlain(text) ? std::string(text) : quoted(text);
 }
 
 std::string rendered(const LogField& field, LogFormat format) {

@@ -174,7 +174,7 @@ void announce(const ServerOptions& options, std::uint16_t port, std::size_t laye
               << (layers == 1 ? " layer" : " layers");
     if (skipped > 0)
         std::cout << "; " << skipped << (skipped == 1 ? " file is" : " files are")
-                  << " skipped, and the log says why";
+                  << " skipped, `usdlive ls --skipped` says why";
     std::cout << ")";
     const char* before = " at ";
     for (const std::string& url : reachableUrls(options.host, port))

@@ -140,6 +140,23 @@ public:
         return path;
     }
 
+    Result<void> create(const LayerId& layer) override {
+        const auto path = resolve(layer);
+        if (!path) return tl::unexpected(path.error());
+        const auto objection = [&]() -> Result<void> {
+            std::error_code ignored;
+            if (fs::symlink_status(*path, ignored).type() == fs::file_type::not_found) return {};
+            return fail(ErrorCode::LayerExists, "a file " + layer.value +
+                                                    " is in the project's folder already: open "
+                                                    "it, or choose another name");
+        };
+        auto made = objection().and_then([&] { return write(*path, LayerDoc(), objection, {}); });
+        if (made) return {};
+        if (made.error().code == ErrorCode::LayerExists) return tl::unexpected(made.error());
+        return fail(ErrorCode::SaveFailed,
+                    layer.value + " could not be created: " + made.error().message);
+    }
+
     Result<ImportedLayer> import(const LayerId& layer) override {
         const auto path = resolve(layer);
         if (!path) return tl::unexpected(path.error());

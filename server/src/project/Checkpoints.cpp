@@ -57,6 +57,7 @@ void Project::Impl::loseCheckpoints(const Error& error) {
 
 void Project::Impl::checkpointAdded(SessionId id, std::uint64_t request,
                                     const Result<Checkpoint>& added) {
+    if (added) host_.happened({"checkpoint made", added->user, {}, added->name});
     Session* session = find(id);
     if (!session || !session->isGreeted()) return;
     if (added)

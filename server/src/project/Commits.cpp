@@ -24,6 +24,7 @@ std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit
     CommitRecord record;
     record.revision = made.revision = executed_ + 1;
     record.id = made.id = id;
+    made.user = user;
     record.namespaceChanges = namespaceChanges(made.revision, executed.edits);
     made.gesture = gesture;
     made.edits = executed.edits.size();
@@ -147,13 +148,37 @@ void Project::Impl::commitDurable(const InFlightCommit& commit) {
     for (const LayerId& layer : commit.layerData)
         if (std::ranges::none_of(inFlight_, [&](const InFlightCommit& later) {
                 return later.layerData.contains(layer);
-            }))
+            })) {
+            const std::set<LayerId> before = mutedBy(layer);
             noteMutes(layer);
+            noteLock(commit.user, layer);
+            const std::set<LayerId> now = mutedBy(layer);
+            for (const LayerId& one : now)
+                if (!before.contains(one))
+                    host_.happened({"layer muted", commit.user, one, "on " + layer.value});
+            for (const LayerId& one : before)
+                if (!now.contains(one))
+                    host_.happened({"layer unmuted", commit.user, one, "on " + layer.value});
+        }
     broadcast(commit);
     if (const auto author = authors_.find(commit.id.client); author != authors_.end()) {
         author->second.inFlight.erase(commit.id.sequence);
         forgetAuthor(commit.id.client);
     }
+}
+
+/// For the log. Of a layer that is loaded.
+void Project::Impl::noteLock(const UserName& user, const LayerId& layer) {
+    const auto doc = docs_.find(layer);
+    if (doc == docs_.end()) return;
+    const LayerLock now = lockOf(doc->second);
+    const LayerLock before = std::exchange(layers_[layer].lock, now);
+    if (now.locked == before.locked && now.holder == before.holder) return;
+    if (now.locked)
+        host_.happened({"layer locked", user, layer});
+    else
+        host_.happened({"layer unlocked", user, layer,
+                        before.holder == user ? "" : "it was " + before.holder.value + "'s"});
 }
 
 void Project::Impl::broadcast(const InFlightCommit& commit) {

@@ -27,11 +27,57 @@ void Project::Impl::setFiles(const std::vector<LayerFile>& files) {
         entry.file.present.trace.reset();
         checkFile(layer, entry);
     }
-    if (!changed) return;
+    if (changed) tellLayers();
+}
+
+/// SE9
+void Project::Impl::tellLayers() {
     const auto frame = std::make_shared<const Bytes>(
         encodeFrame(ControlFrame{encodeControl(ProjectLayers{layerInfos()})}));
     for (const auto& [id, session] : sessions_)
         if (session.isGreeted()) host_.send(id, frame);
+}
+
+/// FI6
+void Project::Impl::createLayer(Session& session, const CreateLayer& request) {
+    if (layers_.contains(request.layer))
+        return sendError(session,
+                         {ErrorCode::LayerExists, "the project has a layer " + request.layer.value +
+                                                      ": open it, or choose another name"},
+                         request.request);
+    if (storeClosed_)
+        return sendError(session, {ErrorCode::StorageFailed, "the store has failed"},
+                         request.request);
+    if (!host_.hasSpace())
+        return sendError(session, {ErrorCode::StorageFull, "the disk of the server is full"},
+                         request.request);
+    host_.createLayerFile(session.id, request.request, request.layer);
+}
+
+void Project::Impl::layerCreated(SessionId id, std::uint64_t request, const LayerId& layer,
+                                 const Result<void>& created) {
+    Session* session = find(id);
+    const bool here = session && session->isGreeted();
+    if (!created) {
+        if (here) sendError(*session, created.error(), request);
+        return;
+    }
+    // Loaded at once, so that it is in the store, whatever the folder looked like a moment ago.
+    if (layers_.try_emplace(layer).second) tellLayers();
+    if (std::holds_alternative<NotLoaded>(layers_[layer].state)) load(layer);
+    if (!here) return;
+    host_.happened({"layer created", session->user, layer});
+    send(*session, LayerCreated{request, layer});
+}
+
+void Project::Impl::skippedListed(SessionId id, std::uint64_t request,
+                                  Result<std::vector<SkippedFile>> skipped) {
+    Session* session = find(id);
+    if (!session || !session->isGreeted()) return;
+    if (!skipped) return sendError(*session, skipped.error(), request);
+    SkippedFiles answer{request, skipped->size(), std::move(*skipped)};
+    if (answer.files.size() > kMaxSkippedFiles) answer.files.resize(kMaxSkippedFiles);
+    send(*session, answer);
 }
 
 /// Asks for what the file holds when it looks other than it did.

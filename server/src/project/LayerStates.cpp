@@ -85,6 +85,11 @@ std::set<LayerId> Project::Impl::mutedLayers() const {
     return muted;
 }
 
+std::set<LayerId> Project::Impl::mutedBy(const LayerId& root) const {
+    const auto found = mutes_.find(root);
+    return found == mutes_.end() ? std::set<LayerId>() : found->second;
+}
+
 /// To be called when a layer has been loaded, or its custom layer data edited.
 void Project::Impl::noteMutes(const LayerId& layer) {
     const auto doc = docs_.find(layer);

@@ -96,6 +96,16 @@ void Project::Impl::load(const LayerId& layer) {
     host_.loadLayer(layer);
 }
 
+void Project::Impl::layerBeingImported(const LayerId& layer) {
+    const auto found = layers_.find(layer);
+    if (found == layers_.end()) return;
+    for (const WaitingOpen& open : found->second.opens) {
+        Session* session = find(open.session);
+        if (session && session->isGreeted() && session->features.contains("progress"))
+            send(*session, RequestProgress{open.request, "import", layer, 0, 0});
+    }
+}
+
 void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded) {
     const auto found = layers_.find(layer);
     if (found == layers_.end() || !std::holds_alternative<Loading>(found->second.state)) return;
@@ -105,6 +115,7 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     found->second.replayCost = loaded->replayed.cost;
     found->second.snapshotBytes = loaded->replayed.snapshotBytes;
     fileWas(layer, loaded->saved);
+    found->second.lock = lockOf(docs_.at(layer));
     noteMutes(layer);
     noteSpecLocks(layer);
     if (loaded->import) {
@@ -116,6 +127,9 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     takeSnapshot(layer);
     keepSnapshots();
     const auto opens = std::exchange(found->second.opens, {});
+    if (!opens.empty() && loaded->import)
+        if (const Session* session = find(opens.front().session))
+            host_.happened({"layer imported", session->user, layer});
     for (const WaitingOpen& open : opens) openLoaded(open, layer);
     noteIdle(layer);
     workAll();

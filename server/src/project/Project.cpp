@@ -91,6 +91,20 @@ void Project::layersSaved(SessionId session, std::uint64_t request, SaveOutcome 
     impl_->layersSaved(session, request, outcome);
     impl_->tellStates();
 }
+void Project::layersBeingSaved(SessionId session, std::uint64_t request, const LayerId& layer,
+                               std::size_t done, std::size_t total) {
+    impl_->layersBeingSaved(session, request, layer, done, total);
+}
+void Project::layerBeingImported(const LayerId& layer) { impl_->layerBeingImported(layer); }
+void Project::layerCreated(SessionId session, std::uint64_t request, const LayerId& layer,
+                           const Result<void>& created) {
+    impl_->layerCreated(session, request, layer, created);
+    impl_->tellStates();
+}
+void Project::skippedListed(SessionId session, std::uint64_t request,
+                            Result<std::vector<SkippedFile>> skipped) {
+    impl_->skippedListed(session, request, std::move(skipped));
+}
 void Project::fileChecked(const LayerId& layer, Result<std::optional<FileStamp>> file) {
     impl_->fileChecked(layer, file);
     impl_->tellStates();

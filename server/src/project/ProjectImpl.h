@@ -82,6 +82,7 @@ struct Session {
     std::int64_t heardMs = 0;  ///< by then
     bool shown = true;         ///< everybody was told of its presence as it is
     bool uploads = false;      ///< big values, since the last look at unused ones
+    bool greeted = false;      ///< it was, whatever its phase is now
     Revision greetedAt = 0;    ///< the newest durable commit then
     Revision position = 0;     ///< commits up to this one were sent
     bool ahead = false;        ///< it may have later ones (DD6)
@@ -144,7 +145,7 @@ struct LayerEntry {
     bool unsaved = false;                    ///< differed from its file when the server started
     EntryFile file;
     LayerState told;         ///< as everybody was told last
-    LayerLock lock;          ///< when it was unloaded
+    LayerLock lock;          ///< when it was unloaded, and as the log has it
     std::uint64_t idle = 0;  ///< its key in idle_, 0 none
 };
 
@@ -225,6 +226,7 @@ struct InFlightCommit {
     SessionId session = 0;  ///< that submitted it
     std::uint64_t gesture = 0;
     std::size_t edits = 0, dropped = 0;
+    UserName user;
     std::set<LayerId> layers;
     std::set<LayerId> layerData;  ///< of them, whose custom layer data it changes
     std::vector<Hash> blobs;      ///< that it names
@@ -274,12 +276,20 @@ public:
     [[nodiscard]] std::vector<Hash> unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
                                                 std::int64_t nowMs);
 
+    void layerBeingImported(const LayerId& layer);
+
     // Files.cpp
+    void layerCreated(SessionId id, std::uint64_t request, const LayerId& layer,
+                      const Result<void>& created);
+    void skippedListed(SessionId id, std::uint64_t request,
+                       Result<std::vector<SkippedFile>> skipped);
     void setFiles(const std::vector<LayerFile>& files);
     void fileChecked(const LayerId& layer, const Result<std::optional<FileStamp>>& file);
 
     // Saves.cpp
     void layersSaved(SessionId id, std::uint64_t request, const SaveOutcome& outcome);
+    void layersBeingSaved(SessionId id, std::uint64_t request, const LayerId& layer,
+                          std::size_t done, std::size_t total);
 
     // Reloads.cpp
     void layerReloaded(SessionId id, std::uint64_t request, const LayerId& layer,
@@ -364,6 +374,7 @@ private:
     void takeSnapshot(const LayerId& layer);
     void keepSnapshots();
     void commitDurable(const InFlightCommit& commit);
+    void noteLock(const UserName& user, const LayerId& layer);
     void broadcast(const InFlightCommit& commit);
     void settle();
     void takeBack(const Error& error, const std::vector<InFlightCommit>& lost);
@@ -399,6 +410,7 @@ private:
     void tellStatesTo(Session& session);
     [[nodiscard]] LayerState stateOf(const LayerId& layer, const LayerEntry& entry) const;
     [[nodiscard]] std::set<LayerId> mutedLayers() const;
+    [[nodiscard]] std::set<LayerId> mutedBy(const LayerId& root) const;
     void noteMutes(const LayerId& layer);
     void closeLayer(Session& session, const LayerId& layer);
 
@@ -432,6 +444,8 @@ private:
     void sendSave(const ReadySave& ready);
 
     // Files.cpp
+    void createLayer(Session& session, const CreateLayer& request);
+    void tellLayers();
     void checkFile(const LayerId& layer, LayerEntry& entry);
     void fileWas(const LayerId& layer, const SavedState& saved);
     void fileIs(const LayerId& layer, const SavedState& saved);

@@ -185,8 +185,13 @@ void Project::Impl::sendReloaded(const ReloadRequest& reload) {
         fileIs(layer, saved);
         host_.setSaved(layer, saved);
     }
-    if (Session* session = find(reload.session); session && session->isGreeted())
-        send(*session, reload.outcome);
+    Session* session = find(reload.session);
+    if (!session || !session->isGreeted()) return;
+    for (const LayerId& layer : reload.outcome.reloaded)
+        host_.happened({"layer reloaded", session->user, layer});
+    for (const auto& failure : reload.outcome.failed)
+        host_.happened({"reload refused", session->user, failure.layer, failure.message});
+    send(*session, reload.outcome);
 }
 
 }  // namespace usdlive::server

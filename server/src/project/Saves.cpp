@@ -86,16 +86,27 @@ void Project::Impl::sendSave(const ReadySave& ready) {
 void Project::Impl::layersSaved(SessionId id, std::uint64_t request, const SaveOutcome& outcome) {
     --savesUnderWay_;
     LayersSaved message{request, outcome.revision, {}, outcome.failed};
+    Session* session = find(id);
+    const UserName user = session ? session->user : UserName();
     for (const auto& [layer, file] : outcome.saved) {
         message.saved.push_back(layer);
         fileIs(layer, {outcome.revision, file});
+        host_.happened({"layer saved", user, layer});
     }
-    Session* session = find(id);
     if (!session || !session->isGreeted()) return;
     const auto failed = session->failedSaves.extract(request);
     if (!failed.empty())
         message.failed.insert(message.failed.end(), failed.mapped().begin(), failed.mapped().end());
+    for (const auto& failure : message.failed)
+        host_.happened({"save refused", user, failure.layer, failure.message});
     send(*session, message);
+}
+
+void Project::Impl::layersBeingSaved(SessionId id, std::uint64_t request, const LayerId& layer,
+                                     std::size_t done, std::size_t total) {
+    Session* session = find(id);
+    if (session && session->isGreeted() && session->features.contains("progress"))
+        send(*session, RequestProgress{request, "save", layer, done, total});
 }
 
 }  // namespace usdlive::server

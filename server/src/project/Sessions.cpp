@@ -10,8 +10,9 @@ namespace usdlive::server {
 namespace {
 
 // PR1: what a client may find out that the server has, beyond the basics.
-const std::vector<std::string> kFeatures{"history", "log",      "previews",   "previewValues",
-                                         "states",  "presence", "conflation", "storage"};
+const std::vector<std::string> kFeatures{"history",  "log",         "previews",   "previewValues",
+                                         "states",   "presence",    "conflation", "storage",
+                                         "progress", "createLayer", "skipped"};
 
 // A client further behind than this joins anew: snapshots are then quicker than commits.
 constexpr Revision kMaxResumeCommits = 50'000;
@@ -103,28 +104,31 @@ void Project::Impl::receiveControl(Session& session, const std::string& json) {
 }
 
 void Project::Impl::receive(Session& session, const ControlMessage& message) {
-    std::visit(Overloaded{
-                   [&](const OpenLayer& open) { openLayer(session, open); },
-                   [&](const CloseLayer& close) { closeLayer(session, close.layer); },
-                   [&](const ShowPresence& shown) { showPresence(session, shown.presence); },
-                   [&](const RequestBlob& request) { requestBlob(session, request); },
-                   [&](const SaveLayers& request) { saveLayers(session, request); },
-                   [&](const ReloadLayers& request) { reloadLayers(session, request); },
-                   [&](const RequestLog& request) { requestLog(session, request); },
-                   [&](const CreateCheckpoint& request) { createCheckpoint(session, request); },
-                   [&](const ListCheckpoints& request) {
-                       host_.readCheckpoints(session.id, request.request);
-                   },
-                   [&](const CompactHistory& request) { compactHistory(session, request); },
-                   [&](const RequestStorage& request) {
-                       host_.measureStorage(session.id, request.request);
-                   },
-                   [&](const auto&) {
-                       close(session, {ErrorCode::MalformedControl,
-                                       "a message of a type that only the server sends"});
-                   },
-               },
-               message);
+    std::visit(
+        Overloaded{
+            [&](const OpenLayer& open) { openLayer(session, open); },
+            [&](const CloseLayer& close) { closeLayer(session, close.layer); },
+            [&](const ShowPresence& shown) { showPresence(session, shown.presence); },
+            [&](const RequestBlob& request) { requestBlob(session, request); },
+            [&](const SaveLayers& request) { saveLayers(session, request); },
+            [&](const ReloadLayers& request) { reloadLayers(session, request); },
+            [&](const RequestLog& request) { requestLog(session, request); },
+            [&](const CreateLayer& request) { createLayer(session, request); },
+            [&](const ListSkipped& request) { host_.listSkipped(session.id, request.request); },
+            [&](const CreateCheckpoint& request) { createCheckpoint(session, request); },
+            [&](const ListCheckpoints& request) {
+                host_.readCheckpoints(session.id, request.request);
+            },
+            [&](const CompactHistory& request) { compactHistory(session, request); },
+            [&](const RequestStorage& request) {
+                host_.measureStorage(session.id, request.request);
+            },
+            [&](const auto&) {
+                close(session, {ErrorCode::MalformedControl,
+                                "a message of a type that only the server sends"});
+            },
+        },
+        message);
 }
 
 void Project::Impl::greet(Session& session, const Hello& hello) {
@@ -223,6 +227,7 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     const auto& [hello, waiting, waitingBytes] = checked;
     const bool resumed = hello.resume && !whyNotResumed;
     session.phase = Greeted{};
+    session.greeted = true;
     session.greetedAt = durable_;
     session.position = resumed ? hello.resume->revision : durable_;
     session.stream = CatchingUp{};
@@ -246,6 +251,7 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     message.administrator = options_.administrators.contains(session.user);
     message.base = oldest_;
     send(session, message);
+    host_.happened({"user joined", session.user, {}, session.application});
     tellStatesTo(session);
     tellPresencesTo(session);
 
@@ -288,6 +294,8 @@ void Project::Impl::disconnected(SessionId id) {
     const std::set<LayerId> open = std::move(found->second.open);
     suspects_.insert(open.begin(), open.end());
     if (!found->second.user.empty()) left(found->second.user);
+    if (found->second.greeted)
+        host_.happened({"user left", found->second.user, {}, found->second.application});
     sessions_.erase(found);
     for (const LayerId& layer : open) noteIdle(layer);
     if (wasShown) presenceLeft(client);

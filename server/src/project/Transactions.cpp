@@ -267,6 +267,9 @@ void Project::Impl::execute(Session& session, Author& author, const QueuedTransa
 void Project::Impl::refuse(Session& session, const Transaction& transaction,
                            const Refused& refused) {
     ++counters_.refused;
+    const LayerId layer =
+        refused.edit < transaction.edits.size() ? transaction.edits[refused.edit].layer : LayerId{};
+    host_.happened({"edits refused", session.user, layer, refused.error.message});
     if (transaction.gesture != 0 && previews_.end(session.client, transaction.gesture))
         withdraw(session.client, transaction.gesture);
     // Of a session that resumes all commits up to its welcome may be its author's.

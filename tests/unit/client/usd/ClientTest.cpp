@@ -672,3 +672,56 @@ TEST_F(ClientTest, M8AllEditorsEndAlike) {
         if (HasFailure()) return;
     }
 }
+
+TEST_F(ClientTest, AHandlerMaySaveWhileItsCallerWaitsForASave) {
+    const auto ada = connect("ada");
+    const auto layer = open(*ada, kRoot);
+    layer->SetComment("by ada");
+    int depth = 0;
+    std::optional<Result<LayersSaved>> inner;
+    ada->setEventHandler([&](const client::Event& one) {
+        if (!std::holds_alternative<event::Saved>(one) || depth++ > 0) return;
+        inner = ada->saveAndWait({kAnim}, true, 5'000);
+    });
+    const auto outer = ada->saveAndWait({kRoot}, true, 5'000);
+    ada->setEventHandler({});
+    ASSERT_TRUE(inner && *inner);
+    EXPECT_EQ((*inner)->saved, std::vector{kAnim});
+    ASSERT_TRUE(outer) << outer.error().message;
+    EXPECT_EQ(outer->saved, std::vector{kRoot});
+}
+
+TEST_F(ClientTest, AHandlerMaySaveBeforeItsCallersSaveIsAnswered) {
+    const auto ada = connect("ada");
+    const auto bob = connect("bob");
+    const auto layer = open(*ada, kRoot);
+    open(*bob, kRoot)->SetComment("by bob");
+    EXPECT_TRUE(bob->flush(5'000));
+    std::optional<Result<LayersSaved>> inner;
+    ada->setEventHandler([&](const client::Event& one) {
+        if (std::holds_alternative<event::Committed>(one) && !inner)
+            inner = ada->saveAndWait({kAnim}, true, 5'000);
+    });
+    layer->SetDocumentation("by ada");
+    const auto outer = ada->saveAndWait({kRoot}, true, 5'000);
+    ada->setEventHandler({});
+    ASSERT_TRUE(inner && *inner);
+    EXPECT_EQ((*inner)->saved, std::vector{kAnim});
+    ASSERT_TRUE(outer) << outer.error().message;
+    EXPECT_EQ(outer->saved, std::vector{kRoot});
+}
+
+TEST_F(ClientTest, FI6ANewLayerIsOpenAndOfTheProject) {
+    const auto ada = connect("ada");
+    const auto bob = connect("bob");
+    const auto made = ada->createLayer({"fx/new.usda"});
+    ASSERT_TRUE(made) << made.error().message;
+    EXPECT_TRUE((*made)->IsEmpty());
+    tick({bob.get()});
+    EXPECT_EQ(bob->layers().size(), 5u);
+    EXPECT_EQ(bob->createLayer({"fx/new.usda"}).error().code, ErrorCode::LayerExists);
+    EXPECT_EQ(bob->createLayer({"../new.usda"}).error().code, ErrorCode::InvalidLayerName);
+    server.setReachable(false);
+    tick({bob.get()});
+    EXPECT_EQ(bob->createLayer({"other.usda"}).error().code, ErrorCode::NotConnected);
+}

@@ -191,6 +191,20 @@ void MemoryServer::saveLayers(server::SessionId session, std::uint64_t request,
     post([this, session, request, outcome] { project_->layersSaved(session, request, outcome); });
 }
 
+void MemoryServer::createLayerFile(server::SessionId session, std::uint64_t request,
+                                   const LayerId& layer) {
+    post([this, session, request, layer] {
+        files.try_emplace(layer);
+        project_->layerCreated(session, request, layer, {});
+    });
+}
+
+void MemoryServer::listSkipped(server::SessionId session, std::uint64_t request) {
+    post([this, session, request] {
+        project_->skippedListed(session, request, std::vector<SkippedFile>());
+    });
+}
+
 std::optional<Revision> MemoryServer::committed(const TransactionId& transaction) {
     const auto found = transactions_.find(transaction);
     return found == transactions_.end() ? std::nullopt : std::optional(found->second);

@@ -33,6 +33,7 @@ public:
     std::map<LayerId, LayerDoc> files;
     std::map<Hash, Bytes> blobs;
     std::vector<LayerId> saved;
+    std::vector<std::string> logged;
 
     // ProjectHost
     void send(server::SessionId session, SharedBytes frames) override;
@@ -49,6 +50,10 @@ public:
     [[nodiscard]] bool hasSpace() override { return true; }
     void saveLayers(server::SessionId session, std::uint64_t request,
                     std::vector<SaveJob> jobs) override;
+    void createLayerFile(server::SessionId session, std::uint64_t request,
+                         const LayerId& layer) override;
+    void listSkipped(server::SessionId session, std::uint64_t request) override;
+    void happened(const Happening& happening) override { logged.emplace_back(happening.what); }
     [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override;
     [[nodiscard]] std::int64_t wallClockMs() override { return 1'700'000'000'000; }
 

@@ -43,6 +43,11 @@ TEST(Control, EveryMessageComesBackAsItWas) {
     expectRoundTrip(ReloadLayers{8, {{"a.usda"}}});
     expectRoundTrip(LayersReloaded{8, 9, {{"a.usda"}}, {{{"b.usda"}, "locked", "by Zoë"}}});
     expectRoundTrip(LayersSaved{6, 9, {{"a.usda"}}, {{{"b.usda"}, "saveFailed", "no space"}}});
+    expectRoundTrip(CreateLayer{8, {"fx.usda"}});
+    expectRoundTrip(LayerCreated{8, {"fx.usda"}});
+    expectRoundTrip(ListSkipped{9});
+    expectRoundTrip(SkippedFiles{9, 12, {{"a:b.usda", "holds a colon"}}});
+    expectRoundTrip(RequestProgress{10, "save", {"a.usda"}, 3, 4});
     expectRoundTrip(RequestLog{7, 1, 0});
     expectRoundTrip(LogBegin{7});
     expectRoundTrip(LogEnd{7});

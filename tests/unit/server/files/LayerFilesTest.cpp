@@ -226,6 +226,19 @@ TEST_F(LayerFilesTest, FI5ManyLinksToOneAnotherEnd) {
     }));
 }
 
+TEST_F(LayerFilesTest, FI6CreatesAnEmptyLayerOnce) {
+    put("there.usda");
+    ASSERT_TRUE(files->create(LayerId{"new/fx.usda"}));
+    ASSERT_TRUE(files->create(LayerId{"fx.usdc"}));
+    EXPECT_EQ(files->import(LayerId{"new/fx.usda"})->doc, LayerDoc());
+    EXPECT_EQ(files->import(LayerId{"fx.usdc"})->doc, LayerDoc());
+    for (const char* name : {"new/fx.usda", "there.usda"})
+        EXPECT_EQ(files->create(LayerId{name}).error().code, ErrorCode::LayerExists);
+    EXPECT_EQ(contentOf(folder / "there.usda"), kText);
+    fs::create_symlink(root, folder / "up");
+    EXPECT_EQ(files->create(LayerId{"up/fx.usda"}).error().code, ErrorCode::InvalidLayerName);
+}
+
 TEST_F(LayerFilesTest, LN1NeverLeavesTheProject) {
     std::ofstream(root / "secret.usda") << kText;
     fs::create_symlink(root / "secret.usda", folder / "out.usda");

@@ -43,6 +43,12 @@ public:
         LayerDoc present;
     };
 
+    struct Creation {
+        SessionId session;
+        std::uint64_t request;
+        LayerId layer;
+    };
+
     struct Naming {
         SessionId session;
         std::uint64_t request;
@@ -63,6 +69,9 @@ public:
     std::deque<Reload> reloading;
     std::map<LayerId, SavedState> savedStates;
     std::deque<Naming> naming;
+    std::vector<Creation> creating;
+    std::vector<std::pair<SessionId, std::uint64_t>> listing;
+    std::vector<std::string> logged;                  ///< "user: what layer, detail"
     std::vector<std::pair<Revision, LayerDoc>> kept;  ///< of any layer
     std::vector<std::pair<SessionId, BlobFrame>> blobParts;
     std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
@@ -108,6 +117,17 @@ public:
     void addCheckpoint(SessionId session, std::uint64_t request,
                        const Checkpoint& checkpoint) override {
         naming.push_back({session, request, checkpoint});
+    }
+    void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override {
+        creating.push_back({session, request, layer});
+    }
+    void listSkipped(SessionId session, std::uint64_t request) override {
+        listing.emplace_back(session, request);
+    }
+    void happened(const Happening& happening) override {
+        logged.push_back(happening.user.value + ": " + std::string(happening.what) +
+                         (happening.layer.empty() ? "" : " " + happening.layer.value) +
+                         (happening.detail.empty() ? "" : ", " + happening.detail));
     }
     void checkFile(const LayerId& layer) override { checking.push_back(layer); }
     void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,

@@ -153,6 +153,23 @@ struct CheckpointMade {
 struct CheckpointsListed {
     Checkpoints answer;
 };
+struct LayerMade {
+    LayerCreated answer;
+};
+struct SkippedListed {
+    SkippedFiles answer;
+};
+/// How far something is that takes long: told about twice a second after the first half second
+/// of an import or save, on the server, or an upload. The content of a layer on its way here is
+/// told by Joining; that of a peek by Task::Fetch.
+struct Progress {
+    enum class Task { Import, Save, Upload, Fetch };
+    Task task{};
+    LayerId layer;              ///< that it is at; empty for Upload
+    std::uint64_t done = 0;     ///< Save: layers; Upload: bytes; Fetch: specs
+    std::uint64_t total = 0;    ///< of the same; 0: not known, as with an Import
+    std::uint64_t request = 0;  ///< Save: the number that Session::save() returned
+};
 struct ServerError {
     ErrorMessage message;
 };
@@ -174,7 +191,8 @@ using Event = std::variant<event::Connected, event::Disconnected, event::LayersC
                            event::Joining, event::Joined, event::JoinFailed, event::Committed,
                            event::Lost, event::PreviewChanged, event::Saved, event::Reloaded,
                            event::CheckpointMade, event::CheckpointsListed, event::ServerError,
-                           event::LayerStatesChanged, event::PresenceChanged, event::UnsentFound>;
+                           event::LayerStatesChanged, event::PresenceChanged, event::UnsentFound,
+                           event::LayerMade, event::SkippedListed, event::Progress>;
 
 /// One client's side of the protocol: the confirmed layers, its pending transactions on top, and
 /// what the editor is to see of both (M7). Decides without I/O, threads or USD; used by one thread.
@@ -197,8 +215,9 @@ public:
         /// So many pending transactions are predicted, and as many sent, in one advance() whatever
         /// its budget.
         std::size_t leastAtOnce = 64;
-        std::vector<std::string> features{"history", "log",      "previews",   "previewValues",
-                                          "states",  "presence", "conflation", "storage"};
+        std::vector<std::string> features{"history",  "log",         "previews",   "previewValues",
+                                          "states",   "presence",    "conflation", "storage",
+                                          "progress", "createLayer", "skipped"};
         std::size_t uploadWindowChunks = 4;  ///< blob chunks handed to the host in one advance()
         /// Milliseconds of a steady clock, by which advance() keeps its budget. Unset: the
         /// machine's.
@@ -235,6 +254,13 @@ public:
     /// Has the server take the layers' files (none: all that are outdated) as commits; answered by
     /// event::Reloaded.
     std::uint64_t reload(std::vector<LayerId> layers);
+
+    /// Makes a new, empty layer of the project; answered by event::LayerMade, or event::ServerError
+    /// (LayerExists), with the number that this returns. NotConnected: only the server knows which
+    /// names are free. InvalidArgument: the server is of an earlier version.
+    std::uint64_t createLayer(const LayerId& layer);
+    /// Which files are not served, and why; answered by event::SkippedListed.
+    std::uint64_t listSkipped();
 
     /// Names what the project is now, with all that was acknowledged to this session. The answer is
     /// event::CheckpointMade, or event::ServerError, with the number that this returns.

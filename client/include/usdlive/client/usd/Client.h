@@ -102,6 +102,13 @@ public:
     /// ticks after composition has opened it.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> openLayer(
         const LayerId& layer, client::LoadSet load = client::LoadSet::All);
+    /// Makes a new, empty layer of the project, for everybody, and opens it (FI6); blocks until it
+    /// is here. Its file is in the project's folder then, with folders as needed. `layer` is a path
+    /// relative to the project that ends in .usda, .usdc or .usd (binary). Not possible from a
+    /// notice handler within tick(). InvalidLayerName; LayerExists: the project, or its folder, has
+    /// a file of this name; NotConnected: only the server knows which names are free; SaveFailed,
+    /// StorageFull: the server could not write it.
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> createLayer(const LayerId& layer);
     /// Makes layers live that the editor has opened itself from `projectFolder` (the folder the
     /// server serves, or a copy): each found layer of the project that is loaded in this process.
     /// Returns them sorted. Refuses with InvalidArgument when one of them has unsaved edits.

@@ -28,6 +28,10 @@ struct LayerLock {
 /// is none to release.
 [[nodiscard]] std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock);
 
+/// What empties the map of locked layers that Kit keeps in a root layer under the same key. The
+/// server holds nobody to it; Kit's editors mind it.
+[[nodiscard]] std::vector<EditAction> lockMapEdits(const LayerDoc& root);
+
 /// Does the action, of the pseudo-root, concern nothing but the lock?
 [[nodiscard]] bool isLockEdit(const EditAction& action);
 /// May it change the lock?

@@ -100,6 +100,46 @@ struct AlreadyCommitted {
     Revision revision = 0;
     bool operator==(const AlreadyCommitted&) const = default;
 };
+/// Client: make a new, empty layer of the project (FI6). Feature `createLayer`.
+struct CreateLayer {
+    std::uint64_t request = 0;
+    LayerId layer;
+    bool operator==(const CreateLayer&) const = default;
+};
+/// Server: its file is there, and everybody may open it.
+struct LayerCreated {
+    std::uint64_t request = 0;
+    LayerId layer;
+    bool operator==(const LayerCreated&) const = default;
+};
+/// Client: which files of the folder are no layers, although they look like some (FI5)? Feature
+/// `skipped`.
+struct ListSkipped {
+    std::uint64_t request = 0;
+    bool operator==(const ListSkipped&) const = default;
+};
+struct SkippedFile {
+    std::string path;  ///< relative to the project; bytes that are not UTF-8 are U+FFFD
+    std::string reason;
+    bool operator==(const SkippedFile&) const = default;
+};
+/// Server: sorted by path, at most kMaxSkippedFiles of the `count` there are.
+struct SkippedFiles {
+    std::uint64_t request = 0;
+    std::uint64_t count = 0;
+    std::vector<SkippedFile> files;
+    bool operator==(const SkippedFiles&) const = default;
+};
+inline constexpr std::size_t kMaxSkippedFiles = 1'000;
+/// Server: how far a request is that takes long (PG1). Feature `progress`.
+struct RequestProgress {
+    std::uint64_t request = 0;
+    std::string task;  ///< "import", "save"
+    LayerId layer;     ///< that it is at
+    std::uint64_t done = 0;
+    std::uint64_t total = 0;  ///< 0: not known
+    bool operator==(const RequestProgress&) const = default;
+};
 /// Client: write these layers (none named: all that differ) to their files. `force`: also over what
 /// somebody else has put there meanwhile.
 struct SaveLayers {
@@ -291,7 +331,8 @@ using ControlMessage =
                  BlobStored, AlreadyCommitted, SaveLayers, LayersSaved, ReloadLayers,
                  LayersReloaded, RequestLog, LogBegin, LogEnd, CreateCheckpoint, CheckpointCreated,
                  ListCheckpoints, Checkpoints, CompactHistory, HistoryCompacted, RequestStorage,
-                 Storage, LayerStates, ShowPresence, Presences, ErrorMessage>;
+                 Storage, LayerStates, ShowPresence, Presences, ErrorMessage, CreateLayer,
+                 LayerCreated, ListSkipped, SkippedFiles, RequestProgress>;
 
 [[nodiscard]] std::string encodeControl(const ControlMessage& message);
 /// MalformedControl with what is missing or wrong. Nesting and lengths are bounded.

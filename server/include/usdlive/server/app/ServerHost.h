@@ -12,6 +12,7 @@
 
 #include "usdlive/server/app/BlobCollector.h"
 #include "usdlive/server/app/Intake.h"
+#include "usdlive/server/app/LogLimit.h"
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/StorageThread.h"
@@ -117,6 +118,9 @@ private:
     void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
                      LayerDoc present) override;
     void setSaved(const LayerId& layer, const SavedState& saved) override;
+    void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override;
+    void listSkipped(SessionId session, std::uint64_t request) override;
+    void happened(const Happening& happening) override;
     std::vector<LayerId> unsavedLayers() override;
     std::optional<Revision> committed(const TransactionId& transaction) override;
     std::uint64_t lastSequence(const ClientId& client) override;
@@ -136,7 +140,8 @@ private:
     Result<std::optional<LoadedLayer>> loadStored(const LayerId& layer);
     Result<LoadedLayer> import(const LayerId& layer);
     Result<LayerDoc> layerInHistory(const LayerId& layer, Revision revision);
-    SaveOutcome save(const std::vector<SaveJob>& jobs);
+    SaveOutcome save(SessionId session, std::uint64_t request, const std::vector<SaveJob>& jobs);
+    Result<FileStamp> save(const SaveJob& job);
     Result<bool> write(SessionId session, const BlobFrame& part);
     Result<CompactOutcome> compactStore(Revision revision);
 
@@ -179,6 +184,7 @@ private:
     std::vector<Transport*> transports_;
     bool sweeping_ = false;
     Revision forgottenUpTo_ = 0;  ///< as the store said last
+    LogLimit logLimit_;
     Intake intake_;
     std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store
     std::vector<LayerFile> scanned_;             ///< the last time

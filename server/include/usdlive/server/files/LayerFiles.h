@@ -9,6 +9,7 @@
 
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/LayerDoc.h"
+#include "usdlive/common/protocol/Control.h"
 #include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
@@ -17,12 +18,6 @@ namespace usdlive::server {
 struct ImportedLayer {
     LayerDoc doc;
     FileStamp file;
-};
-
-/// A file that looks like a layer and is not served.
-struct SkippedFile {
-    std::string path;  ///< relative to the project; bytes that are not UTF-8 are U+FFFD
-    std::string reason;
 };
 
 /// The `.usd`, `.usda` and `.usdc` files of a project's folder. Any thread; one at a time saves a
@@ -40,6 +35,9 @@ public:
 
     /// What looks like a layer and is passed over all the same, and why (FI5); sorted.
     [[nodiscard]] virtual Result<std::vector<SkippedFile>> skipped() const = 0;
+
+    /// Makes an empty layer's file, and folders for it. LayerExists: there is one of this name.
+    [[nodiscard]] virtual Result<void> create(const LayerId& layer) = 0;
 
     /// Where the layer's file really is or would be. InvalidLayerName: a link leads nowhere, out of
     /// the project or to what is hidden.

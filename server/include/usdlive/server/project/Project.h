@@ -116,6 +116,20 @@ public:
                              LayerDoc /*present*/) {}
     /// CommitStore::setSaved(); nothing waits for it.
     virtual void setSaved(const LayerId&, const SavedState&) {}
+    /// Makes an empty layer's file; answered by layerCreated().
+    virtual void createLayerFile(SessionId session, std::uint64_t request,
+                                 const LayerId& layer) = 0;
+    /// Looks for files that are not served; answered by skippedListed().
+    virtual void listSkipped(SessionId session, std::uint64_t request) = 0;
+    /// Somebody did something, or was refused it: for the log. `what` is a few words that never
+    /// vary; `layer` and `detail` may be empty, and hold what clients sent.
+    struct Happening {
+        std::string_view what;
+        const UserName& user;
+        LayerId layer = {};
+        std::string detail = {};
+    };
+    virtual void happened(const Happening& happening) = 0;
     /// Layers whose stored state is newer than their file (CommitStore::unsavedLayers).
     [[nodiscard]] virtual std::vector<LayerId> unsavedLayers() { return {}; }
     /// M9; from the store.
@@ -260,6 +274,15 @@ public:
     void historyRead(SessionId session, std::uint64_t request, Result<LayerDoc> doc);
     void blobWritten(SessionId session, const Hash& hash, Result<bool> whole);
     void layersSaved(SessionId session, std::uint64_t request, SaveOutcome outcome);
+    /// Of a save that takes long: it is at `layer`, after `done` of `total` layers (PG1).
+    void layersBeingSaved(SessionId session, std::uint64_t request, const LayerId& layer,
+                          std::size_t done, std::size_t total);
+    /// loadLayer() found nothing in the store and reads the layer's file (PG1).
+    void layerBeingImported(const LayerId& layer);
+    void layerCreated(SessionId session, std::uint64_t request, const LayerId& layer,
+                      const Result<void>& created);
+    void skippedListed(SessionId session, std::uint64_t request,
+                       Result<std::vector<SkippedFile>> skipped);
     void fileChecked(const LayerId& layer, Result<std::optional<FileStamp>> file);
     void layerReloaded(SessionId session, std::uint64_t request, const LayerId& layer,
                        Result<ReloadedLayer> reloaded);
