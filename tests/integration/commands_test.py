@@ -1044,10 +1044,29 @@ def test_a_live_layer_gets_layers_of_its_project_alone(live, caplog, tmp_path):
     root = context.get_stage().GetRootLayer().identifier
     (tmp_path / "own.usda").write_text("#usda 1.0\n")
     arguments = dict(layer_identifier=root, sublayer_position=0, transfer_root_content=False)
-    refused(caplog, "CreateSublayer", "through its folder", new_layer_path="", create_or_insert=True,
+    refused(caplog, "CreateSublayer", "has a path", new_layer_path="", create_or_insert=True,
             **arguments)
     refused(caplog, "CreateSublayer", "no layer of the project", new_layer_path=str(tmp_path / "own.usda"),
             create_or_insert=False, **arguments)
     run("CreateSublayer", new_layer_path="props/prop.usda", create_or_insert=False, **arguments)
     assert "@./props/prop.usda@" in settled(context, ada)["root.usda"]
     assert undo.undo("test") and "@./props/prop.usda@," not in settled(context, ada)["root.usda"]
+
+
+def test_a_live_layer_gets_a_new_layer_that_everybody_has(live, caplog, tmp_path, project):
+    context, ada = live
+    stage = context.get_stage()
+    root = stage.GetRootLayer()
+    arguments = dict(layer_identifier=root.identifier, sublayer_position=0, transfer_root_content=False,
+                     create_or_insert=True)
+    identifier = run("CreateSublayer", new_layer_path="fx/new.usda", **arguments)
+    made = Sdf.Layer.Find(identifier)
+    assert context.live.layer_name(made) == "fx/new.usda" and (project / "fx" / "new.usda").is_file()
+    Sdf.CreatePrimInLayer(made, "/New").specifier = Sdf.SpecifierDef
+    assert "@./fx/new.usda@" in settled(context, ada)["root.usda"]
+    assert context.live.flush()
+    ada.run("assert live.open_layer('fx/new.usda').GetPrimAtPath('/New')")
+    refused(caplog, "CreateSublayer", "open it, or choose another name", new_layer_path="strong.usda", **arguments)
+    refused(caplog, "CreateSublayer", "cannot be made", new_layer_path=str(tmp_path.parent / "own.usda"), **arguments)
+    assert undo.undo("test") and "new.usda" not in settled(context, ada)["root.usda"]
+    assert undo.redo("test") and "@./fx/new.usda@" in settled(context, ada)["root.usda"]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import abc
 import logging
+import os
 import typing
 
 from pxr import Sdf, Tf, Usd
 
+import usdlive
 from usdlive import _usdlive
 from usdlive.omni import _layer_content
 from usdlive.omni._layer_content import Part
@@ -249,8 +251,8 @@ class CreateSublayerCommand(_SublayerCommand):
         return layer.identifier
 
     def _made(self, recorder: Recorder, parent: Sdf.Layer) -> Sdf.Layer:
-        if self.context.is_live_layer(parent):
-            raise CommandFailed("a live project gets new layers through its folder; insert one it has")
+        if self._new is None and self.context.is_live_layer(parent):
+            self._new = self._made_in_project(parent)
         existing = self._new or (Sdf.Layer.FindOrOpen(self._path) if self._path else None)
         if existing is not None and self._new is None:
             if _is_below(parent, existing):
@@ -270,6 +272,19 @@ class CreateSublayerCommand(_SublayerCommand):
             if self.root.pseudoRoot.HasInfo(field):
                 write(layer, _ROOT, field, None, self.root.pseudoRoot.GetInfo(field))
         return layer
+
+    def _made_in_project(self, parent: Sdf.Layer) -> Sdf.Layer:
+        """A new layer for everybody. One that is there is not emptied: others may be working in it."""
+        if not self._path:
+            raise CommandFailed("a new layer of a live project has a path: nobody else would have one in memory")
+        live = self.context.live
+        name = live.layer_name(parent)
+        project = parent.realPath.removesuffix(name)
+        path = os.path.relpath(os.path.join(os.path.dirname(parent.realPath), self._path), project)
+        try:
+            return live.create_layer(path)
+        except usdlive.Error as error:
+            raise CommandFailed(f"{path} cannot be made: {error.message}") from error
 
     def _transfer_root(self, recorder: Recorder, layer: Sdf.Layer) -> None:
         for prim in list(self.editable(self.root).rootPrims):
