@@ -1065,7 +1065,7 @@ def test_a_live_layer_gets_a_new_layer_that_everybody_has(live, caplog, tmp_path
     Sdf.CreatePrimInLayer(made, "/New").specifier = Sdf.SpecifierDef
     assert "@./fx/new.usda@" in settled(context, ada)["root.usda"]
     assert context.live.flush()
-    ada.run("assert live.open_layer('fx/new.usda').GetPrimAtPath('/New')")
+    ada.run("assert live.wait(lambda: stage.GetPrimAtPath('/New'), 20)")
     refused(caplog, "CreateSublayer", "open it, or choose another name", new_layer_path="strong.usda", **arguments)
     refused(caplog, "CreateSublayer", "cannot be made", new_layer_path=str(tmp_path.parent / "own.usda"), **arguments)
     assert undo.undo("test") and "new.usda" not in settled(context, ada)["root.usda"]

@@ -728,6 +728,7 @@ private:
         const auto start = Clock::now();
         const auto left = [&] { return std::max(budgetMs - msSince(start), 0.1); };
         adoptLoaded(left());
+        std::vector<client::Event> heard;
         {
             const pxr::SdfChangeBlock block;
             if (seal == Seal::Now || bigArraysAreReady()) {
@@ -740,9 +741,15 @@ private:
                 result.more = true;  // until then nobody else's edits may come into the layers
             }
             result.filling = fillLayers(left());
+            heard = session_.takeEvents();
+            // A new layer and the edit that names it may come in one tick: composition opens it
+            // when the block ends.
+            for (const client::Event& one : heard)
+                if (const auto* changed = std::get_if<event::LayersChanged>(&one))
+                    setProjectLayers(changed->layers);
             makeNamedPlaceholders();
         }
-        takeEvents(result);
+        takeEvents(std::move(heard), result);
         for (auto& lost : lostEvents_.due(nowMs())) events_.push_back(std::move(lost));
         if (unsent_)
             if (auto error = unsent_->takeError()) report(std::move(*error));
@@ -869,8 +876,8 @@ private:
             events_.push_back(std::move(*told));
     }
 
-    void takeEvents(TickResult& result) {
-        for (auto& one : session_.takeEvents()) {
+    void takeEvents(std::vector<client::Event> heard, TickResult& result) {
+        for (auto& one : heard) {
             if (std::holds_alternative<event::Committed>(one)) ++result.applied;
             if (note(one)) events_.push_back(std::move(one));
         }
