@@ -152,6 +152,7 @@ public:
         std::vector<CommitRecord> group;
         for (auto size = random.below(6) + 1; size > 0; --size) {
             const LayerId& layer = random.below(3) ? kLayer : kOther;
+            commits.inParts = commits.head.revision % 4 == 3;  // FR8
             group.push_back(commits.next(random.next(layer, commits.layers[layer])));
             made();
         }

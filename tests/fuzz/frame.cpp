@@ -1,10 +1,14 @@
 // Messages as they come from a peer: split into frames, decoded, and what is inside of those.
 #include "usdlive/common/protocol/Frame.h"
 
+#include <algorithm>
+
 #include "Fuzz.h"
 #include "unit/common/protocol/SampleFrames.h"
 #include "usdlive/client/session/MessageReader.h"
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/Control.h"
+#include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/common/protocol/Snapshot.h"
 
 using namespace usdlive;
@@ -22,10 +26,33 @@ void look(const auto&) {}
 
 }  // namespace
 
+namespace usdlive {
+namespace {
+
+// The reader says nothing of a part of a commit that is not its last (FR8).
+bool hasPart(ByteView message) {
+    const auto frames = splitMessage(message);
+    return frames && std::ranges::any_of(*frames, [](ByteView bytes) {
+               const auto frame = decodeFrame(bytes);
+               const auto* commit = frame ? std::get_if<CommitFrame>(&*frame) : nullptr;
+               return commit && commit->more;
+           });
+}
+
+std::vector<Bytes> partsOf(const auto& whole) {
+    std::vector<Bytes> parts;
+    for (PartsAt at; !at.isEnd;) parts.push_back(encodePart(whole, at, 600));
+    return parts;
+}
+
+}  // namespace
+}  // namespace usdlive
+
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     client::MessageReader reader;
     for (int twice = 0; twice < 2; ++twice)
-        fuzz::require(!reader.read({data, size}).frames.empty(), "a message says something");
+        fuzz::require(!reader.read({data, size}).frames.empty() || hasPart({data, size}),
+                      "a message says something");
     const auto message = splitMessage({data, size});
     if (!message) return 0;
     for (const ByteView bytes : *message) {
@@ -46,5 +73,11 @@ std::vector<Bytes> fuzz::seeds() {
     // Each kind of edit alone, so that a seed is small.
     for (const Edit& edit : everyKindOfEdit())
         all.push_back(encodeFrame(SubmitFrame{{{{"client"}, 4}, 17, 5, {edit}}}));
+    for (const Bytes& part : partsOf(sampleCommit())) all.push_back(part);
+    for (const Bytes& part : partsOf(Transaction{{{"client"}, 4}, 17, 5, everyKindOfEdit()}))
+        all.push_back(part);
+    Bytes together;
+    for (const Bytes& part : partsOf(sampleCommit())) appendBytes(together, part);
+    all.push_back(together);
     return all;
 }

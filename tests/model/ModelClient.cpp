@@ -1,5 +1,7 @@
 #include "ModelClient.h"
 
+#include <bit>
+
 #include "SessionImpl.h"
 #include "simulation/SimClock.h"
 
@@ -177,7 +179,14 @@ void ModelClient::write() {
         require(editor_.apply(edit.path, edit.action).has_value(), "the script does not apply");
         if (const auto label = labelOf(edit.action)) authored_ |= 1u << *label;
     }
+    const Labels before = pendingLabels();
+    const std::uint64_t writtenAgain = session_.writtenAgain();
     session_.author(std::move(edits));
+    // SE15: what these took the place of is never committed, as what is lost.
+    const Labels replaced = before & ~pendingLabels();
+    require(std::popcount(replaced) <= int(session_.writtenAgain() - writtenAgain),
+            "a pending edit is gone that was not written again");
+    lost_ |= replaced;
 }
 
 void ModelClient::toggle() {

@@ -37,8 +37,10 @@ static void digest(Digest& out, const LayersSaved::Failure& part) { out(part.lay
 static void digest(Digest& out, const server::Session& part) {
     const auto& [id, phase, client, user, application, features, open, presence, heard, heardMs,
                  shown, uploads, greeted, greetedAt, position, ahead, opened, stream, logs, reads,
-                 transactions, transactionBytes, answers, historyReads, failedSaves] = part;
-    // Features are the same for all, and nobody shows where he is.
+                 transactions, transactionBytes, coming, sending, answers, historyReads,
+                 failedSaves] = part;
+    // Features are the same for all, nobody shows where he is, and nothing is so large that it goes
+    // in parts.
     out(id, phase, client, user, open, greetedAt, position, opened, stream, logs, reads,
         transactions, transactionBytes, answers, historyReads, failedSaves);
 }

@@ -36,13 +36,6 @@ std::string textDifference(const std::string& left, const std::string& right) {
     return text;
 }
 
-void forEachBlobOf(const LayerDoc& doc, const std::function<void(const Hash&)>& visit) {
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [name, value] : *spec.fields)
-            forEachBlob(value, [&](const Value& blob) { visit(blob.hash()); });
-    });
-}
-
 }  // namespace
 
 SimClient::SimClient(std::size_t number, const SimStyle& style, SimClock& clock, SimRandom& random,
@@ -66,6 +59,13 @@ Session::Options SimClient::options() {
     options.checksPrediction = style_.checksPrediction;
     options.clockMs = [this] { return fakeMs_ += 0.5; };
     if (style_.smallBudgets) options.leastAtOnce = 1;
+    if (style_.inParts) {
+        options.wholeBytes = 500;
+        options.partBytes = 300;
+        // One of an earlier version, which gets the layers anew instead.
+        knowsParts = number_ % 4 != 0;
+        if (!knowsParts) std::erase(options.features, kPartsFeature);
+    }
     return options;
 }
 
@@ -123,6 +123,7 @@ void SimClient::tick() {
         editSomething();
         if (random_.chancePerMille(style_.lockPerMille) && !session_.inGesture()) lockSomething();
         if (random_.chancePerMille(style_.awayPerMille)) editAway();
+        if (style_.slidesOffline && (link_ == 0 || random_.chance(3))) slideOffline();
         if (link_ != 0 && random_.chancePerMille(style_.cutPerMille))
             network_.cut(link_, random_.chance(40));
     }
@@ -152,6 +153,19 @@ void SimClient::editAway() {
     for (auto frames = random_.chance(20) ? random_.below(3'000) : random_.below(300); frames > 0;
          --frames)
         authorRandom(1);
+}
+
+void SimClient::slideOffline() {
+    const std::vector<LayerId> layers = joinedLayers();
+    if (layers.empty() || session_.inGesture()) return;
+    const LayerId& layer = random_.pick(layers);
+    for (auto frames = random_.below(30); frames > 0; --frames) {
+        LayerDoc& doc = editor_.at(layer);
+        std::vector<AuthoredEdit> edits;
+        for (AuthoredEdit& edit : script_.slide(layer, doc, blobs_, style_.bigValues))
+            if (doc.apply(edit.path, edit.action)) edits.push_back(std::move(edit));
+        author(std::move(edits));
+    }
 }
 
 void SimClient::authorRandom(std::size_t count) {
@@ -300,7 +314,7 @@ std::string SimClient::describe() const {
 void SimClient::reset(const LayerId& layer, const LayerDoc& doc) {
     require(opened_.contains(layer), "a layer is shown that is not open");
     editor_.insert_or_assign(layer, doc);
-    forEachBlobOf(doc, [this](const Hash& hash) { need(hash); });
+    forEachBlob(doc, [this](const Value& blob) { need(blob.hash()); });
 }
 
 void SimClient::apply(const LayerId& layer, const std::string& path, const EditAction& action) {
@@ -310,8 +324,7 @@ void SimClient::apply(const LayerId& layer, const std::string& path, const EditA
     if (!applied)
         throw SimFailure("an edit does not apply to what the editor shows: " +
                          applied.error().message);
-    if (const auto* set = std::get_if<SetField>(&action))
-        forEachBlob(set->value, [&](const Value& blob) { need(blob.hash()); });
+    forEachBlob(action, [&](const Value& blob) { need(blob.hash()); });
 }
 
 SharedBytes SimClient::localBlob(const Hash& hash) {
@@ -329,7 +342,7 @@ void SimClient::blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) {
 bool SimClient::needsBlob(const Hash& hash) {
     bool needed = false;
     for (const auto& [layer, doc] : editor_)
-        forEachBlobOf(doc, [&](const Hash& named) { needed = needed || named == hash; });
+        forEachBlob(doc, [&](const Value& blob) { needed = needed || blob.hash() == hash; });
     if (!needed) askedFor_.erase(hash);
     return needed;
 }
@@ -414,8 +427,8 @@ void SimClient::check(const std::map<LayerId, std::string>& truth) const {
         differs("confirmed", session_.confirmed(layer)->dump());
         differs("view", session_.view(layer)->dump());
         differs("editor", editor_.at(layer).dump());
-        forEachBlobOf(editor_.at(layer), [&](const Hash& hash) {
-            require(blobs_.contains(hash), name + " is without a big value that it shows");
+        forEachBlob(editor_.at(layer), [&](const Value& blob) {
+            require(blobs_.contains(blob.hash()), name + " is without a big value that it shows");
         });
     }
 }

@@ -25,6 +25,8 @@ struct SimStyle {
     unsigned awayPerMille = 0;     ///< hundreds or thousands of frames are edited offline
     bool bigValues = false;
     bool smallBudgets = false;
+    bool inParts = false;  ///< transactions and commits go in parts from some hundred bytes on
+    bool slidesOffline = false;  ///< values are written again and again without a connection
     bool checksPrediction = false;
 };
 
@@ -48,6 +50,7 @@ public:
     [[nodiscard]] const std::map<LayerId, LayerDoc>& editor() const { return editor_; }
 
     // Not of gestures.
+    bool knowsParts = true;  ///< FR8
     std::uint64_t authoredEdits = 0;
     std::uint64_t lostEdits = 0;
     std::uint64_t uncertainEdits = 0;  ///< of commits that were replaced before they were seen
@@ -70,7 +73,8 @@ public:
 
     // SessionHost
     void send(SharedBytes frames) override;
-    [[nodiscard]] SharedBytes localBlob(const Hash& hash) override;
+    [[nodiscard]] bool takesMore() override { return !style_.inParts || ++asked_ % 3 != 0; }
+    SharedBytes localBlob(const Hash& hash) override;
     void blobArrived(const Hash& hash, SharedBytes bytes, bool) override;
     [[nodiscard]] bool needsBlob(const Hash& hash) override;
     // LayerView
@@ -84,6 +88,7 @@ private:
     void editSomething();
     void makeRequests();
     void editAway();
+    void slideOffline();
     void openAndClose();
     void authorRandom(std::size_t count);
     void lockSomething();
@@ -111,6 +116,7 @@ private:
     EditScript script_;
 
     std::uint64_t lastValue_;
+    unsigned asked_ = 0;
     double fakeMs_ = 0;
     std::map<LayerId, LayerDoc> editor_;
     std::map<Hash, SharedBytes> blobs_;

@@ -1,5 +1,7 @@
 #include "SimNetwork.h"
 
+#include "usdlive/server/project/CommitContent.h"
+
 namespace usdlive::simulation {
 
 using server::SessionId;
@@ -40,7 +42,7 @@ std::shared_ptr<SimDds> SimNetwork::openDds(SessionId id) {
 void SimNetwork::sendCommit(std::span<const SessionId> links, const SharedBytes& frame,
                             Revision revision) {
     // Some are too large to go to all.
-    const bool alone = random_.chance(5);
+    const bool alone = random_.chance(5) || server::isInParts(*frame);
     std::vector<server::SentCommits::Mark> marks;
     for (const SessionId id : links) {
         const auto& dds = links_.at(id).dds;

@@ -6,6 +6,7 @@
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/protocol/Snapshot.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::simulation {
 
@@ -196,10 +197,9 @@ LayerDoc SimServer::replay(const LayerId& layer, Revision revision) const {
     docs[layer];
     for (const CommitRecord& stored : disk.commits()) {
         if (stored.revision > revision) break;
-        const auto frames = splitMessage(*stored.frame);
-        const auto frame = decodeFrame(frames->front());
-        require(frame.has_value(), "a stored commit does not decode");
-        const auto applied = applyCommit(docs, log, std::get<CommitFrame>(*frame).commit);
+        const auto commit = decodeCommit({stored.revision, stored.frame, stored.hash});
+        require(commit.has_value(), "a stored commit does not decode");
+        const auto applied = applyCommit(docs, log, *commit);
         require(applied.has_value(), "a stored commit does not apply");
     }
     return docs.at(layer);
@@ -383,10 +383,7 @@ std::set<Hash> SimServer::namedByCommits() const {
     const auto layers = store().layers();
     for (const LayerId& layer : *layers)
         if (const auto doc = store().layerAt(layer, base); base > 0 && *doc)
-            (*doc)->visit([&](const LayerDoc::SpecView& spec) {
-                for (const auto& [name, value] : *spec.fields)
-                    forEachBlob(value, [&](const Value& blob) { named.insert(blob.hash()); });
-            });
+            forEachBlob(**doc, [&](const Value& blob) { named.insert(blob.hash()); });
     const auto read = store().read(base + 1, ~Revision(0), [&](const StoredCommit& stored) {
         look(*stored.frame);
         return true;

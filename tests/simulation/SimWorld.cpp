@@ -9,6 +9,7 @@
 #include "usdlive/common/layer/LayerLock.h"
 #include "usdlive/common/layer/SpecLocks.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::simulation {
 
@@ -18,8 +19,14 @@ constexpr std::int64_t kSecondUs = 1'000'000;
 
 class World {
 public:
+    // Apart from random_: so the seeds that failed once still tell the same story.
     explicit World(std::uint64_t seed)
-        : seed_(seed), random_(seed), ages_(~seed), style_(style()), server_(makeServer(seed)) {
+        : seed_(seed),
+          random_(seed),
+          ages_(~seed),
+          kind_(seed % 5),
+          style_(style()),
+          server_(makeServer(seed)) {
         server_.slowness = random_.chance(20) ? 10 : 1;
         if (random_.chance(40)) {
             network_.ddsPercent = random_.chance(50) ? 100 : 50;
@@ -63,6 +70,8 @@ private:
         style.awayPerMille = random_.chance(5) ? 10 : 0;
         style.bigValues = random_.chance(20);
         style.smallBudgets = random_.chance(40);
+        style.inParts = inParts();
+        style.slidesOffline = kind_ == 2 || kind_ == 4;
         style.checksPrediction = random_.chance(20) && style.awayPerMille == 0;
         return style;
     }
@@ -78,6 +87,10 @@ private:
         options.snapshotIntervalMs = 0;
         if (unloads(seed)) options.idleLayerBytes = 0;
         options.keepUnusedBlobsMs = std::array{0, 60, 600}[seed_ % 3];
+        if (inParts()) {
+            options.wholeCommitBytes = 600;
+            options.partBytes = 300;
+        }
         if (random_.chance(30)) options.recentCommitBytes = 2'000;
         forgetful_ = random_.chance(15);
         if (forgetful_) options.namespaceLogRevisions = 5;
@@ -221,20 +234,24 @@ private:
         std::set<TransactionId> seen;
         std::map<ClientId, std::uint64_t> last;
         std::set<TransactionId> uncertain;  // were given back to their authors (M14)
-        for (const auto& client : clients_)
+        std::set<ClientId> interrupted;     // by a commit that they cannot read (FR8)
+        for (const auto& client : clients_) {
             for (const std::uint64_t sequence : client->uncertain)
                 uncertain.insert({client->session().id(), sequence});
+            if (!client->knowsParts) interrupted.insert(client->session().id());
+        }
         // Otherwise some overtake others that wait for their big values, or are sent anew.
         const bool inOrder =
             !style_.bigValues && !forgetful_ && style_.cutPerMille == 0 && report_.restarts == 0;
         for (const server::CommitRecord& stored : server_.disk.commits()) {
-            const auto frame = decodeFrame(splitMessage(*stored.frame)->front());
-            const Commit& commit = std::get<CommitFrame>(*frame).commit;
+            const Commit commit =
+                *server::decodeCommit({stored.revision, stored.frame, stored.hash});
+            if (server::isInParts(*stored.frame)) ++report_.inParts;
             ++report_.commits;
             checkLocks(commit);
             if (commit.id.sequence == 0) continue;  // an import or a reload
             require(seen.insert(commit.id).second, "a transaction was committed twice");
-            if (inOrder)
+            if (inOrder && !interrupted.contains(commit.id.client))
                 require(
                     commit.id.sequence > std::exchange(last[commit.id.client], commit.id.sequence),
                     "transactions of " + commit.id.client.value +
@@ -246,7 +263,9 @@ private:
         for (const auto& client : clients_) {
             report_.lost += client->lostEdits;
             report_.together += client->commitsTogether;
-            const std::uint64_t known = executed[client->session().id()] + client->lostEdits;
+            report_.writtenAgain += client->session().writtenAgain();
+            const std::uint64_t known = executed[client->session().id()] + client->lostEdits +
+                                        client->session().writtenAgain();
             // What is not certain may have been dropped, or not.
             const bool isKnown = known <= client->authoredEdits &&
                                  client->authoredEdits <= known + client->uncertainEdits;
@@ -299,6 +318,8 @@ private:
     SimRandom ages_;  // when old commits are replaced; apart, so that the rest is as it was without
     SimClock clock_;
     SimNetwork network_{clock_, random_};
+    const std::uint64_t kind_;
+    [[nodiscard]] bool inParts() const { return kind_ == 1 || kind_ == 2; }
     const SimStyle style_;
     bool forgetful_ = false;  // the server does not carry addresses far
     SimServer server_;

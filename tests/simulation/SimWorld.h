@@ -14,6 +14,8 @@ struct SimReport {
     std::uint64_t previewedBlobs = 0;  ///< big values that came for a preview
     std::uint64_t collected = 0;       ///< big values that nothing named (B6)
     std::uint64_t forgotten = 0;       ///< clients (M14)
+    std::uint64_t inParts = 0;         ///< commits in parts (FR8)
+    std::uint64_t writtenAgain = 0;    ///< edits that were written again before they were sent
     std::string failure;               ///< empty: everything holds
 };
 

@@ -52,6 +52,8 @@ public:
             all.previewedBlobs += one.previewedBlobs;
             all.collected += one.collected;
             all.forgotten += one.forgotten;
+            all.inParts += one.inParts;
+            all.writtenAgain += one.writtenAgain;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -77,11 +79,12 @@ private:
         std::printf(
             "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu unloads, "
             "%llu together, %llu compactions, %llu big values of previews, %llu collected, "
-            "%llu clients forgotten%s\n",
+            "%llu clients forgotten, %llu in parts, %llu edits written again%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
             number(report.snapshots), number(report.unloads), number(report.together),
             number(report.compactions), number(report.previewedBlobs), number(report.collected),
-            number(report.forgotten), report.failure.empty() ? "" : ", FAILED");
+            number(report.forgotten), number(report.inParts), number(report.writtenAgain),
+            report.failure.empty() ? "" : ", FAILED");
     }
 
     const std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();

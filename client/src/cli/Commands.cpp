@@ -228,8 +228,7 @@ public:
         waiting_.push_back({commit, {}});
         if (!view_.json) return;
         for (const Edit& edit : commit.edits)
-            if (const auto* set = std::get_if<SetField>(&edit.action))
-                forEachBlob(set->value, [&](const Value& blob) { want(blob.hash()); });
+            forEachBlob(edit.action, [&](const Value& blob) { want(blob.hash()); });
     }
     /// The server does not have it.
     void failed(const Hash& hash) {

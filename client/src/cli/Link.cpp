@@ -129,18 +129,14 @@ Result<Link::Layer> Link::fetch(const LayerId& layer, Revision revision) {
 
 Result<void> Link::fetchBlobs(const LayerDoc& doc) {
     std::set<Hash> named;
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [name, value] : *spec.fields)
-            forEachBlob(value, [&](const Value& blob) { named.insert(blob.hash()); });
-    });
+    forEachBlob(doc, [&](const Value& blob) { named.insert(blob.hash()); });
     return fetchBlobs(std::move(named), true);
 }
 
 Result<void> Link::fetchBlobs(const Commit& commit) {
     std::set<Hash> named;
     for (const Edit& edit : commit.edits)
-        if (const auto* set = std::get_if<SetField>(&edit.action))
-            forEachBlob(set->value, [&](const Value& blob) { named.insert(blob.hash()); });
+        forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
     return fetchBlobs(std::move(named), false);
 }
 

@@ -58,6 +58,13 @@ Edit* replaced(std::vector<Edit>& edits, const Edit& later) {
 
 }  // namespace
 
+bool setSameRegister(const EditAction& earlier, const EditAction& later) {
+    const auto* first = std::get_if<SetField>(&earlier);
+    const auto* second = std::get_if<SetField>(&later);
+    return first && second && first->field == second->field &&
+           relate(first->part, second->part) == Relation::Same;
+}
+
 bool Gesture::add(Edit edit, AuthoredEdit authored) {
     changed = untold = true;
     auto& edits = pending.transaction.edits;

@@ -62,22 +62,29 @@ ReceivedMessage MessageReader::read(ByteView message) {
     }
     received.frames.reserve(frames->size());
     received.bytes += frames->size() * sizeof received.frames.front();
-    for (const ByteView frame : *frames)
-        if (!received.frames.emplace_back(readFrame(frame, received.bytes))) break;
+    for (const ByteView encoded : *frames) {
+        auto frame = readFrame(encoded, received.bytes);
+        if (!frame) {
+            received.frames.emplace_back(tl::unexpected(frame.error()));
+            break;
+        }
+        if (*frame) received.frames.emplace_back(std::move(**frame));
+    }
     return received;
 }
 
-Result<Received> MessageReader::readFrame(ByteView encoded, std::size_t& bytes) {
+Result<std::optional<Received>> MessageReader::readFrame(ByteView encoded, std::size_t& bytes) {
     auto frame = decodeFrame(encoded);
     if (!frame) return tl::unexpected(frame.error());
     return std::visit(
-        Overloaded{[&](ControlFrame& control) { return readControl(control); },
-                   [&](CommitFrame& commit) -> Result<Received> {
-                       bytes += kEditBytes * commit.commit.edits.size();
-                       const Hash after = hashAfter(commit, commit.commit.previous, encoded);
-                       return ReceivedCommit{std::move(commit.commit), after};
+        Overloaded{[&](ControlFrame& control) -> Result<std::optional<Received>> {
+                       return readControl(control);
                    },
-                   [&](SnapshotFrame& chunk) -> Result<Received> {
+                   [&](CommitFrame& commit) -> Result<std::optional<Received>> {
+                       bytes += kEditBytes * commit.commit.edits.size();
+                       return readCommit(commit, encoded);
+                   },
+                   [&](SnapshotFrame& chunk) -> Result<std::optional<Received>> {
                        auto received = readSnapshot(chunk);
                        if (!received) return tl::unexpected(received.error());
                        const SnapshotPart& part = *received->part;
@@ -85,18 +92,34 @@ Result<Received> MessageReader::readFrame(ByteView encoded, std::size_t& bytes) 
                            part.names.size() + part.records.size() * sizeof part.records.front();
                        return std::move(*received);
                    },
-                   [&](PreviewFrame& preview) -> Result<Received> {
+                   [&](PreviewFrame& preview) -> Result<std::optional<Received>> {
                        bytes += kEditBytes * preview.edits.size();
                        return std::move(preview);
                    },
-                   [&](BlobFrame& part) -> Result<Received> {
+                   [&](BlobFrame& part) -> Result<std::optional<Received>> {
                        return ReceivedBlob{part.hash, readBlob(part)};
                    },
-                   [](SubmitFrame&) -> Result<Received> {
+                   [](SubmitFrame&) -> Result<std::optional<Received>> {
                        return fail(ErrorCode::UnknownFrame, "a server does not submit");
                    },
-                   [](RefusalFrame& refusal) -> Result<Received> { return std::move(refusal); }},
+                   [](RefusalFrame& refusal) -> Result<std::optional<Received>> {
+                       return std::move(refusal);
+                   }},
         *frame);
+}
+
+Result<std::optional<Received>> MessageReader::readCommit(CommitFrame& frame, ByteView encoded) {
+    if (frame.part == 0) commit_.reset();
+    if (frame.part == 0 && !frame.more) {
+        const Hash after = hashAfter(frame, frame.commit.previous, encoded);
+        return ReceivedCommit{std::move(frame.commit), after};
+    }
+    if (!commit_) commit_.emplace();
+    auto joined = commit_->add(std::move(frame), encoded);
+    if (!joined) return tl::unexpected(joined.error());
+    if (!*joined) return std::nullopt;
+    commit_.reset();
+    return ReceivedCommit{std::move((*joined)->commit), (*joined)->hashAfter};
 }
 
 Result<Received> MessageReader::readControl(const ControlFrame& control) {

@@ -26,6 +26,32 @@ bool overlap(const Pending& left, const Pending& right) {
         });
 }
 
+// writtenAgainBy() looks at so many transactions, and edits of them.
+constexpr std::size_t kLookedBack = 64, kEditsLookedAt = 4'096;
+
+// What else of a spec or layer may stand depends on these, or who may edit it.
+constexpr std::string_view kDecisive[] = {"typeName", "specifier", "customLayerData"};
+
+// Nothing else depends on when it happens.
+bool onlySets(const AuthoredEdit& edit) {
+    const auto* set = std::get_if<SetField>(&edit.action);
+    return set && setSameRegister(edit.action, edit.action) &&
+           std::ranges::find(kDecisive, set->field) == std::end(kDecisive);
+}
+
+bool sameRegisters(const std::vector<AuthoredEdit>& earlier,
+                   const std::vector<AuthoredEdit>& later) {
+    return std::ranges::equal(earlier, later,
+                              [](const AuthoredEdit& one, const AuthoredEdit& other) {
+                                  return one.layer == other.layer && one.path == other.path &&
+                                         setSameRegister(one.action, other.action);
+                              });
+}
+
+std::string fieldOf(const AuthoredEdit& edit) {
+    return edit.layer.value + '\n' + edit.path + '\n' + std::get<SetField>(edit.action).field;
+}
+
 // The server may refuse a transaction for a big value that it does not hold. It is then sent again,
 // and what builds on it has to come after it.
 bool holdsBack(const Pending& pending) { return !pending.blobs.empty(); }
@@ -55,6 +81,28 @@ void PendingTransactions::discount(const Pending& pending) {
         if (--layer->second == 0) edits_.erase(layer);
     }
     if (pending.sent) --sent_;
+}
+
+Pending* PendingTransactions::writtenAgainBy(const std::vector<AuthoredEdit>& edits) {
+    if (named_ || pending_.empty() || pending_.back().everSent ||
+        !std::ranges::all_of(edits, onlySets))
+        return nullptr;
+    std::unordered_set<std::string> fields;
+    std::size_t transactions = 0, looked = edits.size();
+    for (auto one = pending_.rbegin(); one != pending_.rend(); ++one) {
+        looked += one->authored.size();
+        if (one->everSent || one->transaction.gesture != 0 || ++transactions > kLookedBack ||
+            looked > kEditsLookedAt)
+            return nullptr;
+        if (sameRegisters(one->authored, edits)) return &*one;
+        if (fields.empty())
+            for (const AuthoredEdit& edit : edits) fields.insert(fieldOf(edit));
+        const bool stops = std::ranges::any_of(one->authored, [&](const AuthoredEdit& edit) {
+            return !onlySets(edit) || fields.contains(fieldOf(edit));
+        });
+        if (stops) return nullptr;
+    }
+    return nullptr;
 }
 
 Pending* PendingTransactions::find(std::uint64_t sequence) {

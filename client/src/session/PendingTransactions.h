@@ -24,8 +24,18 @@ public:
     /// As many bytes; then the next is sent only when those before are answered.
     static constexpr std::size_t kMaxBytesOnTheirWay = 64 * 1024 * 1024;
 
-    [[nodiscard]] std::uint64_t nextSequence() { return ++lastSequence_; }
-    void setNextSequence(std::uint64_t sequence) { lastSequence_ = sequence - 1; }
+    [[nodiscard]] std::uint64_t nextSequence() {
+        named_ = false;
+        return ++lastSequence_;
+    }
+    void setNextSequence(std::uint64_t sequence) {
+        lastSequence_ = sequence - 1;
+        named_ = true;
+    }
+    /// The transaction of which these edits leave nothing, as they set the same registers, or
+    /// nullptr. It was never sent, and none after it has to do with these registers, so the edits
+    /// can take its place.
+    [[nodiscard]] Pending* writtenAgainBy(const std::vector<AuthoredEdit>& edits);
 
     Pending& add(Pending pending);
     [[nodiscard]] bool contains(std::uint64_t sequence) const {
@@ -75,6 +85,7 @@ private:
 
     std::deque<Pending> pending_;
     std::uint64_t lastSequence_ = 0;
+    bool named_ = false;  // the next one has a number that its author knows
     std::size_t sent_ = 0;
     std::unordered_set<std::uint64_t> numbers_;
     std::map<Revision, std::size_t> bases_;           // how many have it

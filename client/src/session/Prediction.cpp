@@ -12,7 +12,7 @@ namespace {
 // own, a block of ids that follows from its sequence number.
 constexpr NodeId kFirstPreviewed = NodeId(1) << 62;
 constexpr NodeId kFirstOwn = NodeId(1) << 63;
-constexpr int kBlockBits = 22;
+constexpr int kBlockBits = 24;  // kMaxTransactionEdits
 
 NodeId ownBlock(std::uint64_t sequence) { return kFirstOwn + (sequence << kBlockBits); }
 
@@ -60,13 +60,7 @@ void renameCreations(std::vector<Edit>& edits, std::uint64_t before, std::uint64
 }
 
 void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
-    const auto* set = std::get_if<SetField>(&action);
-    if (!set) return;
-    const auto add = [&](const Value& value) {
-        if (value.isBlob()) blobs.push_back(value);
-    };
-    forEachBlob(set->value, add);
-    if (const auto* item = std::get_if<ListItem>(&set->part)) add(item->item);
+    forEachBlob(action, [&](const Value& blob) { blobs.push_back(blob); });
 }
 
 void Prediction::start() {

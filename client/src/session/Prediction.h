@@ -67,6 +67,14 @@ public:
     /// transaction `creation.sequence`.
     Result<Edit> author(const AuthoredEdit& edit, const Creation& creation, Prognosis& prognosis);
 
+    /// How it would be addressed: as author(), which follows.
+    [[nodiscard]] Result<Edit> addressed(const AuthoredEdit& edit) const {
+        const LayerDoc* doc = find(edit.layer);
+        if (!doc)
+            return fail(ErrorCode::LayerNotOpen, "the layer " + edit.layer.value + " is not open");
+        return addressed(edit, *doc);
+    }
+
     /// nullptr: no such layer.
     [[nodiscard]] const LayerDoc* find(const LayerId& layer) const;
     /// Has the layer a doc of its own here?

@@ -5,7 +5,6 @@
 #include <random>
 
 #include "SessionImpl.h"
-#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::client {
 
@@ -241,6 +240,7 @@ const std::map<ClientId, Presence>& Session::presences() const { return impl_->p
 std::size_t Session::pendingTransactions() const {
     return impl_->pending_.size() + impl_->missed();
 }
+std::uint64_t Session::writtenAgain() const { return impl_->writtenAgain(); }
 const std::optional<Welcome>& Session::welcome() const { return impl_->welcome_; }
 const ClientId& Session::id() const { return impl_->options_.client; }
 void Session::requestBlob(const Hash& hash) { impl_->requestBlob(hash); }

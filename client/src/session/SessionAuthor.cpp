@@ -23,7 +23,7 @@ void carry(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
 }  // namespace
 
 void Session::Impl::author(std::vector<AuthoredEdit> edits) {
-    if (edits.empty()) return;
+    if (edits.empty() || writeAgain(edits)) return;
     const std::size_t most = options_.maxUnsentTransactions;
     if (!gesture_ && pending_.unsent() >= most) {
         Repairs repairs;
@@ -60,6 +60,52 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
     if (lost.edits.empty()) return;
     events_.push_back(event::Lost{std::move(lost)});
     repair(repairs);
+}
+
+// A client that is offline, or slower than its edits, sends of a value only what it is in the end:
+// what was not sent and is written again whole gets the new values in the place of the old ones.
+bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
+    if (gesture_ || frozen_ || dirty_) return false;
+    Pending* pending = pending_.writtenAgainBy(edits);
+    if (!pending || !pending->prognosis.complete) return false;
+    readdress(*pending);
+    pending_.rebase(*pending, revision_);
+    Transaction& transaction = pending->transaction;
+    const auto number = [&](std::size_t index) {
+        return Creation{transaction.id.sequence, std::uint32_t(index)};
+    };
+    // A path may be another spec's by now.
+    for (std::size_t index = 0; index < edits.size(); ++index) {
+        auto told = prediction_.addressed(edits[index]);
+        if (!told) return false;
+        readdress(*told, prediction_.openedAt(told->layer), number(index));
+        if (told->address != transaction.edits[index].address) return false;
+    }
+    LostWork lost;
+    lost.sequence = transaction.id.sequence;
+    Repairs repairs;
+    for (std::size_t index = 0; index < edits.size(); ++index) {
+        Prognosis unchanged;
+        const auto told = prediction_.author(edits[index], number(index), unchanged);
+        if (!told) {
+            if (lost.edits.empty()) lost.reason = told.error();
+            noteRepair(edits[index], repairs);
+            lost.edits.push_back(std::move(edits[index]));
+            continue;
+        }
+        transaction.edits[index].action = edits[index].action;
+        pending->authored[index] = std::move(edits[index]);
+        ++writtenAgain_;
+    }
+    pending->blobs.clear();
+    for (const AuthoredEdit& edit : pending->authored) collectBlobs(edit.action, pending->blobs);
+    tellPending(*pending);
+    checkPrediction();
+    if (!lost.edits.empty()) {
+        events_.push_back(event::Lost{std::move(lost)});
+        repair(repairs);
+    }
+    return true;
 }
 
 Pending Session::Impl::newPending() {

@@ -1,7 +1,6 @@
 #include <algorithm>
 
 #include "SessionImpl.h"
-#include "TransactionSize.h"
 
 namespace usdlive::client {
 
@@ -13,13 +12,21 @@ constexpr std::int64_t kTellGestureEveryMs = 400;
 
 constexpr std::string_view kPreviewValues = "previewValues";
 
+std::string mib(std::uint64_t bytes) { return std::to_string((bytes + 1048575) >> 20) + " MiB"; }
+
 Error largerThan(std::uint64_t most, std::uint64_t size, std::size_t edits) {
-    const auto mib = [](std::uint64_t bytes) { return std::to_string((bytes + 1048575) >> 20); };
     return {ErrorCode::TransactionTooLarge,
             "what was written in one frame has " + std::to_string(edits) + " edits and " +
-                mib(size) + " MiB, and the server takes " + mib(most) +
-                " MiB at once: write it in several frames, with tick() between them, or serve with "
-                "a larger --max-frame-mib"};
+                mib(size) + ", and the server takes " + std::to_string(kMaxTransactionEdits) +
+                " edits and " + mib(most) +
+                " at once: write it in several frames, with tick() between them, or serve with a "
+                "larger --max-transaction-mib"};
+}
+
+Error valueLargerThan(std::uint64_t most, std::uint64_t size) {
+    return {ErrorCode::TransactionTooLarge,
+            "a single value that was written has " + mib(size) + ", and the server takes " +
+                mib(most) + ": write it part by part, or serve with a larger --max-frame-mib"};
 }
 
 // SE3: another server, or a store that was deleted or put back as it was before.
@@ -90,6 +97,7 @@ void Session::Impl::disconnected(Error reason) {
         if (error) events_.push_back(event::ServerError{*error});
     }
     pending_.markAllUnsent();
+    sending_.reset();
     if (gesture_) gesture_->disconnected();
     uploads_.disconnected();
     downloads_.disconnected();
@@ -304,6 +312,7 @@ void Session::Impl::on(const Welcome& message) {
     epoch_ = message.epoch;
     online_ = true;
     takesPreviewValues_ = std::ranges::count(message.features, kPreviewValues) > 0;
+    takesParts_ = std::ranges::count(message.features, kPartsFeature) > 0;
     layerStates_.clear();  // the server says again what is to say of them
     // The client is not at the revision that it said.
     const bool resumed = message.resumed && !std::exchange(saidSince_, false);
@@ -528,6 +537,7 @@ void Session::Impl::sendAll() {
 }
 
 void Session::Impl::sendTransactions() {
+    if (!sendParts()) return;
     const auto ready = [this](const Pending& pending) { return uploads_.ready(pending.blobs); };
     Bytes message;
     const auto flush = [&] {
@@ -544,17 +554,24 @@ void Session::Impl::sendTransactions() {
         readdress(*pending);
         pending_.rebase(*pending, revision_);
         const Transaction& transaction = pending->transaction;
-        const std::uint64_t most =
-            welcome_->maxFrameBytes > 0 ? welcome_->maxFrameBytes : kMaxFrameBytes;
-        std::uint64_t size = leastFrameBytes(transaction);
+        const std::uint64_t whole =
+            takesParts_ ? std::min(options_.wholeBytes, frameLimit()) : frameLimit();
+        std::uint64_t size = leastFrameBytes(transaction.edits);
         Bytes frame;
-        if (size <= most) {
+        if (size <= whole) {
             frame = encodeFrame(SubmitFrame{transaction});
             size = frame.size();
         }
-        if (size > most) {
+        if (size > transactionLimit() || transaction.edits.size() > kMaxTransactionEdits) {
             tooLarge.emplace_back(transaction.id.sequence,
-                                  largerThan(most, size, transaction.edits.size()));
+                                  largerThan(transactionLimit(), size, transaction.edits.size()));
+            continue;
+        }
+        if (frame.empty() || size > whole) {
+            flush();
+            pending_.markSent(*pending, size);
+            sending_ = Sending{transaction.id.sequence, {}};
+            if (!sendParts()) break;
             continue;
         }
         if (message.size() + frame.size() > kMessageBytes) flush();
@@ -564,6 +581,41 @@ void Session::Impl::sendTransactions() {
     flush();
     for (auto& [sequence, error] : tooLarge) lose(*pending_.take(sequence), std::move(error));
     if (dirty_) rebuild();
+}
+
+std::uint64_t Session::Impl::frameLimit() const {
+    return welcome_->maxFrameBytes > 0 ? welcome_->maxFrameBytes : kMaxFrameBytes;
+}
+std::uint64_t Session::Impl::transactionLimit() const {
+    return takesParts_ ? welcome_->maxTransactionBytes.value_or(kMaxTransactionBytes)
+                       : frameLimit();
+}
+
+// FR8. False: there is more of it to send, and nothing else goes before that.
+bool Session::Impl::sendParts() {
+    while (sending_) {
+        Pending* pending = pending_.find(sending_->sequence);
+        if (!pending) {  // refused meanwhile
+            sending_.reset();
+            break;
+        }
+        if (!host_.takesMore()) return false;
+        if (outOfTime() && sending_->at.part > 0) {
+            moreToSend_ = true;
+            return false;
+        }
+        const std::size_t bytes = std::min<std::uint64_t>(options_.partBytes, frameLimit() / 2);
+        Bytes part = encodePart(pending->transaction, sending_->at, bytes);
+        if (part.size() > frameLimit()) {
+            const std::uint64_t sequence = std::exchange(sending_, std::nullopt)->sequence;
+            lose(*pending_.take(sequence), valueLargerThan(frameLimit(), part.size()));
+            rebuild();
+            break;
+        }
+        if (sending_->at.isEnd) sending_.reset();
+        host_.send(std::make_shared<const Bytes>(std::move(part)));
+    }
+    return true;
 }
 
 void Session::Impl::sendPreview() {

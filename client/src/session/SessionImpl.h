@@ -14,6 +14,7 @@
 #include "Prediction.h"
 #include "usdlive/client/session/Session.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
+#include "usdlive/common/protocol/FrameParts.h"
 
 namespace usdlive::client {
 
@@ -91,6 +92,7 @@ public:
 
     bool advance(double budgetMs, std::int64_t nowMs);
     [[nodiscard]] std::size_t missed() const { return missed_.size(); }
+    [[nodiscard]] std::uint64_t writtenAgain() const { return writtenAgain_; }
 
     const Options options_;
     std::vector<Event> events_;
@@ -152,6 +154,11 @@ private:
         std::size_t done = 0;   // pending transactions that are in it
         bool outdated = false;  // another one has to follow
     };
+    // A transaction that goes in parts, and has not gone whole (FR8).
+    struct Sending {
+        std::uint64_t sequence = 0;
+        PartsAt at;
+    };
     // Edits the editor made that the model does not hold: what the editor is to be told.
     struct Repairs {
         std::set<LayerId> resets;
@@ -205,6 +212,9 @@ private:
     void sendControl(const ControlMessage& message);
     void sendAll();
     void sendTransactions();
+    [[nodiscard]] bool sendParts();
+    [[nodiscard]] std::uint64_t frameLimit() const;
+    [[nodiscard]] std::uint64_t transactionLimit() const;
     void sendPreview();
     [[nodiscard]] bool preparePreview();
     [[nodiscard]] bool sendPreviewValues();
@@ -266,6 +276,7 @@ private:
     [[nodiscard]] bool ownWorkOn(const LayerId& layer) const;
 
     // SessionAuthor.cpp
+    [[nodiscard]] bool writeAgain(std::vector<AuthoredEdit>& edits);
     Pending newPending();
     void authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
                     Repairs& repairs);
@@ -283,6 +294,8 @@ private:
     std::deque<Result<Received>> inbox_;
     std::uint64_t lastRequest_ = 0;
     bool takesPreviewValues_ = false;  // the server does (B3)
+    bool takesParts_ = false;          // likewise (FR8)
+    std::optional<Sending> sending_;
     std::int64_t nowMs_ = 0;
     std::int64_t gestureToldMs_ = 0;
     double deadlineMs_ = 0;    // of this advance(), by options_.clockMs
@@ -331,6 +344,7 @@ private:
     BlobDownloads downloads_;
     std::vector<Peek> peeks_;
     std::deque<LogReader> logs_;
+    std::uint64_t writtenAgain_ = 0;
     std::set<std::uint64_t> requests_;  ///< that an event answers, and has not
     /// By request: what is to be called with the answer.
     std::map<std::uint64_t, std::function<void(Result<ControlMessage>)>> asked_;

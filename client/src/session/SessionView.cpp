@@ -196,6 +196,10 @@ void Session::Impl::flushResets() {
 // layers have been fetched again; one's own work is carried over by where it stands now.
 void Session::Impl::freeze() {
     if (!frozen_) carryOver();
+    if (sending_) {  // it is addressed anew, and sent from its first part on
+        if (Pending* pending = pending_.find(sending_->sequence)) pending_.markUnsent(*pending);
+        sending_.reset();
+    }
     // Also what was on its way: the commits that have to follow it are not known any more.
     for (auto& [layer, opened] : layers_) opened.joinAnew();
     disturb();

@@ -13,14 +13,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kHashDigits = 64;
 // A file that is being written by somebody else is left alone for so long.
 constexpr std::chrono::hours kUnfinishedFor{1};
-
-bool isHash(const std::string& name) {
-    return name.size() == kHashDigits &&
-           name.find_first_not_of("0123456789abcdef") == std::string::npos;
-}
 
 }  // namespace
 
@@ -231,7 +225,7 @@ void BlobCache::clean() {
         if (gone) continue;
         const auto age = fs::file_time_type::clock::now() - file.used;
         if (file.path.extension() == ".part" && age > kUnfinishedFor) fs::remove(file.path, gone);
-        if (!isHash(file.path.filename().string())) continue;
+        if (!hashFromHex(file.path.filename().string())) continue;
         all += file.bytes;
         files.push_back(file);
     }

@@ -33,7 +33,6 @@
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/LayerLock.h"
-#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive {

@@ -10,7 +10,6 @@
 
 #include "usdlive/client/usd/LostWorkStore.h"
 #include "usdlive/common/core/ByteStream.h"
-#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::client {
 

@@ -4,6 +4,7 @@
 #include <system_error>
 
 #include "usdlive/common/core/ByteStream.h"
+#include "usdlive/common/protocol/FrameParts.h"
 
 namespace usdlive::client {
 
@@ -11,7 +12,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr std::size_t kLengthBytes = sizeof(std::uint32_t);  // in front of a frame
 constexpr const char* kFileName = "lost-work";
 
 }  // namespace
@@ -21,18 +21,29 @@ Bytes encodeAuthored(std::uint64_t sequence, const std::vector<AuthoredEdit>& ed
     transaction.id = {ClientId{"kept"}, std::max<std::uint64_t>(sequence, 1)};
     for (const AuthoredEdit& edit : edits)
         transaction.edits.push_back({edit.layer, {edit.path, {}}, edit.action});
-    return encodeFrame(SubmitFrame{std::move(transaction)});
+    Bytes bytes;
+    for (PartsAt at; !at.isEnd;) appendBytes(bytes, encodePart(transaction, at));  // FR8
+    return bytes;
 }
 
 Result<std::vector<AuthoredEdit>> decodeAuthored(ByteView bytes) {
-    if (bytes.size() < kLengthBytes)
-        return fail(ErrorCode::MalformedFrame, "kept work is cut short");
-    auto frame = decodeFrame(bytes.subspan(kLengthBytes));
-    if (!frame) return tl::unexpected(frame.error());
-    auto* submit = std::get_if<SubmitFrame>(&*frame);
-    if (!submit) return fail(ErrorCode::MalformedFrame, "kept work is of another kind");
+    const auto frames = splitMessage(bytes, ~std::uint32_t(0));
+    if (!frames) return tl::unexpected(frames.error());
+    SubmitParts parts;
+    std::optional<Transaction> whole;
+    for (const ByteView encoded : *frames) {
+        auto frame = decodeFrame(encoded);
+        if (!frame) return tl::unexpected(frame.error());
+        auto* submit = std::get_if<SubmitFrame>(&*frame);
+        if (!submit || whole)
+            return fail(ErrorCode::MalformedFrame, "kept work is of another kind");
+        auto joined = parts.add(std::move(*submit));
+        if (!joined) return tl::unexpected(joined.error());
+        whole = std::move(*joined);
+    }
+    if (!whole) return fail(ErrorCode::MalformedFrame, "kept work is cut short");
     std::vector<AuthoredEdit> edits;
-    for (Edit& edit : submit->transaction.edits)
+    for (Edit& edit : whole->edits)
         edits.push_back(
             {std::move(edit.layer), std::move(edit.address.path), std::move(edit.action)});
     return edits;

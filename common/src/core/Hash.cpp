@@ -6,8 +6,13 @@
 
 namespace usdlive {
 
+namespace {
+
+constexpr std::string_view kDigits = "0123456789abcdef";
+
+}  // namespace
+
 std::string Hash::hex() const {
-    static constexpr char kDigits[] = "0123456789abcdef";
     std::string text;
     text.reserve(2 * bytes.size());
     for (const std::uint8_t byte : bytes) {
@@ -15,6 +20,17 @@ std::string Hash::hex() const {
         text += kDigits[byte & 15];
     }
     return text;
+}
+
+std::optional<Hash> hashFromHex(std::string_view text) {
+    Hash hash;
+    if (text.size() != 2 * hash.bytes.size()) return std::nullopt;
+    for (std::size_t index = 0; index < text.size(); ++index) {
+        const auto digit = kDigits.find(text[index]);
+        if (digit == kDigits.npos) return std::nullopt;
+        hash.bytes[index / 2] = std::uint8_t(hash.bytes[index / 2] << 4 | digit);
+    }
+    return hash;
 }
 
 Hash sha256(std::initializer_list<ByteView> parts) {

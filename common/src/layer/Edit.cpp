@@ -20,4 +20,12 @@ std::string_view specKindName(SpecKind kind) {
     return "unknown kind";
 }
 
+void forEachBlob(const EditAction& action, const std::function<void(const Value&)>& visit) {
+    const auto* set = std::get_if<SetField>(&action);
+    if (!set) return;
+    forEachBlob(set->value, visit);
+    if (const auto* item = std::get_if<ListItem>(&set->part)) forEachBlob(item->item, visit);
+    if (const auto* key = std::get_if<MapKey>(&set->part)) forEachBlob(key->key, visit);
+}
+
 }  // namespace usdlive

@@ -770,4 +770,10 @@ LayerDoc LayerDoc::Builder::finish() {
     return doc;
 }
 
+void forEachBlob(const LayerDoc& doc, const std::function<void(const Value&)>& visit) {
+    doc.visit([&](const LayerDoc::SpecView& spec) {
+        for (const auto& [name, value] : *spec.fields) forEachBlob(value, visit);
+    });
+}
+
 }  // namespace usdlive

@@ -59,6 +59,7 @@ void members(auto& io, Is<Welcome> auto& message) {
     io("maxBlobBytes", message.maxBlobBytes);
     io("administrator", message.administrator);
     io("base", message.base);
+    io("maxTransactionBytes", message.maxTransactionBytes);
 }
 void members(auto& io, Is<ProjectLayers> auto& message) { io("layers", message.layers); }
 void members(auto& io, Is<OpenLayer> auto& message) {
@@ -337,19 +338,10 @@ private:
         if (!layer) throw Malformed{layer.error()};
         value = std::move(*layer);
     }
-    static int digit(char character) {
-        if (character >= '0' && character <= '9') return character - '0';
-        if (character >= 'a' && character <= 'f') return character - 'a' + 10;
-        return -1;
-    }
     static void read(const char* name, const Json& json, Hash& value) {
-        const std::string& digits = text(name, json, kMaxTextBytes);
-        if (digits.size() != 2 * value.bytes.size()) wrong(name);
-        for (std::size_t index = 0; index < value.bytes.size(); ++index) {
-            const int high = digit(digits[2 * index]), low = digit(digits[2 * index + 1]);
-            if (high < 0 || low < 0) wrong(name);
-            value.bytes[index] = std::uint8_t(high << 4 | low);
-        }
+        const auto hash = hashFromHex(text(name, json, kMaxTextBytes));
+        if (!hash) wrong(name);
+        value = *hash;
     }
     template <class T>
     static void read(const char* name, const Json& json, std::vector<T>& values) {

@@ -255,6 +255,8 @@ private:
         frame.transaction.base = submit.base();
         frame.transaction.gesture = submit.gesture();
         frame.transaction.edits = edits(submit.edits());
+        frame.part = submit.part();
+        frame.more = submit.more();
         return frame;
     }
     Frame commit(const wire::Commit& commit) {
@@ -286,6 +288,10 @@ private:
                     "a stub of no import");
             frame.hashAfter = hash(commit.hash_after());
         }
+        frame.part = commit.part();
+        frame.more = commit.more();
+        require((frame.part == 0 && !frame.more) || (!result.imported && !frame.hashAfter),
+                "a part of a commit that has none");
         return frame;
     }
     Frame refusal(const wire::Refusal& refusal) {
@@ -465,14 +471,6 @@ Result<std::optional<Bytes>> importStub(ByteView encodedCommit, const Hash& hash
               stub.commit.previous.bytes.begin());
     stub.hashAfter = hash;
     return encodeFrame(stub);
-}
-
-void forEachBlob(const EditAction& action, const std::function<void(const Value&)>& visit) {
-    const auto* set = std::get_if<SetField>(&action);
-    if (!set) return;
-    forEachBlob(set->value, visit);
-    if (const auto* item = std::get_if<ListItem>(&set->part)) forEachBlob(item->item, visit);
-    if (const auto* key = std::get_if<MapKey>(&set->part)) forEachBlob(key->key, visit);
 }
 
 Result<void> forEachBlob(ByteView encodedCommit, const std::function<void(const Hash&)>& visit) {

@@ -4,6 +4,7 @@
 
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/common/protocol/frames_generated.h"
 
 namespace usdlive {
@@ -14,6 +15,8 @@ template <class T>
 using Offset = flatbuffers::Offset<T>;
 using TextOffset = Offset<flatbuffers::String>;
 using Vector = Offset<flatbuffers::Vector<std::uint8_t>>;
+using EditVector = Offset<flatbuffers::Vector<Offset<wire::Edit>>>;
+using DroppedVector = Offset<flatbuffers::Vector<Offset<wire::Dropped>>>;
 
 /// Writes one frame. Texts up to kSharedTextBytes are written once, however often they occur:
 /// longer ones are not, so that a decoder can bound what it copies by the size of the frame (FR7).
@@ -40,12 +43,38 @@ public:
         frame.commit.imported = layer;
         frame.commit.revision = frame.commit.epoch = 1;  // zeroes would not be written
         frame.commit.timeMs = 1;
-        finish(write(frame, builder_.CreateVector(written)));
+        finish(write(frame.commit, frame.hashAfter, builder_.CreateVector(written),
+                     dropped(frame.commit.dropped), 0, false));
         return ImportFrame{take(), written.size()};
+    }
+
+    Bytes encode(const Transaction& transaction, PartsAt& at, std::size_t bytes) {
+        const auto edits = editsOfPart(transaction.edits, at, bytes);
+        at.isEnd = at.edit == transaction.edits.size();
+        finish(write(transaction, edits, at.part++, !at.isEnd));
+        return take();
+    }
+    Bytes encode(const Commit& commit, PartsAt& at, std::size_t bytes) {
+        const auto edits = editsOfPart(commit.edits, at, bytes);
+        std::vector<Offset<wire::Dropped>> dropped;
+        if (at.edit == commit.edits.size())
+            for (; at.dropped < commit.dropped.size(); ++at.dropped) {
+                const DroppedEdit& one = commit.dropped[at.dropped];
+                if (builder_.GetSize() != 0 &&
+                    builder_.GetSize() + leastFrameBytes(one.edit) > bytes)
+                    break;
+                dropped.push_back(write(one));
+            }
+        at.isEnd = at.edit == commit.edits.size() && at.dropped == commit.dropped.size();
+        finish(write(commit, std::nullopt, edits, builder_.CreateVector(dropped), at.part++,
+                     !at.isEnd));
+        return take();
     }
 
 private:
     static constexpr std::size_t kSharedTextBytes = 128;
+    // However often they name the same long texts, a frame of these is read (FR7).
+    static constexpr std::size_t kPartEdits = 20'000;
 
     [[nodiscard]] Bytes take() const {
         Bytes bytes;
@@ -200,19 +229,31 @@ private:
                 wire::CreateSetField(builder_, field, wire::Part::NONE, 0, bytes).Union());
         }
     }
-    auto edits(const std::vector<Edit>& edits) {
+    EditVector edits(const std::vector<Edit>& edits) {
         std::vector<Offset<wire::Edit>> written;
         written.reserve(edits.size());
         for (const Edit& one : edits) written.push_back(edit(one));
         return builder_.CreateVector(written);
     }
-    auto dropped(const std::vector<DroppedEdit>& dropped) {
-        std::vector<Offset<wire::Dropped>> written;
-        for (const DroppedEdit& one : dropped) {
-            const auto edit = this->edit(one.edit);
-            const TextOffset reason = text(errorName(one.reason));
-            written.push_back(wire::CreateDropped(builder_, one.index, reason, edit));
+    /// Those from `at` on that go into one part: one at least.
+    EditVector editsOfPart(const std::vector<Edit>& edits, PartsAt& at, std::size_t bytes) {
+        std::vector<Offset<wire::Edit>> written;
+        for (; at.edit < edits.size(); ++at.edit) {
+            const std::size_t size = builder_.GetSize() + sizeof(std::uint32_t) * written.size();
+            if (!written.empty() && size + leastFrameBytes(edits[at.edit]) > bytes) break;
+            if (written.size() == kPartEdits) break;
+            written.push_back(edit(edits[at.edit]));
         }
+        return builder_.CreateVector(written);
+    }
+    Offset<wire::Dropped> write(const DroppedEdit& one) {
+        const auto edit = this->edit(one.edit);
+        const TextOffset reason = text(errorName(one.reason));
+        return wire::CreateDropped(builder_, one.index, reason, edit);
+    }
+    DroppedVector dropped(const std::vector<DroppedEdit>& dropped) {
+        std::vector<Offset<wire::Dropped>> written;
+        for (const DroppedEdit& one : dropped) written.push_back(write(one));
         return builder_.CreateVector(written);
     }
 
@@ -220,29 +261,33 @@ private:
         return wire::CreateControl(builder_, builder_.CreateString(frame.json));
     }
     Offset<wire::Submit> write(const SubmitFrame& frame) {
-        const Transaction& transaction = frame.transaction;
-        const auto edits = this->edits(transaction.edits);
+        return write(frame.transaction, edits(frame.transaction.edits), frame.part, frame.more);
+    }
+    Offset<wire::Submit> write(const Transaction& transaction, EditVector edits, std::uint32_t part,
+                               bool more) {
         const auto layers = builder_.CreateVector(layers_);
         const TextOffset client = text(transaction.id.client.value);
         return wire::CreateSubmit(builder_, client, transaction.id.sequence, transaction.base,
-                                  transaction.gesture, layers, edits);
+                                  transaction.gesture, layers, edits, part, more);
     }
     Offset<wire::Commit> write(const CommitFrame& frame) {
-        return write(frame, edits(frame.commit.edits));
+        const EditVector edits = this->edits(frame.commit.edits);
+        return write(frame.commit, frame.hashAfter, edits, dropped(frame.commit.dropped),
+                     frame.part, frame.more);
     }
-    Offset<wire::Commit> write(const CommitFrame& frame,
-                               Offset<flatbuffers::Vector<Offset<wire::Edit>>> edits) {
-        const Commit& commit = frame.commit;
-        const auto dropped = this->dropped(commit.dropped);
+    Offset<wire::Commit> write(const Commit& commit, const std::optional<Hash>& after,
+                               EditVector edits, DroppedVector dropped, std::uint32_t part,
+                               bool more) {
         const auto layers = builder_.CreateVector(layers_);
         const TextOffset client = text(commit.id.client.value);
         const TextOffset user = text(commit.user.value);
         const TextOffset imported = commit.imported ? text(commit.imported->value) : TextOffset();
         const Vector previous = bytes(commit.previous.bytes);
-        const Vector hashAfter = frame.hashAfter ? bytes(frame.hashAfter->bytes) : Vector();
+        const Vector hashAfter = after ? bytes(after->bytes) : Vector();
         return wire::CreateCommit(builder_, commit.revision, commit.epoch, client,
                                   commit.id.sequence, user, commit.timeMs, commit.gesture, imported,
-                                  layers, edits, dropped, previous, hashAfter, commit.conflated);
+                                  layers, edits, dropped, previous, hashAfter, commit.conflated,
+                                  part, more);
     }
     Offset<wire::Refusal> write(const RefusalFrame& frame) {
         const TextOffset code = text(errorName(frame.error.code));
@@ -277,6 +322,13 @@ private:
 }  // namespace
 
 Bytes encodeFrame(const Frame& frame) { return FrameEncoder().encode(frame); }
+
+Bytes encodePart(const Transaction& transaction, PartsAt& at, std::size_t bytes) {
+    return FrameEncoder().encode(transaction, at, bytes);
+}
+Bytes encodePart(const Commit& commit, PartsAt& at, std::size_t bytes) {
+    return FrameEncoder().encode(commit, at, bytes);
+}
 
 std::optional<ImportFrame> encodeImport(const LayerId& layer, const LayerDoc& doc,
                                         std::size_t maxBytes) {

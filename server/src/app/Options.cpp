@@ -15,6 +15,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr int kUsageError = 2;
+constexpr std::uint64_t kMostTransactionMib = 4'000;  // the store's records are below 4 GiB
 constexpr const char* kFooter = R"(
 Examples:
   usdlive serve shots/s010                    serve a folder on this machine
@@ -122,6 +123,9 @@ void addLimits(CLI::App& app, ServerOptions& options) {
     };
     add("--max-frame-mib", options.maxFrameMib, 1, 2047, "Size of one message from a client");
     add("--max-blob-mib", options.maxBlobMib, 1, 1 << 20, "Size of one big value");
+    add("--max-transaction-mib", options.maxTransactionMib, 1, kMostTransactionMib,
+        "Size of what is written in one frame of an editor; the server's memory holds it several "
+        "times");
     add("--max-sessions", options.maxSessions, 1, 1'000'000, "Clients at the same time");
     add("--slow-reader-mib", options.slowReaderMib, 1, 1 << 20,
         "What may wait for a client before it is cut");

@@ -35,6 +35,9 @@ constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 constexpr int kKeeperNice = 10;
 // A save tells how far it is so often, from then on when it takes so long (PG1).
 constexpr milliseconds kProgressPause{500};
+// Commits of the past are read for a session until they have so many bytes; the rest is asked for
+// later.
+constexpr std::size_t kReadBytes = 16 * 1024 * 1024;
 
 SharedBytes encoded(const Frame& frame) {
     return std::make_shared<const Bytes>(encodeFrame(frame));
@@ -421,9 +424,11 @@ void ServerHost::readCommits(SessionId session, Revision from, Revision to) {
         [this, from, to] {
             return store_.use([&](CommitStore& store) -> Result<std::vector<StoredCommit>> {
                 std::vector<StoredCommit> commits;
+                std::size_t bytes = 0;
                 const auto read = store.read(from, to, [&](const StoredCommit& commit) {
+                    bytes += commit.frame->size();
                     commits.push_back(commit);
-                    return true;
+                    return bytes < kReadBytes;
                 });
                 if (!read) return tl::unexpected(read.error());
                 return commits;

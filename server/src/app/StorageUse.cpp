@@ -16,8 +16,7 @@ public:
         std::map<LayerId, std::size_t> edits;
         for (const Edit& edit : commit.edits) {
             ++edits[edit.layer];
-            const auto* set = std::get_if<SetField>(&edit.action);
-            if (set) addBlobs(edit.layer, set->value);
+            forEachBlob(edit.action, [&](const Value& blob) { add(edit.layer, blob); });
         }
         frames_ += bytes;
         for (const auto& [layer, count] : edits) {
@@ -27,9 +26,7 @@ public:
         }
     }
     void add(const LayerId& layer, const LayerDoc& base) {
-        base.visit([&](const LayerDoc::SpecView& spec) {
-            for (const auto& [name, value] : *spec.fields) addBlobs(layer, value);
-        });
+        forEachBlob(base, [&](const Value& blob) { add(layer, blob); });
     }
     [[nodiscard]] LayerStorage of(const StoreSpace::Layer& layer, std::uint64_t log) const {
         LayerStorage storage{layer.layer, 0, 0, layer.base, layer.snapshots, 0, 0};
@@ -50,9 +47,8 @@ private:
         std::unordered_map<Hash, std::uint64_t> blobs;  // bytes of each
     };
 
-    void addBlobs(const LayerId& layer, const FieldValue& value) {
-        forEachBlob(value,
-                    [&](const Value& blob) { uses_[layer].blobs[blob.hash()] = blob.size(); });
+    void add(const LayerId& layer, const Value& blob) {
+        uses_[layer].blobs[blob.hash()] = blob.size();
     }
 
     std::map<LayerId, Use> uses_;

@@ -67,8 +67,9 @@ ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
                               const LayerFiles& files) {
     Project::Options project;
     project.name = std::filesystem::canonical(options.folder).filename().string();
-    project.maxFrameBytes = options.maxFrameMib * kMib;
+    project.maxFrameBytes = project.wholeCommitBytes = options.maxFrameMib * kMib;
     project.maxBlobBytes = options.maxBlobMib * kMib;
+    project.maxTransactionBytes = options.maxTransactionMib * kMib;
     project.maxSessions = options.maxSessions;
     for (const std::string& user : options.administrators) project.administrators.insert({user});
     project.historyDays = options.historyDays;

@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "ProjectImpl.h"
-#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::server {
 
@@ -88,10 +87,14 @@ bool Project::Impl::handlesFiles() const {
 /// By what is not executed yet, or never will be.
 std::unordered_set<Hash> Project::Impl::namedHere() const {
     std::unordered_set<Hash> named;
-    for (const auto& [id, session] : sessions_)
-        for (const QueuedTransaction& queued : session.transactions)
-            for (const Edit& edit : queued.transaction.edits)
-                forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
+    const auto add = [&](const std::vector<Edit>& edits) {
+        for (const Edit& edit : edits)
+            forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
+    };
+    for (const auto& [id, session] : sessions_) {
+        for (const QueuedTransaction& queued : session.transactions) add(queued.transaction.edits);
+        if (session.coming) add(session.coming->parts.edits());
+    }
     previews_.forEach([&](const ClientId&, const Previews::Preview& preview) {
         named.insert(preview.named.begin(), preview.named.end());
     });

@@ -1,6 +1,10 @@
 #include "usdlive/server/project/CommitContent.h"
 
+#include <algorithm>
+
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/layer/SpecPath.h"
+#include "usdlive/common/protocol/FrameParts.h"
 
 namespace usdlive::server {
 
@@ -11,7 +15,37 @@ tl::unexpected<Error> damaged(Revision revision, const std::string& why) {
                 "commit " + std::to_string(revision) + " cannot be applied again: " + why);
 }
 
+/// With its length.
+std::size_t partSize(const Bytes& frame, std::size_t offset) {
+    ByteReader in(ByteView(frame).subspan(offset));
+    return std::min<std::size_t>(kFrameLengthBytes + in.u32(), frame.size() - offset);
+}
+
+Result<Commit> joinParts(const StoredCommit& stored, const std::vector<ByteView>& frames) {
+    CommitParts parts;
+    for (const ByteView bytes : frames) {
+        auto frame = decodeFrame(bytes);
+        if (!frame) return damaged(stored.revision, frame.error().message);
+        auto* part = std::get_if<CommitFrame>(&*frame);
+        if (!part) return damaged(stored.revision, "it is none");
+        auto joined = parts.add(std::move(*part), bytes);
+        if (!joined) return damaged(stored.revision, joined.error().message);
+        if (*joined && bytes.data() == frames.back().data()) return std::move((*joined)->commit);
+        if (*joined) break;
+    }
+    return damaged(stored.revision, "parts of it are missing or too many");
+}
+
 }  // namespace
+
+bool isInParts(const Bytes& frame) { return partSize(frame, 0) < frame.size(); }
+
+Bytes nextPart(const Bytes& frame, std::size_t& offset) {
+    const std::size_t size = partSize(frame, offset);
+    const auto begin = frame.begin() + std::ptrdiff_t(offset);
+    offset += size;
+    return {begin, begin + std::ptrdiff_t(size)};
+}
 
 std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                               const std::vector<ExecutedEdit>& edits) {
@@ -39,6 +73,11 @@ tl::unexpected<Error> historyReplaced(Revision revision, Revision base) {
 }
 
 Result<Commit> decodeCommit(const StoredCommit& stored) {
+    if (isInParts(*stored.frame)) {
+        const auto frames = splitMessage(*stored.frame, ~std::uint32_t(0));
+        if (!frames) return damaged(stored.revision, frames.error().message);
+        return joinParts(stored, *frames);
+    }
     auto frame = decodeFrame(withoutLength(*stored.frame));
     if (!frame) return damaged(stored.revision, frame.error().message);
     auto* commit = std::get_if<CommitFrame>(&*frame);

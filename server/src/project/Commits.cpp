@@ -4,7 +4,7 @@
 #include <stdexcept>
 
 #include "ProjectImpl.h"
-#include "usdlive/common/protocol/CommitBlobs.h"
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
@@ -31,36 +31,60 @@ std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit
     made.dropped = executed.dropped.size();
     made.mark = mark;
 
-    CommitFrame frame;
-    frame.commit = {made.revision,
-                    epoch_,
-                    made.id,
-                    user,
-                    host_.wallClockMs(),
-                    gesture,
-                    {},
-                    {},
-                    std::move(executed.dropped),
-                    executedHash_};
+    Commit commit{made.revision,
+                  epoch_,
+                  made.id,
+                  user,
+                  host_.wallClockMs(),
+                  gesture,
+                  {},
+                  {},
+                  std::move(executed.dropped),
+                  executedHash_};
     const auto note = [&](const Value& blob) { made.blobs.push_back(blob.hash()); };
-    for (const DroppedEdit& dropped : frame.commit.dropped) forEachBlob(dropped.edit.action, note);
+    for (const DroppedEdit& dropped : commit.dropped) forEachBlob(dropped.edit.action, note);
+    commit.edits.reserve(executed.edits.size());
     for (ExecutedEdit& edit : executed.edits) {
         made.layers.insert(edit.edit.layer);
         if (touchesLayerData(edit.edit.action)) made.layerData.insert(edit.edit.layer);
         forEachBlob(edit.edit.action, note);
-        frame.commit.edits.push_back(std::move(edit.edit));
+        commit.edits.push_back(std::move(edit.edit));
     }
     record.layers = made.layers;
-    record.frame = std::make_shared<const Bytes>(encodeFrame(frame));
-    const ByteView encoded = withoutLength(*record.frame);
-    // FR7: one that refers to the same things too often, nobody would take.
-    if (encoded.size() > options_.maxFrameBytes ||
-        (encoded.size() > kSurelyDecoded && !decodeFrame(encoded)))
-        return std::nullopt;
-    record.hash = made.hash = chainHash(executedHash_, encoded);
+    record.frame = encodeCommit(commit);
+    if (!record.frame) return std::nullopt;
+    record.hash = made.hash = chainHash(executedHash_, withoutLength(*record.frame));
     made.broadcast = record.frame;
     history_.executed(made.revision);
     return std::pair(std::move(made), std::move(record));
+}
+
+/// One frame, or where none can hold it all its parts one after the other (FR8). Nothing: it is too
+/// large for that, too.
+SharedBytes Project::Impl::encodeCommit(const Commit& commit) const {
+    const std::size_t whole = std::min(options_.wholeCommitBytes, options_.maxFrameBytes);
+    if (leastFrameBytes(commit.edits) <= whole) {
+        Bytes frame = encodeFrame(CommitFrame{commit});
+        const ByteView encoded = withoutLength(frame);
+        // FR7: one that refers to the same things too often, nobody would take.
+        if (encoded.size() <= whole && (encoded.size() <= kSurelyDecoded || decodeFrame(encoded)))
+            return std::make_shared<const Bytes>(std::move(frame));
+    }
+    Bytes frames;
+    constexpr std::size_t kLeastEditBytes = 32;  // FR7
+    for (PartsAt at; !at.isEnd;) {
+        const std::size_t before = at.edit + at.dropped;
+        const Bytes part =
+            encodePart(commit, at, std::min(options_.partBytes, options_.maxFrameBytes / 2));
+        const std::size_t edits = at.edit + at.dropped - before;
+        if (withoutLength(part).size() > options_.maxFrameBytes ||
+            withoutLength(part).size() < edits * kLeastEditBytes ||
+            frames.size() + part.size() > options_.maxTransactionBytes)
+            return nullptr;
+        appendBytes(frames, part);
+    }
+    if (!isInParts(frames) && !decodeFrame(withoutLength(frames))) return nullptr;
+    return std::make_shared<const Bytes>(std::move(frames));
 }
 
 /// False, and nothing done, when the commit does not fit into a frame.
@@ -70,6 +94,8 @@ bool Project::Impl::commit(Session& session, Author& author, const Transaction& 
         makeCommit(session.user, transaction.id, transaction.gesture, std::move(executed), mark);
     if (!commit) return false;
     auto& [made, record] = *commit;
+    // Its author could not read it.
+    if (isInParts(*record.frame) && !session.features.contains(kPartsFeature)) return false;
     made.session = session.id;
     author.inFlight[transaction.id.sequence] = made.revision;
     author.newest = made.revision;
@@ -182,6 +208,7 @@ void Project::Impl::noteLock(const UserName& user, const LayerId& layer) {
 }
 
 void Project::Impl::broadcast(const InFlightCommit& commit) {
+    if (isInParts(*commit.broadcast)) return broadcastInParts(commit);
     std::vector<SessionId> live;
     for (auto& [id, session] : sessions_) {
         if (session.isLive() && host_.lags(id)) session.stream = CatchingUp{};  // FR6
@@ -193,6 +220,19 @@ void Project::Impl::broadcast(const InFlightCommit& commit) {
         Session& session = *find(id);
         session.position = commit.revision;
         releaseAnswers(session);
+    }
+}
+
+/// Everybody gets it as one of the past, part by part as the line takes it.
+void Project::Impl::broadcastInParts(const InFlightCommit& commit) {
+    newestInParts_ = commit.revision;
+    large_[commit.revision] = commit.broadcast;
+    host_.sendCommit({}, commit.broadcast, commit.revision);
+    for (auto& [id, session] : sessions_) {
+        if (!session.isLive()) continue;
+        session.ahead = host_.holdCommits(id);
+        session.stream = CatchingUp{};
+        pump(session);
     }
 }
 

@@ -1,6 +1,5 @@
 // Previews (M11): passed on at once, kept only while their gesture lasts.
 #include "ProjectImpl.h"
-#include "usdlive/common/protocol/CommitBlobs.h"
 
 namespace usdlive::server {
 

@@ -13,11 +13,15 @@ constexpr std::int64_t kDayMs = 24 * 60 * 60 * 1'000;
 constexpr std::uint64_t kMostDays = 100'000;
 constexpr std::size_t kMostCompacts = 16;  // that wait, of all sessions
 
-/// When the commit was made. An import may be large: its stub says it, too.
+/// When the commit was made. It may be large: of one in parts the first says it, of an import its
+/// stub.
 Result<std::int64_t> timeOf(const StoredCommit& stored) {
-    auto stub = importStub(withoutLength(*stored.frame), stored.hash);
-    if (!stub) return tl::unexpected(stub.error());
     StoredCommit read = stored;
+    std::size_t offset = 0;
+    if (isInParts(*stored.frame))
+        read.frame = std::make_shared<const Bytes>(nextPart(*stored.frame, offset));
+    auto stub = importStub(withoutLength(*read.frame), stored.hash);
+    if (!stub) return tl::unexpected(stub.error());
     if (*stub) read.frame = std::make_shared<const Bytes>(std::move(**stub));
     return decodeCommit(read).map([](const Commit& commit) { return commit.timeMs; });
 }

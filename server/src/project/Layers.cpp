@@ -19,10 +19,7 @@ Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc) {
     if (!frame)
         return fail(ErrorCode::LayerUnreadable, layer.value + " is too large to be imported");
     LayerImport made{std::move(*frame), {}};
-    doc.visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [name, value] : *spec.fields)
-            forEachBlob(value, [&](const Value& blob) { made.blobs.push_back(blob.hash()); });
-    });
+    forEachBlob(doc, [&](const Value& blob) { made.blobs.push_back(blob.hash()); });
     return made;
 }
 

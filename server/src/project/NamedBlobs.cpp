@@ -36,12 +36,9 @@ Result<void> NamedBlobs::readLayer(const CommitStore& store) {
     if (!doc) return tl::unexpected(doc.error());
     layers_.pop_back();
     if (!*doc) return {};
-    (*doc)->visit([&](const LayerDoc::SpecView& spec) {
-        for (const auto& [name, value] : *spec.fields)
-            forEachBlob(value, [&](const Value& blob) {
-                Revision& last = last_[blob.hash()];
-                last = std::max(last, base_.revision);
-            });
+    forEachBlob(**doc, [&](const Value& blob) {
+        Revision& last = last_[blob.hash()];
+        last = std::max(last, base_.revision);
     });
     return {};
 }

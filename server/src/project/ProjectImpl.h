@@ -61,6 +61,20 @@ struct QueuedTransaction {
     std::set<std::uint64_t> lookedUp;  ///< transactions whose creations were asked of the store
 };
 
+/// A transaction that comes in parts (FR8).
+struct ComingTransaction {
+    SubmitParts parts;
+    std::size_t bytes = 0;  ///< of the parts so far
+    std::size_t edits = 0;
+    bool refused = false;  ///< the parts that still come are passed over
+};
+
+/// A commit in parts on its way to a session, as far as the line takes it.
+struct SendingParts {
+    SharedBytes frame;
+    std::size_t offset = 0;  ///< of the part that is next
+};
+
 /// To the author of a transaction; stays behind that author's earlier commits (SE5).
 struct Answer {
     Revision after = 0;
@@ -93,6 +107,8 @@ struct Session {
     std::deque<Read> reads;
     std::deque<QueuedTransaction> transactions;
     std::size_t transactionBytes = 0;
+    std::optional<ComingTransaction> coming;
+    std::optional<SendingParts> sending;  ///< `stream` goes on behind it
     std::deque<Answer> answers;
     std::map<std::uint64_t, OpenLayer> historyReads;  ///< by request
     /// By request: what the host was not asked to save.
@@ -333,6 +349,9 @@ private:
     // Stream.cpp: commits of the past, until a session has caught up.
     void pump(Session& session);
     void sendPast(Session& session, const SharedBytes& frame);
+    void sendPart(Session& session);
+    void wasSent(Session& session);
+    [[nodiscard]] SharedBytes largeCommit(Revision revision);
     bool sendRecent(Session& session, Revision last);
     void sendRun(Session& session, const std::vector<StoredCommit>& commits);
     [[nodiscard]] static std::optional<CommitFrame> conflatable(const Session& session,
@@ -347,6 +366,9 @@ private:
     [[nodiscard]] std::optional<Hash> knownHash(Revision revision) const;
 
     // Transactions.cpp: what authors submit, until it is executed.
+    void receiveSubmit(Session& session, SubmitFrame frame, std::size_t bytes);
+    [[nodiscard]] std::optional<Refused> partObjection(const ComingTransaction& coming) const;
+    void forgetComing(Session& session);
     void submit(Session& session, Transaction transaction, std::size_t bytes);
     void work(Session& session);
     bool workOff(Session& session, QueuedTransaction& queued);
@@ -370,12 +392,14 @@ private:
         std::uint64_t mark);
     bool commit(Session& session, Author& author, const Transaction& transaction, Executed executed,
                 std::uint64_t mark);
+    [[nodiscard]] SharedBytes encodeCommit(const Commit& commit) const;
     void append(InFlightCommit commit, CommitRecord record);
     void takeSnapshot(const LayerId& layer);
     void keepSnapshots();
     void commitDurable(const InFlightCommit& commit);
     void noteLock(const UserName& user, const LayerId& layer);
     void broadcast(const InFlightCommit& commit);
+    void broadcastInParts(const InFlightCommit& commit);
     void settle();
     void takeBack(const Error& error, const std::vector<InFlightCommit>& lost);
     void refuseLost(Session& session, const Error& error, const std::vector<InFlightCommit>& lost);
@@ -481,6 +505,7 @@ private:
     ProjectCounters counters_;
 
     std::map<SessionId, Session> sessions_;
+    std::uint64_t comingBytes_ = 0;  ///< of all sessions' transactions that come in parts
     std::unordered_map<ClientId, Author> authors_;
 
     LayerDocs docs_;  ///< as executed, ahead of what is durable
@@ -511,6 +536,10 @@ private:
     CommitStore::Base base_;
     Revision oldest_;  ///< that may be read: a base that is being made, or base_
     std::deque<CompactRequest> compacts_;  ///< the first is under way
+    /// Commits in parts while some session is sent them: one copy for all.
+    std::map<Revision, std::weak_ptr<const Bytes>> large_;
+    /// The newest commit in parts that this process has met, for who cannot read it.
+    Revision newestInParts_ = 0;
     // By revision:
     std::deque<ReadyOpen> readyOpens_;
     std::deque<ReadySnapshot> readySnapshots_;

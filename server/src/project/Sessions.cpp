@@ -12,7 +12,7 @@ namespace {
 // PR1: what a client may find out that the server has, beyond the basics.
 const std::vector<std::string> kFeatures{"history",  "log",         "previews",   "previewValues",
                                          "states",   "presence",    "conflation", "storage",
-                                         "progress", "createLayer", "skipped"};
+                                         "progress", "createLayer", "skipped",    kPartsFeature};
 
 // A client further behind than this joins anew: snapshots are then quicker than commits.
 constexpr Revision kMaxResumeCommits = 50'000;
@@ -77,7 +77,7 @@ void Project::Impl::receiveFrame(Session& session, ByteView bytes) {
         return close(session, {ErrorCode::NotGreeted, "the first frame was no hello"});
     std::visit(Overloaded{
                    [&](SubmitFrame& submitted) {
-                       submit(session, std::move(submitted.transaction), bytes.size());
+                       receiveSubmit(session, std::move(submitted), bytes.size());
                    },
                    [&](PreviewFrame& preview) {
                        receivePreview(session, std::move(preview), bytes.size());
@@ -165,6 +165,7 @@ void Project::Impl::supersede(const ClientId& client) {
         other.phase = Closing{};
         other.transactions.clear();
         other.answers.clear();
+        forgetComing(other);
     }
     // A gesture that is still open is sent anew; one that has ended empty meanwhile is not.
     if (superseded) withdrawAll(client);
@@ -193,6 +194,10 @@ void Project::Impl::checkResume(Session& session) {
         return welcome(session, Error{ErrorCode::FutureRevision, "the client is at " + at +
                                                                      ", the server at " +
                                                                      std::to_string(durable_)});
+    if (resume.revision < newestInParts_ && !session.features.contains(kPartsFeature))
+        return welcome(session, Error{ErrorCode::StaleBase,
+                                      "commit " + std::to_string(newestInParts_) +
+                                          " comes in parts, which the client cannot read"});
     if (durable_ - resume.revision > kMaxResumeCommits)
         return welcome(session,
                        Error{ErrorCode::StaleBase, at + " is too far back to resume from"});
@@ -250,6 +255,8 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     message.maxBlobBytes = options_.maxBlobBytes;
     message.administrator = options_.administrators.contains(session.user);
     message.base = oldest_;
+    if (session.features.contains(kPartsFeature))
+        message.maxTransactionBytes = options_.maxTransactionBytes;
     send(session, message);
     host_.happened({"user joined", session.user, {}, session.application});
     tellStatesTo(session);
@@ -284,11 +291,14 @@ void Project::Impl::close(Session& session, const Error& error) {
     session.phase = Closing{};
     session.transactions.clear();
     session.answers.clear();
+    forgetComing(session);
+    session.sending.reset();
 }
 
 void Project::Impl::disconnected(SessionId id) {
     const auto found = sessions_.find(id);
     if (found == sessions_.end()) return;
+    forgetComing(found->second);
     const ClientId client = found->second.client;
     const bool wasShown = found->second.presence.has_value();
     const std::set<LayerId> open = std::move(found->second.open);

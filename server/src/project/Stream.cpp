@@ -18,6 +18,9 @@ constexpr std::size_t kRunBytes = 512 * 1024;  // of commits of the past that ar
 
 const std::string kConflation = "conflation";
 
+// Commits behind one in parts are sent when all of that is.
+bool canSend(const Session& session) { return session.isGreeted() && !session.sending; }
+
 /// CF1: one for all of them, or nothing when each register was written once. Precondition: they
 /// follow one another, and nobody waits for one of them.
 std::optional<Bytes> conflatedFrame(std::vector<CommitFrame>& frames, const Hash& hashAfter) {
@@ -52,6 +55,10 @@ void Project::Impl::pump(Session& session) {
     };
     while (session.isGreeted() && !session.isLive() && !streamReads() &&
            !host_.congested(session.id)) {
+        if (session.sending) {
+            sendPart(session);
+            continue;
+        }
         const auto* log = std::get_if<SendingLog>(&session.stream);
         const Revision next = log ? log->next : session.position + 1;
         const Revision last = log ? log->to : durable_;
@@ -73,6 +80,11 @@ bool Project::Impl::sendRecent(Session& session, Revision last) {
     for (Revision next = log ? log->next : session.position + 1;
          next <= last && run.size() < kPageCommits && bytes < kRunBytes; ++next) {
         const auto* recent = recent_.find(next);
+        const SharedBytes large = recent ? nullptr : largeCommit(next);
+        if (large && run.empty()) {
+            sendPast(session, large);
+            return true;
+        }
         if (!recent) break;
         run.push_back({recent->revision, recent->frame, recent->hash});
         bytes += recent->frame->size();
@@ -93,20 +105,20 @@ void Project::Impl::sendRun(Session& session, const std::vector<StoredCommit>& c
             session.position = commits[end - 1].revision - 1;
             return sendPast(session, std::make_shared<const Bytes>(*frame));
         }
-        for (; first < end && session.isGreeted(); ++first) sendPast(session, commits[first].frame);
+        for (; first < end && canSend(session); ++first) sendPast(session, commits[first].frame);
     };
-    for (std::size_t index = 0; index < commits.size() && session.isGreeted(); ++index) {
+    for (std::size_t index = 0; index < commits.size() && canSend(session); ++index) {
         auto frame = conflatable(session, commits[index]);
         if (!frame) {
             flush(index);
-            if (session.isGreeted()) sendPast(session, commits[index].frame);
+            if (canSend(session)) sendPast(session, commits[index].frame);
             continue;
         }
         run.push_back(std::move(*frame));
         // A layer is sent as of this revision: what follows applies to that.
         if (session.opened.contains(commits[index].revision)) flush(index + 1);
     }
-    if (session.isGreeted()) flush(commits.size());
+    if (canSend(session)) flush(commits.size());
 }
 
 /// Nothing: it is sent as it is, because its author waits for it, because it does more than its
@@ -114,7 +126,7 @@ void Project::Impl::sendRun(Session& session, const std::vector<StoredCommit>& c
 std::optional<CommitFrame> Project::Impl::conflatable(const Session& session,
                                                       const StoredCommit& stored) {
     if (!std::holds_alternative<CatchingUp>(session.stream) || session.ahead ||
-        !session.features.contains(kConflation))
+        !session.features.contains(kConflation) || isInParts(*stored.frame))
         return std::nullopt;
     auto frame = decodeFrame(withoutLength(*stored.frame));
     auto* found = frame ? std::get_if<CommitFrame>(&*frame) : nullptr;
@@ -125,7 +137,41 @@ std::optional<CommitFrame> Project::Impl::conflatable(const Session& session,
 }
 
 void Project::Impl::sendPast(Session& session, const SharedBytes& frame) {
-    host_.send(session.id, frame);
+    if (!isInParts(*frame)) {
+        host_.send(session.id, frame);
+        return wasSent(session);
+    }
+    const auto* log = std::get_if<SendingLog>(&session.stream);
+    const Revision revision = log ? log->next : session.position + 1;
+    newestInParts_ = std::max(newestInParts_, revision);
+    if (!session.features.contains(kPartsFeature))
+        return close(session, {ErrorCode::StaleBase, "commit " + std::to_string(revision) +
+                                                         " comes in parts, which the client "
+                                                         "cannot read: open the layers anew"});
+    large_[revision] = frame;
+    session.sending = SendingParts{frame};
+}
+
+/// The next part of a commit that comes in parts.
+void Project::Impl::sendPart(Session& session) {
+    SendingParts& sending = *session.sending;
+    host_.send(session.id, std::make_shared<const Bytes>(nextPart(*sending.frame, sending.offset)));
+    if (sending.offset < sending.frame->size()) return;
+    session.sending.reset();
+    wasSent(session);
+}
+
+/// A commit in parts that some session is being sent.
+SharedBytes Project::Impl::largeCommit(Revision revision) {
+    const auto found = large_.find(revision);
+    if (found == large_.end()) return nullptr;
+    SharedBytes frame = found->second.lock();
+    if (!frame) large_.erase(found);
+    return frame;
+}
+
+/// All of the commit that was next.
+void Project::Impl::wasSent(Session& session) {
     ++counters_.delivered;
     if (auto* log = std::get_if<SendingLog>(&session.stream)) {
         ++log->next;
@@ -228,6 +274,10 @@ void Project::Impl::streamRead(Session& session, Result<std::vector<StoredCommit
     if (!session.isGreeted()) return;
     if (!commits) return close(session, commits.error());
     for (StoredCommit& commit : *commits) {
+        if (isInParts(*commit.frame)) {
+            if (const SharedBytes shared = largeCommit(commit.revision)) commit.frame = shared;
+            continue;
+        }
         auto stub = importStub(withoutLength(*commit.frame), commit.hash);
         if (!stub) return close(session, stub.error());
         if (*stub) commit.frame = std::make_shared<const Bytes>(std::move(**stub));

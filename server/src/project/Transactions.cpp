@@ -4,15 +4,31 @@
 
 #include "ProjectImpl.h"
 #include "usdlive/common/layer/SpecPath.h"
-#include "usdlive/common/protocol/CommitBlobs.h"
 #include "usdlive/server/project/CommitContent.h"
 
 namespace usdlive::server {
 
 namespace {
 
-// Transactions of one session that wait for a layer to load; more ends the session.
+// Transactions of one session that wait for a layer to load, beside one in parts; more ends the
+// session.
 constexpr std::size_t kMaxWaitingBytes = 256 * 1024 * 1024;
+// Of transactions that come in parts, of all sessions together, as many of the largest.
+constexpr std::uint64_t kMaxComing = 2;
+
+std::string mib(std::uint64_t bytes) {
+    constexpr std::uint64_t kMib = 1024 * 1024;
+    return std::to_string((bytes + kMib - 1) / kMib) + " MiB";
+}
+
+Refused tooLarge(std::size_t edits, std::uint64_t bytes, std::uint64_t most) {
+    return {{ErrorCode::TransactionTooLarge,
+             "a transaction of " + std::to_string(edits) + " edits and " + mib(bytes) +
+                 "; the server takes " + std::to_string(kMaxTransactionEdits) + " edits and " +
+                 mib(most) +
+                 ". Write it in several frames, with tick() between them, or serve with a larger "
+                 "--max-transaction-mib"}};
+}
 
 SharedBytes shared(const Frame& frame) { return std::make_shared<const Bytes>(encodeFrame(frame)); }
 
@@ -44,11 +60,57 @@ std::uint32_t submittedIndex(const Executed& executed, std::size_t index) {
 
 }  // namespace
 
+/// FR8: what comes in parts is one transaction when its last part is here. It is decoded as it
+/// comes, so that others are served between two parts.
+void Project::Impl::receiveSubmit(Session& session, SubmitFrame frame, std::size_t bytes) {
+    if (frame.part == 0) forgetComing(session);
+    if (frame.part == 0 && !frame.more) return submit(session, std::move(frame.transaction), bytes);
+    if (frame.part == 0) session.coming.emplace();
+    if (!session.coming)
+        return close(session, {ErrorCode::MalformedFrame, "a part of no transaction"});
+    if (frame.transaction.id.client != session.client)
+        return close(session, {ErrorCode::MalformedFrame, "a transaction of another client"});
+    ComingTransaction& coming = *session.coming;
+    if (coming.refused) return;
+    coming.bytes += bytes;
+    coming.edits += frame.transaction.edits.size();
+    comingBytes_ += bytes;
+    if (comingBytes_ > kMaxComing * options_.maxTransactionBytes)
+        return close(session, {ErrorCode::TransactionTooLarge,
+                               "too many large transactions are coming at once; send it again"});
+    const TransactionId id = frame.transaction.id;
+    const std::uint64_t gesture = frame.transaction.gesture;
+    auto whole = coming.parts.add(std::move(frame));
+    if (!whole) return close(session, whole.error());
+    if (const auto refused = partObjection(coming)) {
+        comingBytes_ -= std::exchange(coming.bytes, 0);
+        coming.parts = {};
+        coming.refused = true;
+        return refuse(session, {id, 0, gesture, {}}, *refused);
+    }
+    if (!*whole) return;
+    const std::size_t all = coming.bytes;
+    forgetComing(session);
+    submit(session, std::move(**whole), all);
+}
+
+std::optional<Refused> Project::Impl::partObjection(const ComingTransaction& coming) const {
+    if (coming.bytes <= options_.maxTransactionBytes &&
+        coming.edits <= options_.maxEditsPerTransaction)
+        return std::nullopt;
+    return tooLarge(coming.edits, coming.bytes, options_.maxTransactionBytes);
+}
+
+void Project::Impl::forgetComing(Session& session) {
+    if (session.coming) comingBytes_ -= session.coming->bytes;
+    session.coming.reset();
+}
+
 void Project::Impl::submit(Session& session, Transaction transaction, std::size_t bytes) {
     if (transaction.id.client != session.client)
         return close(session, {ErrorCode::MalformedFrame, "a transaction of another client"});
     session.transactionBytes += bytes;
-    if (session.transactionBytes > kMaxWaitingBytes)
+    if (session.transactionBytes > kMaxWaitingBytes + options_.maxTransactionBytes)
         return close(session, {ErrorCode::TransactionTooLarge,
                                "too many transactions wait for a layer to load"});
     session.transactions.push_back({std::move(transaction), bytes, {}});
@@ -116,10 +178,8 @@ std::optional<Refused> Project::Impl::objection(const Author& author,
     if (storeClosed_)
         return Refused{{ErrorCode::StorageFailed, "the store has failed and is not opened yet"}};
     if (transaction.edits.size() > options_.maxEditsPerTransaction ||
-        expandedBytes(author, transaction) + queued.bytes > options_.maxFrameBytes)
-        return Refused{{ErrorCode::TransactionTooLarge,
-                        "a transaction of " + std::to_string(transaction.edits.size()) +
-                            " edits and " + std::to_string(queued.bytes) + " bytes"}};
+        expandedBytes(author, transaction) + queued.bytes > options_.maxTransactionBytes)
+        return tooLarge(transaction.edits.size(), queued.bytes, options_.maxTransactionBytes);
     if (!host_.hasSpace())
         return Refused{{ErrorCode::StorageFull, "the disk of the server is full"}};
     return blobObjection(transaction);
@@ -228,14 +288,17 @@ void Project::Impl::learnCreations(Author& author, std::uint64_t sequence,
 }
 
 void Project::Impl::execute(Session& session, Author& author, const QueuedTransaction& queued) {
-    // A commit repeats its transaction with every path written out. Where that might not fit into a
-    // frame, or a locked spec might be among them, the layers are kept as they are until it is
-    // known.
+    // A commit repeats its transaction with every path written out. Where that might be larger than
+    // a commit may be, or a locked spec might be among them, the layers are kept as they are until
+    // it is known.
     constexpr std::size_t kMaxPathBytes = 16 * 1024;
     const Transaction& transaction = queued.transaction;
     LayerDocs before;
-    const bool mayNotFit =
-        queued.bytes + (transaction.edits.size() + 1) * kMaxPathBytes > options_.maxFrameBytes;
+    std::uint64_t most =
+        std::min<std::uint64_t>(options_.maxFrameBytes, options_.maxTransactionBytes);
+    if (!session.features.contains(kPartsFeature))
+        most = std::min<std::uint64_t>(most, options_.wholeCommitBytes);
+    const bool mayNotFit = queued.bytes + (transaction.edits.size() + 1) * kMaxPathBytes > most;
     const bool mindsLocks = mindsSpecLocks(transaction.edits);
     if (mayNotFit || mindsLocks)
         for (const Edit& edit : transaction.edits)
@@ -248,7 +311,8 @@ void Project::Impl::execute(Session& session, Author& author, const QueuedTransa
     if (const auto* refused = std::get_if<Refused>(&outcome))
         return refuse(session, transaction, *refused);
     auto& executed = std::get<Executed>(outcome);
-    Refused why{{ErrorCode::TransactionTooLarge, "the commit would be larger than a frame may be"},
+    Refused why{{ErrorCode::TransactionTooLarge,
+                 "the commit would be larger than one may be, or one of its values than a frame"},
                 0};
     const auto locked =
         mindsLocks ? specLockObjection(session.user, executed.edits, before) : std::nullopt;

@@ -21,19 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Nothing: the name is none that Hash::hex() gives.
-std::optional<Hash> hashOfName(const std::string& name) {
-    constexpr std::string_view kDigits = "0123456789abcdef";
-    Hash hash;
-    if (name.size() != 2 * hash.bytes.size()) return std::nullopt;
-    for (std::size_t index = 0; index < name.size(); ++index) {
-        const auto digit = kDigits.find(name[index]);
-        if (digit == kDigits.npos) return std::nullopt;
-        hash.bytes[index / 2] = std::uint8_t(hash.bytes[index / 2] << 4 | digit);
-    }
-    return hash;
-}
-
 /// A value that is being written, in a file that goes with it unless it was kept.
 class Unfinished {
 public:
@@ -242,7 +229,7 @@ Result<std::vector<Hash>> FileBlobStore::list() const {
     for (const auto& folder : fs::directory_iterator(folder_, error)) {
         std::error_code none;
         for (const auto& file : fs::directory_iterator(folder.path(), none))
-            if (const auto hash = hashOfName(file.path().filename().string());
+            if (const auto hash = hashFromHex(file.path().filename().string());
                 hash && !isDropped(*hash))
                 all.push_back(*hash);
     }

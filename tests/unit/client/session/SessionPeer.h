@@ -66,6 +66,18 @@ public:
         return std::move(frame->transaction);
     }
 
+    /// What was sent in parts (FR8).
+    Transaction takeParts() {
+        SubmitParts parts;
+        for (;;) {
+            auto frame = take<SubmitFrame>();
+            if (!frame) throw std::runtime_error("the last part was not sent");
+            auto whole = parts.add(std::move(*frame));
+            if (!whole) throw std::runtime_error(whole.error().message);
+            if (*whole) return std::move(**whole);
+        }
+    }
+
     void deliver(const Frame& frame) { session.received(reader->read(encodeFrame(frame))); }
     void deliver(const ControlMessage& message) { deliver(ControlFrame{encodeControl(message)}); }
 
@@ -198,6 +210,8 @@ public:
         const auto split = splitMessage(*frames);
         for (const ByteView frame : *split) sent.push_back(*decodeFrame(frame));
     }
+    bool takesParts = true;  ///< the line is not behind
+    bool takesMore() override { return takesParts; }
     SharedBytes localBlob(const Hash& hash) override {
         const auto found = blobs.find(hash);
         return found == blobs.end() ? nullptr : found->second;

@@ -44,9 +44,167 @@ TEST_F(SessionTest, SE11WhatIsTooLargeForTheServerComesBackWithTheLimit) {
     const auto lost = peer.eventsOf<event::Lost>();
     ASSERT_EQ(lost.size(), 1u);
     EXPECT_EQ(lost[0].work.reason.code, ErrorCode::TransactionTooLarge);
-    EXPECT_NE(lost[0].work.reason.message.find("takes 64 MiB at once"), std::string::npos);
+    EXPECT_NE(lost[0].work.reason.message.find("64 MiB at once"), std::string::npos);
     EXPECT_EQ(lost[0].work.edits.size(), 1'600u);
     EXPECT_EQ(peer.takeTransaction().edits.size(), 1u) << "later work is sent";
+}
+
+TEST_F(SessionTest, FR8WhatNoFrameCanHoldGoesInPartsAndIsOneCommit) {
+    Session::Options options;
+    options.wholeBytes = 100'000;
+    options.partBytes = 50'000;
+    SessionPeer peer(options);
+    peer.features = {kPartsFeature};
+    peer.commit(peer.foreign({edit("/A", createPrim())}));
+    peer.connectAndJoin();
+    const FieldValue big(stringValue(std::string(2'000, 'x')));
+    std::vector<AuthoredEdit> edits;
+    for (int i = 0; i < 500; ++i)
+        edits.push_back(authored("/A", SetField{"note" + std::to_string(i), {}, big, {}}));
+    peer.author(edits);
+    peer.author({authored("/B", createPrim())});
+    peer.takesParts = false;
+    peer.advance();
+    EXPECT_TRUE(peer.sent.empty()) << "the line is behind";
+    peer.takesParts = true;
+    peer.advance(3);
+    ASSERT_FALSE(peer.sent.empty());
+    EXPECT_LT(peer.sent.size(), 10u) << "only for as long as the frame has time";
+    peer.advance();
+    Transaction whole = peer.takeParts();
+    EXPECT_EQ(whole.edits.size(), 500u);
+    EXPECT_EQ(peer.takeTransaction().edits.size(), 1u) << "behind it";
+    peer.commitAndTell(whole);
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(peer.session.pendingTransactions(), 1u);
+}
+
+TEST_F(SessionTest, FR8PartsAreSentAnewOnANewConnection) {
+    Session::Options options;
+    options.wholeBytes = 100'000;
+    options.partBytes = 50'000;
+    SessionPeer peer(options);
+    peer.features = {kPartsFeature};
+    peer.commit(peer.foreign({edit("/A", createPrim())}));
+    peer.connectAndJoin();
+    const FieldValue big(stringValue(std::string(2'000, 'x')));
+    std::vector<AuthoredEdit> edits;
+    for (int i = 0; i < 500; ++i)
+        edits.push_back(authored("/A", SetField{"note" + std::to_string(i), {}, big, {}}));
+    peer.author(edits);
+    peer.advance(3);
+    ASSERT_FALSE(peer.sent.empty());
+    peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+    peer.commit(peer.foreign({edit("/A", moveTo("/", "C"))}));
+    peer.connect();
+    peer.advance();
+    const Transaction whole = peer.takeParts();
+    ASSERT_EQ(whole.edits.size(), 500u);
+    EXPECT_EQ(whole.edits[0].address.path, "/C");
+    EXPECT_EQ(whole.edits[499].address.path, "/C");
+}
+
+TEST_F(SessionTest, FR8ACommitInPartsIsSeenWithItsLast) {
+    joinShot();
+    std::vector<Edit> edits;
+    for (int i = 0; i < 50; ++i) edits.push_back(edit("/B" + std::to_string(i), createPrim()));
+    const Commit commit = peer.commit(peer.foreign(edits));
+    std::vector<Bytes> parts;
+    for (PartsAt at; !at.isEnd;) parts.push_back(encodePart(commit, at, 500));
+    ASSERT_GT(parts.size(), 3u);
+    for (const Bytes& part : parts) {
+        EXPECT_FALSE(peer.editor.at(kShot).has("/B0"));
+        peer.session.received(peer.reader->read(part));
+        peer.advance();
+    }
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_TRUE(peer.editor.at(kShot).has("/B49"));
+}
+
+// ---- written again before it was sent
+
+TEST_F(SessionTest, SE15AnHourOfWritesWithoutAConnectionIsOneTransaction) {
+    joinShot();
+    peer.author({authored("/A.x", SetField{"default", {}, doubleValue(-1), {}})});
+    peer.advance();
+    peer.sent.clear();
+    peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+    for (int frame = 0; frame < 10'000; ++frame) {
+        peer.author({authored("/A.x", SetField{"default", {}, doubleValue(frame), {}})});
+        peer.author({authored("/A", setText("comment", std::to_string(frame)))});
+    }
+    EXPECT_EQ(peer.session.pendingTransactions(), 3u) << "one that was sent, and the last values";
+    EXPECT_EQ(peer.session.writtenAgain(), 2u * 9'999u);
+    peer.connect();
+    peer.advance();
+    const Transaction sent = peer.takeTransaction();
+    EXPECT_EQ(sent.id.sequence, 1u) << "the server may have that one already";
+    const Transaction value = peer.takeTransaction(), comment = peer.takeTransaction();
+    EXPECT_EQ(std::get<SetField>(value.edits[0].action).value, FieldValue(doubleValue(9'999)));
+    for (const Transaction& one : {sent, value, comment}) peer.commitAndTell(one);
+    peer.advance();
+    EXPECT_EQ(peer.text("/A", "comment"), "9999");
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(peer.session.pendingTransactions(), 0u);
+}
+
+TEST_F(SessionTest, SE15TheOrderOfWhatDependsOnItStays) {
+    joinShot();
+    peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+    const auto x = [](double value) {
+        return authored("/A.x", SetField{"default", {}, doubleValue(value), {}});
+    };
+    const auto comment = [](const char* text) { return authored("/A", setText("comment", text)); };
+    peer.author({x(1)});
+    peer.author({x(2), comment("a")});
+    peer.author({x(3)});  // the one before writes it, too
+    EXPECT_EQ(peer.session.pendingTransactions(), 3u);
+    peer.author({x(4), comment("b")});
+    EXPECT_EQ(peer.session.pendingTransactions(), 4u) << "between them x was written";
+    peer.author({x(5), comment("c")});
+    EXPECT_EQ(peer.session.pendingTransactions(), 4u);
+    peer.author({authored("/A", moveTo("/", "C"))});
+    peer.author({authored("/C.x", SetField{"default", {}, doubleValue(6), {}})});
+    EXPECT_EQ(peer.session.pendingTransactions(), 6u);
+    peer.author({authored("/C.x", EraseField{"default", {}})});
+    peer.author({authored("/C.x", SetField{"default", {}, doubleValue(7), {}})});
+    EXPECT_EQ(peer.session.pendingTransactions(), 8u);
+    peer.session.beginGesture();
+    peer.author({authored("/C.x", SetField{"default", {}, doubleValue(8), {}})});
+    peer.session.endGesture();
+    peer.author({authored("/C.x", SetField{"default", {}, doubleValue(9), {}})});
+    EXPECT_EQ(peer.session.pendingTransactions(), 10u) << "what a gesture ends with stays";
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, SE15OfARefusedTransactionNoMoreIsLostThanWithoutIt) {
+    joinShot();
+    peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+    peer.author({authored("/A", setText("comment", "one"))});
+    peer.author({authored("/A.x", SetField{"default", {}, doubleValue(1), {}})});
+    peer.author({authored("/A", setText("comment", "two"))});
+    peer.connect();
+    peer.advance();
+    const Transaction comment = peer.takeTransaction(), value = peer.takeTransaction();
+    peer.deliver(Frame(RefusalFrame{comment.id.sequence, 0, {ErrorCode::Locked, "locked"}}));
+    peer.commitAndTell(value);
+    peer.advance();
+    const auto lost = peer.eventsOf<event::Lost>();
+    ASSERT_EQ(lost.size(), 1u);
+    ASSERT_EQ(lost[0].work.edits.size(), 1u);
+    EXPECT_EQ(lost[0].work.edits[0].action, setText("comment", "two"));
+    EXPECT_TRUE(peer.agrees());
+}
+
+TEST_F(SessionTest, SE15WorkThatIsSentUnderItsOwnNumberKeepsIt) {
+    joinShot();
+    peer.session.disconnected({ErrorCode::NotConnected, "cut"});
+    for (const std::uint64_t number : {11, 12}) {
+        peer.session.setNextSequence(number);
+        peer.author({authored("/A", setText("comment", std::to_string(number)))});
+    }
+    EXPECT_EQ(peer.session.pendingTransactions(), 2u);
 }
 
 // ---- joining
@@ -500,7 +658,7 @@ TEST_F(SessionTest, WhatIsAuthoredWhileTheViewIsBehindIsForWhatTheEditorSaw) {
     away.session.disconnected({ErrorCode::NotConnected, "away"});
     away.advance();
     for (int i = 0; i < 100; ++i)
-        away.author({authored("/A", setText("comment", std::to_string(i)))});
+        away.author({authored("/A", setText("note" + std::to_string(i), "mine"))});
     away.commit(away.foreign({edit("/A", moveTo("/", "B"))}));
     away.commit(away.foreign({edit("/A", createPrim())}));  // another one of that name
     away.connect();

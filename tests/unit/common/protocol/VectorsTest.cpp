@@ -32,7 +32,10 @@ std::vector<std::pair<std::string, Frame>> meanings() {
     std::vector<std::pair<std::string, Frame>> all{
         {"first commit", CommitFrame{first}},
         {"stub of an import", stub},
-        {"withdrawn preview", PreviewFrame{{"someone"}, 3, 17, {}}}};
+        {"withdrawn preview", PreviewFrame{{"someone"}, 3, 17, {}}},
+        {"first part of a transaction",
+         SubmitFrame{{{{"client"}, 4}, 17, 0, first.edits}, 0, true}},
+        {"last part of a commit", CommitFrame{first, {}, 2, false}}};
     const std::vector<std::string> names{"submit",
                                          "commit",
                                          "conflated commits",

@@ -208,8 +208,8 @@ TEST_F(ProjectTransactions, TooManyEditsAreRefused) {
     expectRefusal(1, 1, ErrorCode::TransactionTooLarge);
 }
 
-TEST_F(ProjectTransactions, ACommitThatDoesNotFitIntoAFrameIsRefusedAndUndone) {
-    world.options.maxFrameBytes = 64 * 1024;
+TEST_F(ProjectTransactions, ACommitThatIsTooLargeIsRefusedAndUndone) {
+    world.options.maxFrameBytes = world.options.maxTransactionBytes = 64 * 1024;
     world.restart();
     world.join(1);
     const std::string longName(12'000, 'n');

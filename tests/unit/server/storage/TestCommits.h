@@ -6,8 +6,10 @@
 #include <filesystem>
 #include <random>
 
+#include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/server/project/CommitContent.h"
 #include "usdlive/server/project/CommitStore.h"
 
@@ -55,6 +57,7 @@ public:
     LayerDocs layers;
     CommitStore::Head head;
     TransactionId id{{"00112233445566778899aabbccddeeff"}, 0};
+    bool inParts = false;  ///< those with several edits (FR8)
 
 private:
     Commit begin() {
@@ -67,11 +70,17 @@ private:
         commit.previous = head.hash;
         return commit;
     }
+    [[nodiscard]] Bytes encoded(const Commit& commit) const {
+        if (!inParts || commit.imported) return encodeFrame(CommitFrame{commit});
+        Bytes frames;
+        for (PartsAt at; !at.isEnd;) appendBytes(frames, encodePart(commit, at, 200));
+        return frames;
+    }
     CommitRecord finish(const Commit& commit) {
         CommitRecord record;
         record.revision = ++head.revision;
         record.id = id;
-        record.frame = std::make_shared<const Bytes>(encodeFrame(CommitFrame{commit}));
+        record.frame = std::make_shared<const Bytes>(encoded(commit));
         record.hash = head.hash = chainHash(head.hash, ByteView(*record.frame).subspan(4));
         return record;
     }

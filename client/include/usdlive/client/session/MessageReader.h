@@ -12,6 +12,7 @@
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/FrameParts.h"
 
 namespace usdlive::client {
 
@@ -74,7 +75,9 @@ public:
 private:
     class Snapshot;
 
-    Result<Received> readFrame(ByteView frame, std::size_t& bytes);
+    /// Nothing: a part of a commit (FR8), and not its last.
+    Result<std::optional<Received>> readFrame(ByteView frame, std::size_t& bytes);
+    Result<std::optional<Received>> readCommit(CommitFrame& frame, ByteView encoded);
     Result<Received> readControl(const ControlFrame& control);
     Result<ReceivedSnapshot> readSnapshot(const SnapshotFrame& chunk);
     Result<SharedBytes> readBlob(const BlobFrame& part);
@@ -83,6 +86,7 @@ private:
     // What is on its way.
     std::map<std::uint64_t, std::unique_ptr<Snapshot>> snapshots_;  // by request
     std::map<Hash, Bytes> blobs_;
+    std::optional<CommitParts> commit_;
     std::uint64_t maxBlobBytes_ = 0;  // as the server has said
 };
 

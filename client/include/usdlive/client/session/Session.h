@@ -16,6 +16,7 @@
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/FrameParts.h"
 
 namespace usdlive::client {
 
@@ -54,7 +55,8 @@ public:
     /// A download has failed: is the value still needed, and to be asked for again?
     [[nodiscard]] virtual bool needsBlob(const Hash&) { return true; }
     /// A transaction is pending from now on; what it holds, as its author made it. Called again
-    /// with the same sequence number when its content has changed (an open gesture).
+    /// with the same sequence number when its content has changed (an open gesture, or what was
+    /// written again before it was sent).
     virtual void pending(const PendingWork& /*work*/) {}
     /// It was acknowledged, refused, or given another number: it is pending no longer.
     virtual void answered(std::uint64_t /*sequence*/) {}
@@ -217,7 +219,11 @@ public:
         std::size_t leastAtOnce = 64;
         std::vector<std::string> features{"history",  "log",         "previews",   "previewValues",
                                           "states",   "presence",    "conflation", "storage",
-                                          "progress", "createLayer", "skipped"};
+                                          "progress", "createLayer", "skipped",    kPartsFeature};
+        /// FR8: a transaction of more bytes goes in parts of about `partBytes`, so that nobody
+        /// waits for as long as all of it takes.
+        std::uint64_t wholeBytes = 8 * 1024 * 1024;
+        std::size_t partBytes = kPartBytes;
         std::size_t uploadWindowChunks = 4;  ///< blob chunks handed to the host in one advance()
         /// Milliseconds of a steady clock, by which advance() keeps its budget. Unset: the
         /// machine's.
@@ -311,6 +317,9 @@ public:
     [[nodiscard]] bool isConnected() const;   ///< greeted
     [[nodiscard]] Revision revision() const;  ///< of the confirmed layers
     [[nodiscard]] std::size_t pendingTransactions() const;
+    /// Edits that later ones took the place of before they were sent: a frame that only sets the
+    /// registers that an unsent transaction sets takes its place, under its number (SE15).
+    [[nodiscard]] std::uint64_t writtenAgain() const;
     [[nodiscard]] const std::optional<Welcome>& welcome() const;
     [[nodiscard]] const ClientId& id() const;
     /// Big values that the view names and that are not here: asks for them, beside the stream.

@@ -4,7 +4,9 @@
 #include <compare>
 #include <cstdint>
 #include <initializer_list>
+#include <optional>
 #include <string>
+#include <string_view>
 
 #include "usdlive/common/core/Bytes.h"
 
@@ -18,6 +20,9 @@ struct Hash {
     /// 64 lower-case hexadecimal digits.
     [[nodiscard]] std::string hex() const;
 };
+
+/// What Hash::hex() gave; nothing: the text is not that, or has capital digits.
+[[nodiscard]] std::optional<Hash> hashFromHex(std::string_view text);
 
 /// The SHA-256 of the parts one after the other.
 [[nodiscard]] Hash sha256(std::initializer_list<ByteView> parts);

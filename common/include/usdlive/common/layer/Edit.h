@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -161,5 +162,8 @@ struct Commit {
     Revision conflated = 0;
     bool operator==(const Commit&) const = default;
 };
+
+/// Calls `visit` for every blob (V9) that the action names.
+void forEachBlob(const EditAction& action, const std::function<void(const Value&)>& visit);
 
 }  // namespace usdlive

@@ -140,6 +140,9 @@ private:
     std::uint32_t maxPathElements_ = 0;
 };
 
+/// Calls `visit` for every blob (V9) that the layer names, as often as it does.
+void forEachBlob(const LayerDoc& doc, const std::function<void(const Value&)>& visit);
+
 /// The edits that turn `from` into `to`, in an order in which they apply; paths absolute. Looks
 /// only where structure is not shared. A spec that stands elsewhere with the same id is moved, not
 /// deleted and created. Composite fields are told part by part where only parts differ.

@@ -1,17 +1,14 @@
 #pragma once
 
-// Which big values (V9) edits and encoded commits name.
+// Which big values (V9) an encoded commit names.
 
 #include <functional>
 
 #include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/core/Hash.h"
 #include "usdlive/common/core/Result.h"
-#include "usdlive/common/layer/Edit.h"
 
 namespace usdlive {
-
-/// Calls `visit` for every blob that the edit names.
-void forEachBlob(const EditAction& action, const std::function<void(const Value&)>& visit);
 
 /// Calls `visit` for every blob that an encoded commit names, in what it dropped, too. Holds one
 /// value of it at a time. MalformedFrame, InvalidValue.

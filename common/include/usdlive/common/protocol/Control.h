@@ -56,6 +56,7 @@ struct Welcome {
     std::uint64_t maxBlobBytes = 0;
     std::optional<bool> administrator = {};  ///< is the user one? Locks do not bind them (LK1)
     std::optional<Revision> base = {};       ///< commits up to this one were replaced (CH4)
+    std::optional<std::uint64_t> maxTransactionBytes = {};  ///< of one in parts (FR8)
     bool operator==(const Welcome&) const = default;
 };
 /// Server: what the project has now, whenever that is other than `welcome` said.

@@ -31,6 +31,8 @@ struct ControlFrame {
 /// Client to server: commit this.
 struct SubmitFrame {
     Transaction transaction;
+    std::uint32_t part = 0;  ///< FR8: see FrameParts.h
+    bool more = false;       ///< another part follows
     bool operator==(const SubmitFrame&) const = default;
 };
 /// Server to all: it is committed. Also the author's acknowledgement. For a commit that brought a
@@ -39,7 +41,9 @@ struct SubmitFrame {
 struct CommitFrame {
     Commit commit;
     std::optional<Hash> hashAfter =
-        std::nullopt;  ///< in a stub (CH2) and a conflated one (CF1) only
+        std::nullopt;        ///< in a stub (CH2) and a conflated one (CF1) only
+    std::uint32_t part = 0;  ///< FR8
+    bool more = false;
     bool operator==(const CommitFrame&) const = default;
 };
 /// Server to author (M6).
@@ -115,7 +119,7 @@ void stampCommit(Bytes& frame, const Commit& place);
                                    Bytes& raw);
 
 /// CH1: the chain hash after a commit: SHA-256 of the hash before and of the commit's encoded frame
-/// (without length prefix).
+/// (without length prefix; of one in parts all frames, each but the first behind its length).
 [[nodiscard]] Hash chainHash(const Hash& previous, ByteView encodedCommit);
 /// The same for a commit frame as it was received: CH1, or what a stub names (CH2).
 [[nodiscard]] Hash hashAfter(const CommitFrame& frame, const Hash& previous, ByteView encodedFrame);

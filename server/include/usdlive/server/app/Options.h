@@ -8,6 +8,7 @@
 #include <variant>
 #include <vector>
 
+#include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/server/app/SpdLog.h"
 
 namespace usdlive::server {
@@ -30,6 +31,7 @@ struct ServerOptions {
     std::optional<std::uint64_t> historyDays;  ///< else the whole history is kept
     std::uint64_t maxFrameMib = 64;
     std::uint64_t maxBlobMib = 4096;
+    std::uint64_t maxTransactionMib = kMaxTransactionBytes >> 20;
     std::uint64_t maxSessions = 1000;
     std::uint64_t slowReaderMib = 16;
     std::uint64_t flushIntervalMs = 0;

@@ -9,10 +9,16 @@
 namespace usdlive::server {
 
 inline constexpr std::size_t kFrameLengthBytes = 4;
-/// Of a commit's frame what its chain hash is made of, and what decodeFrame() takes.
+/// Of a commit's frame what its chain hash is made of, and what decodeFrame() takes. (A commit in
+/// parts, FR8, is stored as one message of all its frames; its hash is made of the rest of that.)
 [[nodiscard]] inline ByteView withoutLength(ByteView frame) {
     return frame.subspan(kFrameLengthBytes);
 }
+
+/// Are these the frames of a commit in parts?
+[[nodiscard]] bool isInParts(const Bytes& frame);
+/// The frame of such a commit that begins at `offset`, with its length; moves `offset` behind it.
+[[nodiscard]] Bytes nextPart(const Bytes& frame, std::size_t& offset);
 
 /// The moves and deletes among the executed edits of a commit.
 [[nodiscard]] std::vector<NamespaceChange> namespaceChanges(Revision revision,

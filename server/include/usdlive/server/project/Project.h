@@ -14,6 +14,7 @@
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/common/protocol/FrameParts.h"
 #include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
@@ -213,7 +214,11 @@ public:
         std::string name;
         std::size_t maxFrameBytes = kMaxFrameBytes;
         std::uint64_t maxBlobBytes = 4ull << 30;
-        std::size_t maxEditsPerTransaction = 1'000'000;
+        std::size_t maxEditsPerTransaction = kMaxTransactionEdits;
+        std::uint64_t maxTransactionBytes = kMaxTransactionBytes;  ///< in parts (FR8)
+        /// Commits that are larger than this, or than a frame, go in parts of about `partBytes`.
+        std::size_t wholeCommitBytes = kMaxFrameBytes;
+        std::size_t partBytes = kPartBytes;
         std::size_t maxSessions = 1'000;
         std::size_t recentCommitBytes = 64ull << 20;  ///< kept in memory for who resumes
         std::size_t namespaceLogRevisions =

@@ -1,0 +1,223 @@
+// FR8: transactions and commits in parts.
+#include <gtest/gtest.h>
+
+#include "FakeHost.h"
+#include "usdlive/server/project/CommitContent.h"
+
+namespace usdlive::server::projecttest {
+namespace {
+
+constexpr int kPrims = 60;
+
+class ProjectParts : public ::testing::Test {
+protected:
+    void SetUp() override {
+        world.options.wholeCommitBytes = 1'000;
+        world.options.partBytes = 500;
+        world.restart();
+    }
+    void join(SessionId session, bool knowsParts = true) {
+        Hello hello = world.hello(session);
+        if (knowsParts) hello.features = {kPartsFeature};
+        world.connect(session, hello);
+        world.host.sent[session].clear();
+    }
+    static std::vector<Edit> paste() {
+        std::vector<Edit> edits;
+        for (int prim = 0; prim < kPrims; ++prim)
+            edits.push_back(create("/P" + std::to_string(prim)));
+        return edits;
+    }
+    std::vector<Bytes> parts(SessionId session, std::uint64_t sequence, std::vector<Edit> edits) {
+        const Transaction transaction{{world.client(session), sequence}, 0, 0, std::move(edits)};
+        std::vector<Bytes> parts;
+        for (PartsAt at; !at.isEnd;) parts.push_back(encodePart(transaction, at, 500));
+        return parts;
+    }
+    void submit(SessionId session, std::uint64_t sequence) {
+        for (const Bytes& part : parts(session, sequence, paste()))
+            world.project->received(session, part);
+    }
+    /// What a session got of a commit in parts; how many parts it had.
+    std::size_t takeCommit(SessionId session, Commit& commit) {
+        CommitParts joining;
+        for (std::size_t count = 1;; ++count) {
+            const Bytes encoded = world.host.sent[session].at(0);
+            auto joined = joining.add(world.nextFrame<CommitFrame>(session), encoded).value();
+            if (!joined) continue;
+            commit = std::move(joined->commit);
+            EXPECT_EQ(joined->hashAfter, world.host.log.at(commit.revision - 1).hash);
+            return count;
+        }
+    }
+
+    World world;
+    Commit commit;
+};
+
+TEST_F(ProjectParts, FR8PartsAreOneTransactionAndOneCommit) {
+    join(1);
+    join(2);
+    const auto all = parts(1, 1, paste());
+    ASSERT_GT(all.size(), 3u);
+    for (const Bytes& part : all) {
+        EXPECT_TRUE(world.host.loading.empty()) << "nothing is done before the last part";
+        world.project->received(1, part);
+    }
+    world.load();
+    ASSERT_EQ(world.host.appending.size(), 1u);
+    EXPECT_TRUE(isInParts(*world.host.appending[0].frame));
+    EXPECT_TRUE(world.silent(1)) << "not durable";
+    world.store();
+    for (const SessionId session : {1, 2}) {
+        EXPECT_GT(takeCommit(session, commit), 3u);
+        EXPECT_EQ(commit.edits.size(), std::size_t(kPrims));
+        EXPECT_EQ(commit.revision, 1u);
+    }
+    EXPECT_EQ(decodeCommit(world.host.log[0]).value(), commit);
+    // What follows comes behind it.
+    world.submit(2, 1, {create("/C")});
+    world.store();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(1).commit.revision, 2u);
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 2u);
+}
+
+TEST_F(ProjectParts, FR8WhoReadsSlowlyGetsThePartsAsTheLineTakesThem) {
+    join(1);
+    join(2);
+    world.host.congestedSessions.insert(2);
+    submit(1, 1);
+    world.load();
+    world.submit(1, 2, {create("/C")});
+    world.store();
+    takeCommit(1, commit);
+    EXPECT_TRUE(world.silent(2));
+    world.host.congestedSessions.clear();
+    world.project->drained(2);
+    takeCommit(2, commit);
+    EXPECT_EQ(commit.edits.size(), std::size_t(kPrims));
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 2u);
+}
+
+TEST_F(ProjectParts, FR8WhatIsResumedOverItIsReadFromTheStore) {
+    world.options.recentCommitBytes = 0;
+    world.restart();
+    join(1);
+    submit(1, 1);
+    world.load();
+    world.submit(1, 2, {create("/C")});
+    world.store();
+    Hello hello = world.hello(3);
+    hello.features = {kPartsFeature};
+    hello.resume = Hello::Resume{world.epoch, 0, Hash{}};
+    world.connect(3, hello);
+    EXPECT_TRUE(world.nextControl<Welcome>(3).resumed);
+    while (!world.host.reading.empty()) world.answerRead();
+    EXPECT_GT(takeCommit(3, commit), 3u);
+    while (!world.host.reading.empty()) world.answerRead();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.revision, 2u);
+}
+
+TEST_F(ProjectParts, FR8WhoDoesNotKnowPartsOpensItsLayersAnew) {
+    join(1);
+    join(2, false);
+    submit(1, 1);
+    world.load();
+    world.store();
+    const auto told = world.nextControl<ErrorMessage>(2);
+    EXPECT_EQ(told.code, "staleBase");
+    EXPECT_TRUE(told.closing);
+    EXPECT_TRUE(world.host.closed.contains(2));
+    world.project->disconnected(2);
+    Hello hello = world.hello(2);
+    hello.resume = Hello::Resume{world.epoch, 0, Hash{}};
+    world.connect(2, hello);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, "staleBase");
+    const auto welcome = world.nextControl<Welcome>(2);
+    EXPECT_FALSE(welcome.resumed);
+    EXPECT_EQ(welcome.revision, 1u);
+}
+
+TEST_F(ProjectParts, FR8MoreThanIsTakenIsRefusedOnceWithTheLimit) {
+    world.options.maxTransactionBytes = 2'000;
+    world.restart();
+    join(1);
+    submit(1, 1);
+    const auto refusal = world.nextFrame<RefusalFrame>(1);
+    EXPECT_EQ(refusal.sequence, 1u);
+    EXPECT_EQ(refusal.error.code, ErrorCode::TransactionTooLarge);
+    EXPECT_NE(refusal.error.message.find("--max-transaction-mib"), std::string::npos);
+    EXPECT_TRUE(world.silent(1));
+    EXPECT_FALSE(world.host.closed.contains(1));
+    world.submit(1, 2, {create("/C")});
+    world.load();
+    EXPECT_EQ(world.host.appending.size(), 1u) << "the session goes on";
+}
+
+TEST_F(ProjectParts, FR8ACommitThatIsLargerThanItsTransactionIsUndone) {
+    world.options.maxTransactionBytes = 6'000;
+    world.restart();
+    join(1);
+    world.submit(1, 1, {create("/" + std::string(1'000, 'n'))});
+    world.load();
+    std::vector<Edit> edits;
+    for (int number = 0; number < 5; ++number)
+        edits.push_back(inCreated(1, 0, "/C" + std::to_string(number), CreateSpec{}));
+    world.submit(1, 2, edits);
+    world.store();
+    EXPECT_EQ(world.nextFrame<CommitFrame>(1).commit.revision, 1u);
+    EXPECT_EQ(world.nextFrame<RefusalFrame>(1).error.code, ErrorCode::TransactionTooLarge);
+    EXPECT_EQ(world.project->layer({"a.usda"})->children("/", ChildList::Prims).size(), 3u);
+}
+
+TEST_F(ProjectParts, FR8WhatIsBegunAnewTakesThePlaceOfWhatWasBegun) {
+    join(1);
+    const auto first = parts(1, 1, paste());
+    world.project->received(1, first[0]);
+    world.project->received(1, first[1]);
+    submit(1, 2);
+    world.load();
+    world.store();
+    takeCommit(1, commit);
+    EXPECT_EQ(commit.id.sequence, 2u);
+    world.project->received(1, first[2]);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).code, "malformedFrame");
+    EXPECT_TRUE(world.host.closed.contains(1));
+}
+
+TEST_F(ProjectParts, FR8PartsOfAConnectionThatEndedAreForgotten) {
+    join(1);
+    const auto all = parts(1, 1, paste());
+    world.project->received(1, all[0]);
+    world.project->disconnected(1);
+    join(1);
+    submit(1, 1);
+    world.load();
+    world.store();
+    takeCommit(1, commit);
+    EXPECT_EQ(commit.edits.size(), std::size_t(kPrims));
+}
+
+TEST_F(ProjectParts, FR8OnlyOneAuthorsPartsAreTaken) {
+    join(1);
+    for (const Bytes& part : parts(2, 1, paste())) world.project->received(1, part);
+    EXPECT_EQ(world.nextControl<ErrorMessage>(1).code, "malformedFrame");
+    EXPECT_TRUE(world.host.appending.empty());
+}
+
+TEST_F(ProjectParts, FR8TheLogHasThem) {
+    join(1);
+    submit(1, 1);
+    world.load();
+    world.store();
+    takeCommit(1, commit);
+    world.receive(1, ControlMessage(RequestLog{7, 1, 0}));
+    EXPECT_EQ(world.nextControl<LogBegin>(1).request, 7u);
+    while (!world.host.reading.empty()) world.answerRead();
+    takeCommit(1, commit);
+    EXPECT_EQ(commit.edits.size(), std::size_t(kPrims));
+    EXPECT_EQ(world.nextControl<LogEnd>(1).request, 7u);
+}
+
+}  // namespace
+}  // namespace usdlive::server::projecttest
