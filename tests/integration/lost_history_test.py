@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import time
 
+import pytest
 import usdlive
 from conftest import cat, connect, wait
 
@@ -41,6 +42,35 @@ def test_a_history_that_was_deleted_is_explained_once(project, serve, tmp_path):
         wait(lambda: live.connected, live, timeout=20)
         layer.comment = "goes on"
         assert live.flush(20)
+
+
+def test_a_history_that_is_deleted_under_the_server_acknowledges_nothing(project, serve, tmp_path):
+    (project / "shot.usda").write_text("#usda 1.0\n")
+    server = serve(project)
+    aside, lost = tmp_path / "aside", []
+    with connect(server, "ada") as live:
+        live.add_handler(lambda event: lost.append(event) if isinstance(event, usdlive.events.Lost) else None)
+        layer = live.open_layer("shot.usda")
+        layer.comment = "before"
+        assert live.flush(20)
+        known = live.revision
+        (project / ".usdlive").rename(aside)
+        layer.comment = "waits"
+        with pytest.raises(AssertionError):
+            wait(lambda: live.revision > known, live, timeout=3)
+        log = server.log.read_text()
+        assert "was deleted or moved while the server runs" in log and "Put it back" in log
+        assert "full" not in log
+        aside.rename(project / ".usdlive")
+        wait(lambda: "store opened again" in server.log.read_text(), live)
+        wait(lambda: lost, live)
+        assert "was deleted, moved or replaced" in lost[0].message and layer.comment == "before"
+        layer.documentation = "goes on"
+        assert live.flush(20) and live.revision == known + 1
+        text = layer.ExportToString()
+    server.stop()
+    server.start()
+    assert cat(server, "shot.usda") == text
 
 
 def test_a_damaged_store_says_what_to_do(project, serve):

@@ -135,6 +135,23 @@ int failed(const Error& error) {
 
 /// Names the server that has the folder's store open, if that is what is wrong, and says what to do
 /// about a damaged one.
+/// A server that runs never makes a new history in the place of the one it has served.
+Result<std::unique_ptr<CommitStore>> openStore(const std::filesystem::path& folder,
+                                               const RocksCommitStoreOptions& options,
+                                               bool& wasOpened) {
+    std::error_code error;
+    if (wasOpened && !std::filesystem::exists(folder / "store" / "head", error))
+        return fail(ErrorCode::StorageFailed,
+                    "the project's history " + folder.lexically_normal().string() +
+                        " was deleted or moved while the server runs. Put it back, and editing "
+                        "goes on. If it is lost, export what open editors show, then stop the "
+                        "server and start it again: the project begins with its files as they "
+                        "were saved last");
+    auto opened = createRocksCommitStore(folder / "store", options);
+    wasOpened = wasOpened || opened.has_value();
+    return opened;
+}
+
 Error explained(const Error& error, const std::filesystem::path& folder) {
     const std::string history = (folder / ".usdlive").lexically_normal().string();
     if (error.code == ErrorCode::StorageCorrupt)
@@ -202,7 +219,8 @@ int serve(const ServerOptions& options) {
     if (options.minFreeMib)
         storeOptions.minFreeBytes = blobOptions.minFreeBytes = *options.minFreeMib * kMib;
     blobOptions.maxBytes = options.maxBlobMib * kMib;
-    SharedStore store([&] { return createRocksCommitStore(storeFolder / "store", storeOptions); });
+    bool wasOpened = false;
+    SharedStore store([&] { return openStore(storeFolder, storeOptions, wasOpened); });
     if (const auto opened = store.open(); !opened)
         return failed(explained(opened.error(), options.folder));
     auto blobs = createFileBlobStore(storeFolder / "blobs", blobOptions);

@@ -27,9 +27,10 @@ CommitStore::Base RocksCommitStore::base() const {
 Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
     if (commits.empty()) return {};
     const std::lock_guard clientsLock(clientsMutex_);
-    if (const auto ready = checkFailed().and_then([&] { return mayAppend(commits, head_); });
-        !ready)
-        return ready;
+    const auto ready = checkFailed().and_then([&] { return checkThere(); }).and_then([&] {
+        return mayAppend(commits, head_);
+    });
+    if (!ready) return ready;
     std::size_t bytes = 0;
     for (const CommitRecord& commit : commits)
         bytes += std::min(commit.frame->size(), kBigFrame) + kRecordBytes;
@@ -40,8 +41,10 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
         if (const auto added = addTo(group, commit); !added) return added;
     addFound(group);
     addHead(group);
-    const auto written =
-        checkSpace(group.batch.GetDataSize()).and_then([&] { return write(group.batch); });
+    // What is written into files that were deleted meanwhile succeeds, and is lost.
+    const auto written = checkSpace(group.batch.GetDataSize())
+                             .and_then([&] { return write(group.batch); })
+                             .and_then([&] { return checkThere(); });
     if (!written) return written;
 
     if (options_.durability == Durability::Synced)
@@ -184,6 +187,13 @@ Result<void> RocksCommitStore::checkFailed() const {
     const std::shared_lock lock(mutex_);
     if (failure_) return tl::unexpected(*failure_);
     return {};
+}
+
+Result<void> RocksCommitStore::checkThere() const {
+    if (folder_.isThere()) return {};
+    return fail(ErrorCode::StorageFailed,
+                "the store " + folder_.path().string() +
+                    " was deleted, moved or replaced while the server runs");
 }
 
 /// The newest snapshot so far, which that of `next` replaces, becomes an older one: so that reading

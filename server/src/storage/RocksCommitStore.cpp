@@ -53,6 +53,7 @@ Result<void> RocksCommitStore::checkSpace(std::uint64_t bytes) const {
     }
     const Space space = measureSpace();
     if (space.usable >= kCopies * bytes + space.margin) return {};
+    if (const auto there = checkThere(); !there) return there;
     return fail(ErrorCode::StorageFull, "the disk of the store " + folder_.path().string() +
                                             " has " + std::to_string(space.usable / kMib) +
                                             " MiB left, too little to go on");
@@ -93,7 +94,8 @@ bool RocksCommitStore::hasSpace() const {
         if (Clock::now() < spaceTime_ + kSpaceCacheTime) return hasSpace_;
     }
     const Space space = measureSpace();
-    return space.usable >= space.least;
+    // Of a folder that is gone nothing can be told; append() says what is wrong.
+    return space.usable >= space.least || !folder_.isThere();
 }
 
 Result<std::unique_ptr<CommitStore>> createRocksCommitStore(

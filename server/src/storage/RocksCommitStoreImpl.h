@@ -122,6 +122,7 @@ private:
     }
     Result<void> write(rocksdb::WriteBatch& batch, bool synced);
     Result<void> checkFailed() const;
+    Result<void> checkThere() const;
 
     // Compacting.
     Result<void> verifyReplaced(Revision to, const GoesOn& goesOn) const;

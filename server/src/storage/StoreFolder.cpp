@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -74,6 +75,12 @@ Result<void> StoreFolder::checkFormat() {
                 "the store " + path_.string() + " has format " + std::to_string(format_) +
                     ", this version reads " + std::to_string(kOldestFormat) + " to " +
                     std::to_string(kFormat));
+}
+
+bool StoreFolder::isThere() const {
+    struct stat opened{}, named{};
+    return ::fstat(lock_.get(), &opened) == 0 && ::stat((path_ / "lock").c_str(), &named) == 0 &&
+           opened.st_ino == named.st_ino && opened.st_dev == named.st_dev;
 }
 
 std::optional<StoreFolder::Mark> StoreFolder::mark() const {

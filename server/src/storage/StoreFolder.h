@@ -45,6 +45,9 @@ public:
     /// The store is of kFormat from now on, durably.
     [[nodiscard]] Result<void> takeFormat();
 
+    /// False: somebody has deleted the folder, moved it, or put another one in its place.
+    [[nodiscard]] bool isThere() const;
+
     /// A commit that was acknowledged: what the database holds may not end before it. RocksDB takes
     /// a log that was cut off for one whose end was never written; this tells the difference.
     struct Mark {

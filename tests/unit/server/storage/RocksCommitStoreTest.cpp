@@ -537,6 +537,32 @@ TEST(RocksCommitStore, AFormatThatIsNotReadIsLeftAlone) {
     }
 }
 
+TEST(RocksCommitStore, NothingIsAcknowledgedOnceTheFolderIsGone) {
+    for (const bool replaced : {false, true}) {
+        TestFolder folder;
+        TestCommits commits;
+        const fs::path store = folder.path / "store", aside = folder.path / "aside";
+        auto opened = open(store);
+        append(*opened, someCommits(commits, 3));
+        const auto acknowledged = commits.head;
+        fs::rename(store, aside);
+        if (replaced) {
+            fs::create_directories(store);
+            std::ofstream(store / "lock");
+        }
+        const auto refused = opened->append(someCommits(commits, 1));
+        ASSERT_FALSE(refused);
+        EXPECT_EQ(refused.error().code, ErrorCode::StorageFailed);
+        EXPECT_NE(refused.error().message.find("was deleted, moved or replaced"),
+                  std::string::npos);
+        EXPECT_TRUE(opened->hasSpace()) << "the disk is not full";
+        opened.reset();
+        fs::remove_all(store);
+        fs::rename(aside, store);
+        EXPECT_EQ(open(store)->head().hash, acknowledged.hash);
+    }
+}
+
 TEST(RocksCommitStore, OneHasItOpen) {
     TestFolder folder;
     auto store = open(folder.path);
