@@ -10,10 +10,10 @@ namespace {
 // SN2: what a record is.
 enum class Record : std::uint8_t { Spec = 1, Field = 2, FieldPart = 3 };
 
-// A chunk is closed once it holds kFullBytes; a record takes at most kPartBytes of content, so that
+// A chunk is closed once it holds kFullBytes; a record takes at most kFieldPartBytes of content, so that
 // no chunk passes kChunkBytes.
 constexpr std::size_t kFullBytes = 128 * 1024;
-constexpr std::size_t kPartBytes = 96 * 1024;
+constexpr std::size_t kFieldPartBytes = 96 * 1024;
 constexpr std::uint64_t kMaxFieldBytes = 1ull << 30;  // of one field; a decoder refuses more
 
 }  // namespace
@@ -62,7 +62,7 @@ private:
         const auto& [name, value] = (*spec->fields)[field++];
         content.clear();
         encodeFieldValue(value, content);
-        if (content.size() > kPartBytes) {
+        if (content.size() > kFieldPartBytes) {
             rest = content;
             appendPart(out);
             return;
@@ -73,7 +73,7 @@ private:
         appendBytes(out, content);
     }
     void appendPart(Bytes& out) {
-        const ByteView part = rest.first(std::min(rest.size(), kPartBytes));
+        const ByteView part = rest.first(std::min(rest.size(), kFieldPartBytes));
         out.push_back(std::uint8_t(Record::FieldPart));
         appendText(out, (*spec->fields)[field - 1].first);
         appendNumber<std::uint64_t>(out, content.size());
