@@ -48,7 +48,7 @@ bool sameRegisters(const std::vector<AuthoredEdit>& earlier,
                               });
 }
 
-std::string fieldOf(const AuthoredEdit& edit) {
+std::string fieldKey(const AuthoredEdit& edit) {
     return edit.layer.value + '\n' + edit.path + '\n' + std::get<SetField>(edit.action).field;
 }
 
@@ -96,9 +96,9 @@ Pending* PendingTransactions::writtenAgainBy(const std::vector<AuthoredEdit>& ed
             return nullptr;
         if (sameRegisters(one->authored, edits)) return &*one;
         if (fields.empty())
-            for (const AuthoredEdit& edit : edits) fields.insert(fieldOf(edit));
+            for (const AuthoredEdit& edit : edits) fields.insert(fieldKey(edit));
         const bool stops = std::ranges::any_of(one->authored, [&](const AuthoredEdit& edit) {
-            return !onlySets(edit) || fields.contains(fieldOf(edit));
+            return !onlySets(edit) || fields.contains(fieldKey(edit));
         });
         if (stops) return nullptr;
     }
