@@ -10,8 +10,8 @@ namespace {
 // SN2: what a record is.
 enum class Record : std::uint8_t { Spec = 1, Field = 2, FieldPart = 3 };
 
-// A chunk is closed once it holds kFullBytes; a record takes at most kFieldPartBytes of content, so that
-// no chunk passes kChunkBytes.
+// A chunk is closed once it holds kFullBytes; a record takes at most kFieldPartBytes of content, so
+// that no chunk passes kChunkBytes.
 constexpr std::size_t kFullBytes = 128 * 1024;
 constexpr std::size_t kFieldPartBytes = 96 * 1024;
 constexpr std::uint64_t kMaxFieldBytes = 1ull << 30;  // of one field; a decoder refuses more
