@@ -276,6 +276,10 @@ def test_links_are_followed_and_what_is_skipped_is_counted_and_logged(project, s
                       ("latest/up", "back to a folder")):
         assert any("file skipped" in line and name in line and why in line for line in log.splitlines()), name
     assert log.count("file skipped") == 6
+    listed = usdlive("ls", server.url, "--skipped").splitlines()
+    assert len(listed) == 6 and any("asset.usdz" in line and "package" in line for line in listed), listed
+    told = json.loads(usdlive("ls", server.url, "--skipped", "--json"))
+    assert {"asset.usdz", "elsewhere", "v3/up"} <= {one["path"] for one in told}, told
 
     usdlive("lock", server.url, "latest/hall.usda", "--user", "ada")
     usdlive("save", server.url, "latest/hall.usda", "--user", "ada")

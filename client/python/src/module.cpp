@@ -318,6 +318,9 @@ Client* usdlive::clientOf(nb::handle client) {
 }
 
 NB_MODULE(_usdlive, module) {
+    // A script that ends by an exception holds objects until the interpreter is gone; nanobind
+    // would blame the binding.
+    nb::set_leak_warnings(false);
     module.attr("__version__") = USDLIVE_VERSION;
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
