@@ -336,7 +336,7 @@ void SimServer::writeBlob(SessionId session, BlobFrame part) {
 
 void SimServer::forgetClients() {
     if (closed_ || !project_) return;
-    const auto some = store().forgetClients(2, project_->connectedClients());
+    const auto some = store().forgetClients(2, project_->activeClients());
     require(some.has_value(), "clients cannot be forgotten");
     forgotten += *some;
 }

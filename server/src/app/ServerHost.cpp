@@ -664,7 +664,7 @@ void ServerHost::forgetClientsIn(milliseconds pause) {
         if (error) return;
         std::set<ClientId> kept;
         guarded([&] {
-            if (project_) kept = project_->connectedClients();
+            if (project_) kept = project_->activeClients();
         });
         asio::post(workers_.history, [this, kept = std::move(kept)] {
             const auto forgotten = store_.use(

@@ -272,6 +272,7 @@ void Project::Impl::takeBack(const Error& error, const std::vector<InFlightCommi
     executed_ = durable_;
     executedHash_ = durableHash_;
     history_.truncate(lost.front().mark);
+    unusedBlobs_.takenBack(durable_);
     for (auto& [client, author] : authors_) author.newest = std::min(author.newest, durable_);
     for (const InFlightCommit& commit : lost) {
         ++counters_.refused;

@@ -135,7 +135,7 @@ void Project::setFiles(const std::vector<LayerFile>& files) {
 void Project::unloadIdle() { impl_->unloadIdle(); }
 void Project::sweep(std::int64_t nowMs) { impl_->sweep(nowMs); }
 bool Project::hasPresence() const { return impl_->hasPresence(); }
-std::set<ClientId> Project::connectedClients() const { return impl_->connectedClients(); }
+std::set<ClientId> Project::activeClients() const { return impl_->activeClients(); }
 
 std::vector<Hash> Project::unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
                                        std::int64_t nowMs) {

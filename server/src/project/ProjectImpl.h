@@ -288,7 +288,7 @@ public:
 
     // Blobs.cpp
     void blobWritten(SessionId id, const Hash& hash, const Result<bool>& whole);
-    [[nodiscard]] std::set<ClientId> connectedClients() const;
+    [[nodiscard]] std::set<ClientId> activeClients() const;
     [[nodiscard]] std::vector<Hash> unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
                                                 std::int64_t nowMs);
 

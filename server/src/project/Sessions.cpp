@@ -325,9 +325,10 @@ void Project::Impl::left(const UserName& user) {
     leftMs_[user] = now;
 }
 
-std::set<ClientId> Project::Impl::connectedClients() const {
+std::set<ClientId> Project::Impl::activeClients() const {
     std::set<ClientId> clients;
     for (const auto& [id, session] : sessions_) clients.insert(session.client);
+    for (const auto& [client, author] : authors_) clients.insert(client);
     return clients;
 }
 

@@ -1,5 +1,7 @@
 #include "UnusedBlobs.h"
 
+#include <algorithm>
+
 namespace usdlive::server {
 
 void UnusedBlobs::named(const std::vector<Hash>& blobs, Revision revision) {
@@ -7,6 +9,11 @@ void UnusedBlobs::named(const std::vector<Hash>& blobs, Revision revision) {
         named_[hash] = revision;
         unused_.erase(hash);
     }
+}
+
+// An earlier commit that is durable may name it, too.
+void UnusedBlobs::takenBack(Revision durable) {
+    for (auto& [hash, revision] : named_) revision = std::min(revision, durable);
 }
 
 void UnusedBlobs::stored(const Hash& hash, SessionId session) {

@@ -15,6 +15,8 @@ class UnusedBlobs {
 public:
     /// A commit names them that may not be in the store yet.
     void named(const std::vector<Hash>& blobs, Revision revision);
+    /// Commits after `durable` are no more: the store could not append them.
+    void takenBack(Revision durable);
     /// A client was told that the value is here, and may be about to commit what names it.
     void stored(const Hash& hash, SessionId session);
 

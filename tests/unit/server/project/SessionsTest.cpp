@@ -204,6 +204,15 @@ TEST_F(ProjectResume, M14WhoMayHaveBeenForgottenIsTold) {
     EXPECT_TRUE(world.host.closed.contains(3));
 }
 
+// Else its numbers before those on their way would be executed a second time.
+TEST_F(ProjectResume, M14WhoseCommitsAreOnTheirWayIsNotForgotten) {
+    world.submit(1, 5, {create("/P5")}, 4);
+    world.project->disconnected(1);
+    EXPECT_TRUE(world.project->activeClients().contains(world.client(1)));
+    world.store();
+    EXPECT_FALSE(world.project->activeClients().contains(world.client(1)));
+}
+
 TEST_F(ProjectResume, WaitsWhileTheConnectionIsCongested) {
     world.host.congestedSessions.insert(2);
     world.connect(2, resuming(0));

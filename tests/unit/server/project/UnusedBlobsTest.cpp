@@ -193,5 +193,18 @@ TEST_F(UnusedBlobs, B6NothingGoesByWhatAProjectBeforeHadSeen) {
     EXPECT_EQ(round(9 * kKeepMs, {1}, 1), Hashes()) << "nobody knows what is in it";
 }
 
+// A commit that the store could not append protects nothing for ever, even if none follows.
+TEST_F(UnusedBlobs, B6WhatOnlyALostCommitNamedIsRemoved) {
+    upload(1);
+    EXPECT_EQ(round(0, {1}), Hashes());
+    world.submit(1, 1, {setBig(1)});
+    ASSERT_EQ(world.host.appending.size(), 1u);
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {0, {}, 1});
+    world.host.appending.clear();
+    world.load();
+    EXPECT_EQ(round(kKeepMs, {1}), Hashes());
+    EXPECT_EQ(round(2 * kKeepMs, {1}), Hashes{hashOf(1)});
+}
+
 }  // namespace
 }  // namespace usdlive::server::projecttest

@@ -315,9 +315,10 @@ public:
     static constexpr std::int64_t kSweepMs = 1'000 / kPresencesPerSecond;
     [[nodiscard]] bool hasPresence() const;
 
-    /// They are not to be forgotten (M14): what they have sent and what is not answered may be
-    /// committed already, and come once more.
-    [[nodiscard]] std::set<ClientId> connectedClients() const;
+    /// The clients that are connected, and those whose commits are not durable yet. The store must
+    /// not forget them (M14): what they have sent and what is not answered may be committed
+    /// already, and come once more.
+    [[nodiscard]] std::set<ClientId> activeClients() const;
 
     /// B6. `unnamed`: big values that the store holds and nothing in it names, as of its revision
     /// `upTo`. Returns those that nothing here names either, and that were of no use for long
