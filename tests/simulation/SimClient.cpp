@@ -365,6 +365,7 @@ void SimClient::on(const event::Committed& event) {
     ++commitsSeen;
 }
 void SimClient::on(const event::Connected& event) {
+    ++connections;
     if (event.resumed) return;
     lastSeen_ = event.welcome.revision;
     ++rejoins;

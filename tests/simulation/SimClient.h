@@ -57,7 +57,7 @@ public:
     std::uint64_t transactions = 0;
     std::uint64_t commitsSeen = 0;
     std::uint64_t commitsTogether = 0;
-    std::uint64_t rejoins = 0;
+    std::uint64_t connections = 0, rejoins = 0;
     std::uint64_t previewedBlobs = 0;  ///< that came for a preview
 
     /// Is lost because the server does not know whether it has committed it (M14).
