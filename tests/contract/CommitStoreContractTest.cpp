@@ -378,7 +378,7 @@ TYPED_TEST(CommitStoreContract, ABaseIsOfWhatIsThereOrOfNothing) {
         EXPECT_EQ(this->store->base().hash, this->store->head().hash);
         EXPECT_TRUE(revisions(*this->store, 0, 9).empty());
         EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
-        EXPECT_EQ(*this->store->committed({this->commits.id.client, 2}), Revision(2)) << "M9";
+        EXPECT_EQ(this->store->clientRecord(this->commits.id.client)->find(2), Revision(2)) << "M9";
         this->expectLayers();
         this->reopen();
     }
@@ -466,18 +466,19 @@ TYPED_TEST(CommitStoreContract, M14ForgetsTheClientsThatCameFirst) {
     ASSERT_TRUE(this->store->append(group));
     EXPECT_EQ(this->store->forgottenUpTo(), 0u);
     EXPECT_EQ(*this->store->forgetClients(20, {}), 0u);
-    EXPECT_EQ(*this->store->committed({id(1), 1}), Revision(1));
+    EXPECT_EQ(this->store->clientRecord(id(1))->find(1), Revision(1));
 
     const auto expectKnown = [&] {
         for (std::uint64_t number = 1; number <= 20; ++number) {
             const bool known = number == 3 || number == 4 || number > 14;
-            EXPECT_EQ(*this->store->lastSequence(id(number)) != 0, known) << number;
-            EXPECT_EQ(this->store->committed({id(number), 1})->has_value(), known && number != 4)
+            EXPECT_EQ(this->store->clientRecord(id(number))->last() != 0, known) << number;
+            EXPECT_EQ(this->store->clientRecord(id(number))->find(1).has_value(),
+                      known && number != 4)
                 << number;
         }
-        EXPECT_EQ(*this->store->committed({id(3), 30}), Revision(49));
-        EXPECT_EQ(*this->store->committed({id(4), 2'000}), Revision(50));
-        EXPECT_EQ(*this->store->committed({id(4), 5}), Revision(51));
+        EXPECT_EQ(this->store->clientRecord(id(3))->find(30), Revision(49));
+        EXPECT_EQ(this->store->clientRecord(id(4))->find(2'000), Revision(50));
+        EXPECT_EQ(this->store->clientRecord(id(4))->find(5), Revision(51));
         EXPECT_EQ(this->store->forgottenUpTo(), 14u);
     };
     // Nor those that are kept, however old.
@@ -495,9 +496,9 @@ TYPED_TEST(CommitStoreContract, M14ForgetsTheClientsThatCameFirst) {
     group.clear();
     commit(1, 2);
     ASSERT_TRUE(this->store->append(group));
-    EXPECT_EQ(*this->store->lastSequence(id(1)), 2u);
-    EXPECT_EQ(*this->store->committed({id(1), 2}), Revision(52));
-    EXPECT_EQ(*this->store->committed({id(1), 1}), std::nullopt);
+    EXPECT_EQ(this->store->clientRecord(id(1))->last(), 2u);
+    EXPECT_EQ(this->store->clientRecord(id(1))->find(2), Revision(52));
+    EXPECT_EQ(this->store->clientRecord(id(1))->find(1), std::nullopt);
 }
 
 TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
@@ -515,9 +516,11 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
     ASSERT_TRUE(this->store->append(group));
     group.clear();
     const auto committed = [&](const ClientId& client, std::uint64_t sequence) {
-        return *this->store->committed({client, sequence});
+        return this->store->clientRecord(client)->find(sequence);
     };
-    const auto last = [&](const ClientId& client) { return *this->store->lastSequence(client); };
+    const auto last = [&](const ClientId& client) {
+        return this->store->clientRecord(client)->last();
+    };
     EXPECT_EQ(last(ada), 1'030u);
     EXPECT_EQ(last(bo), 1u);
     EXPECT_EQ(last({"nobody"}), 0u);

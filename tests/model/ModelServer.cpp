@@ -26,7 +26,7 @@ static void digest(Digest& out, const Read& part) {
     out(purpose, from, to, sequence);
 }
 static void digest(Digest& out, const QueuedTransaction& part) {
-    const auto& [transaction, bytes, lookedUp] = part;
+    const auto& [transaction, bytes, lookedUp, soughtBlobs] = part;
     out(transaction, bytes, lookedUp);
 }
 static void digest(Digest& out, const Answer& part) {
@@ -38,15 +38,16 @@ static void digest(Digest& out, const server::Session& part) {
     const auto& [id, phase, client, user, application, features, open, presence, heard, heardMs,
                  shown, uploads, greeted, greetedAt, position, ahead, opened, stream, logs, reads,
                  transactions, transactionBytes, coming, sending, answers, historyReads,
-                 failedSaves] = part;
+                 blobRequests, failedSaves] = part;
     // Features are the same for all, nobody shows where he is, and nothing is so large that it goes
     // in parts.
     out(id, phase, client, user, open, greetedAt, position, opened, stream, logs, reads,
         transactions, transactionBytes, answers, historyReads, failedSaves);
 }
 static void digest(Digest& out, const Author& part) {
-    const auto& [creations, inFlight, newest, lastSequence] = part;
-    out(creations, inFlight, newest, lastSequence);
+    const auto& [creations, inFlight, newest, committed, isRead] = part;
+    // Which they are, the store says.
+    out(creations, inFlight, newest, committed.has_value(), isRead);
 }
 static void digest(Digest& out, const WaitingOpen& part) {
     const auto& [session, request] = part;
@@ -87,6 +88,7 @@ static void digest(Digest& out, const Project::Impl& part) {
 void digest(Digest& out, const ModelServer::ReadCommits& part) {
     out(part.session, part.from, part.to);
 }
+void digest(Digest& out, const ModelServer::ReadClient& part) { out(part.client); }
 void digest(Digest& out, const ModelServer::SendSnapshot& part) {
     out(part.session, part.request, part.doc);
 }
@@ -127,7 +129,7 @@ const History& Archive::of(const CommitStore& store) {
 // ---- the process
 
 /// Stands for whichever copy is at work.
-class ModelServer::Host : public ProjectHost {
+class ModelServer::Host : public AllPorts {
 public:
     ModelServer* now = nullptr;
 
@@ -149,26 +151,42 @@ public:
     void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override {
         now->jobs_.push_back(SendSnapshot{session, request, std::move(doc)});
     }
-    std::optional<Revision> committed(const TransactionId& transaction) override {
-        if (now->scenario_.flaw == Flaw::Forgets) return std::nullopt;
-        requireOpen();
-        return *now->store().committed(transaction);
+    void readClient(const ClientId& client) override { now->jobs_.push_back(ReadClient{client}); }
+    void tell(std::span<const SessionId> sessions, const News& news) override {
+        for (const SessionId session : sessions) tellFirst(session, news);
     }
-    std::uint64_t lastSequence(const ClientId& client) override {
-        requireOpen();
-        return *now->store().lastSequence(client);
+    void tellFirst(SessionId session, const News& all) override {
+        if (SharedBytes frame = encodeNews(all)) send(session, std::move(frame));
     }
-    bool hasBlob(const Hash&) override { return false; }
-    bool hasSpace() override { return true; }
+    void sendCommit(std::span<const SessionId> sessions, SharedBytes frame, Revision) override {
+        for (const SessionId session : sessions) send(session, frame);
+    }
+    bool holdCommits(SessionId) override { return false; }
+    void releaseCommits(SessionId, Revision) override {}
+    bool congested(SessionId) override { return false; }
+    bool lags(SessionId) override { return false; }
     std::int64_t wallClockMs() override { return 0; }
+    void keepSnapshot(const LayerId&, LayerDoc, Revision, const Hash&) override {}
+    void happened(const Happening&) override {}  // a log decides nothing
 
+    void importLayer(const LayerId&) override { notModelled(); }
+    void readLayer(SessionId, std::uint64_t, const LayerId&) override { notModelled(); }
     void readHistory(SessionId, std::uint64_t, const LayerId&, Revision) override { notModelled(); }
+    void setSaved(const LayerId&, const SavedState&) override { notModelled(); }
+    void addCheckpoint(SessionId, std::uint64_t, const Checkpoint&) override { notModelled(); }
+    void readCheckpoints(SessionId, std::uint64_t) override { notModelled(); }
+    void findBase(std::int64_t, Revision) override { notModelled(); }
+    void compact(Revision) override { notModelled(); }
+    void measureStorage(SessionId, std::uint64_t) override { notModelled(); }
+    void sendBeside(SessionId, std::vector<SharedBytes>) override { notModelled(); }
+    void findBlobs(std::vector<Hash>) override { notModelled(); }
     void sendBlob(SessionId, const Hash&, std::uint64_t) override { notModelled(); }
     void writeBlob(SessionId, BlobFrame) override { notModelled(); }
     void saveLayers(SessionId, std::uint64_t, std::vector<SaveJob>) override { notModelled(); }
+    void checkFile(const LayerId&) override { notModelled(); }
+    void reloadLayer(SessionId, std::uint64_t, const LayerId&, LayerDoc) override { notModelled(); }
     void createLayerFile(SessionId, std::uint64_t, const LayerId&) override { notModelled(); }
     void listSkipped(SessionId, std::uint64_t) override { notModelled(); }
-    void happened(const Happening&) override {}  // a log decides nothing
 
 private:
     void requireOpen() const { require(!now->disk_->failed, "the project uses a closed store"); }
@@ -212,10 +230,8 @@ void ModelServer::start() {
     options.name = "model";
     if (scenario_.readsBack) options.recentCommitBytes = 0;
     if (scenario_.forgetful) options.namespaceLogRevisions = 1;
-    const CommitStore::Head head = store().head();
     project_ = std::make_unique<Project::Impl>(
-        options, *host_, head, std::vector{kLayer},
-        *store().namespaceChanges(Project::firstNamespaceRevision(options, head)));
+        options, host_->ports(), *readState(store(), options), std::vector{LayerFile{kLayer}});
 }
 
 std::vector<Output> ModelServer::apply(Input input) {
@@ -279,6 +295,8 @@ void ModelServer::flush(std::size_t commits) {
     }
     write(commits);
     project_->appended(store().head().revision);
+    if (scenario_.flaw != Flaw::Forgets) return;
+    for (auto& [client, author] : project_->authors_) author.committed.emplace(ClientRecord{});
 }
 
 void ModelServer::write(std::size_t commits) {
@@ -320,6 +338,11 @@ void ModelServer::done(const LoadLayer&) {
     project_->layerLoaded(
         kLayer, *stored ? LoadedLayer{**stored}
                         : LoadedLayer{startingLayer(), *makeImport(kLayer, startingLayer())});
+}
+
+void ModelServer::done(const ReadClient& job) {
+    if (disk_->failed) return project_->clientRead(job.client, kClosed);
+    project_->clientRead(job.client, disk_->store().clientRecord(job.client));
 }
 
 void ModelServer::done(const ReadCommits& job) {

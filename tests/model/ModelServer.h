@@ -56,14 +56,18 @@ private:
         server::SessionId session = 0;
         Revision from = 0, to = 0;
     };
+    struct ReadClient {
+        ClientId client;
+    };
     struct SendSnapshot {
         server::SessionId session = 0;
         std::uint64_t request = 0;
         LayerDoc doc;
     };
     struct OpenStoreAnew {};
-    using Job = std::variant<LoadLayer, ReadCommits, SendSnapshot, OpenStoreAnew>;
+    using Job = std::variant<LoadLayer, ReadCommits, ReadClient, SendSnapshot, OpenStoreAnew>;
     friend void digest(Digest& out, const ReadCommits& part);
+    friend void digest(Digest& out, const ReadClient& part);
     friend void digest(Digest& out, const SendSnapshot& part);
 
     class Host;
@@ -78,6 +82,7 @@ private:
     void answer(std::size_t job);
     void done(const LoadLayer&);
     void done(const ReadCommits& job);
+    void done(const ReadClient& job);
     void done(const SendSnapshot& job);
     void done(const OpenStoreAnew&);
 

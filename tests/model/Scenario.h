@@ -27,7 +27,7 @@ enum class Flaw {
     None,
     AcksEarly,  ///< the store says that a commit is durable when it is not yet
     Reorders,   ///< a message may overtake the one before on its way to a client
-    Forgets,    ///< the store does not know which transactions it holds (M9)
+    Forgets,    ///< the server does not know which transactions are committed (M9)
     Hides,      ///< an editor's lost work is not told (M12)
 };
 

@@ -40,14 +40,15 @@ void SimServer::start() {
     disk.open();
     ++process_;
     named_ = {};
-    const CommitStore::Head head = store().head();
-    std::vector<LayerId> layers = *store().layers();
-    for (const auto& [layer, doc] : files_)
-        if (std::find(layers.begin(), layers.end(), layer) == layers.end()) layers.push_back(layer);
-    layers.push_back({"broken.usda"});
-    project_ = std::make_unique<Project>(
-        options_, *this, head, std::move(layers),
-        *store().namespaceChanges(Project::firstNamespaceRevision(options_, head)));
+    const std::vector<LayerId> stored = *store().layers();
+    std::set<LayerId> layers(stored.begin(), stored.end());
+    for (const auto& [layer, doc] : files_) layers.insert(layer);
+    layers.insert({"broken.usda"});
+    std::vector<LayerFile> served;
+    for (const LayerId& layer : layers) served.push_back({layer});
+    StoreState state = *readState(store(), options_);
+    state.hasSpace = disk.reportsSpace;
+    project_ = std::make_unique<Project>(options_, ports(), std::move(state), served);
 }
 
 void SimServer::kill() {
@@ -95,14 +96,28 @@ void SimServer::close(SessionId session) { network_.closeByServer(session); }
 
 // ---- commits
 
-std::optional<Revision> SimServer::committed(const TransactionId& transaction) {
-    require(!closed_, "the project asks a closed store");
-    return *store().committed(transaction);
+// Of no random numbers, as keepSnapshot().
+void SimServer::readClient(const ClientId& client) {
+    later(std::int64_t(++questions_ * 3'571 % 4'000) * slowness, [this, client] {
+        if (closed_) return project_->clientRead(client, kClosed);
+        project_->clientRead(client, store().clientRecord(client));
+    });
 }
 
-std::uint64_t SimServer::lastSequence(const ClientId& client) {
-    require(!closed_, "the project asks a closed store");
-    return *store().lastSequence(client);
+void SimServer::tell(std::span<const SessionId> sessions, const News& news) {
+    for (const SessionId session : sessions) tellFirst(session, news);
+}
+void SimServer::tellFirst(SessionId session, const News& all) {
+    if (SharedBytes frame = encodeNews(all)) send(session, std::move(frame));
+}
+void SimServer::sendBeside(SessionId session, std::vector<SharedBytes> frames) {
+    for (SharedBytes& frame : frames) send(session, std::move(frame));
+}
+
+void SimServer::setSpace(bool full, bool reportsSpace) {
+    disk.full = full;
+    disk.reportsSpace = reportsSpace;
+    if (project_) project_->setSpace(reportsSpace);
 }
 
 void SimServer::append(CommitRecord commit) {
@@ -171,12 +186,22 @@ void SimServer::loadLayer(const LayerId& layer) {
         const auto stored = store().loadLayer(layer, &replayed);
         if (!stored) return project_->layerLoaded(layer, tl::unexpected(stored.error()));
         if (*stored) return project_->layerLoaded(layer, LoadedLayer{**stored, {}, {}, replayed});
+        project_->layerNotStored(layer);
+    });
+}
+
+void SimServer::importLayer(const LayerId& layer) {
+    later(diskUs(), [this, layer] {
         const auto file = files_.find(layer);
         if (file == files_.end())
             return project_->layerLoaded(
                 layer, fail(ErrorCode::LayerUnreadable, layer.value + " does not parse"));
         project_->layerLoaded(layer, LoadedLayer{file->second, *makeImport(layer, file->second)});
     });
+}
+
+void SimServer::readLayer(SessionId, std::uint64_t, const LayerId&) {
+    throw SimFailure("readHistory() had an answer");
 }
 
 void SimServer::readCommits(SessionId session, Revision from, Revision to) {
@@ -236,6 +261,7 @@ void SimServer::compact(Revision revision) {
         require(done.has_value(), "the history cannot be compacted");
         require(store().base().revision == revision, "the history has another base");
         ++compactions;
+        project_->baseIs(store().base());
         project_->compacted(CompactOutcome{});
     });
 }
@@ -324,9 +350,22 @@ void SimServer::sendBlob(SessionId session, const Hash& hash, std::uint64_t offs
     }
 }
 
+void SimServer::findBlobs(std::vector<Hash> hashes) {
+    later(std::int64_t(++questions_ * 3'571 % 4'000) * slowness,
+          [this, hashes = std::move(hashes)] {
+              std::vector<Hash> stored;
+              std::ranges::copy_if(hashes, std::back_inserter(stored),
+                                   [this](const Hash& hash) { return disk.blobs->has(hash); });
+              project_->blobsFound(hashes, stored);
+          });
+}
+
 void SimServer::writeBlob(SessionId session, BlobFrame part) {
     blobUs_ = std::max(blobUs_, clock_.nowUs() + diskUs());
     later(blobUs_ - clock_.nowUs(), [this, session, part = std::move(part)] {
+        if (disk.blobs->has(part.hash))
+            return project_->blobWritten(
+                session, part.hash, part.offset == 0 || part.offset + part.rawBytes == part.size);
         if (disk.full)
             return project_->blobWritten(session, part.hash,
                                          fail(ErrorCode::StorageFull, "no room for it"));

@@ -13,7 +13,7 @@
 namespace usdlive::simulation {
 
 /// The real Project with a made-up process around it, that can be killed and started again.
-class SimServer : public server::ProjectHost {
+class SimServer : public server::AllPorts {
 public:
     SimServer(SimClock& clock, SimRandom& random, SimNetwork& network,
               std::map<LayerId, LayerDoc> files, server::Project::Options options);
@@ -31,7 +31,7 @@ public:
     SimDisk disk;
     int slowness = 1;  ///< multiplies the time that disks take
 
-    // ProjectHost
+    // Ports
     void send(server::SessionId session, SharedBytes frames) override;
     void sendCommit(std::span<const server::SessionId> sessions, SharedBytes frame,
                     Revision revision) override;
@@ -50,10 +50,9 @@ public:
     void sendSnapshot(server::SessionId session, std::uint64_t request, LayerDoc doc) override;
     void sendBlob(server::SessionId session, const Hash& hash, std::uint64_t offset) override;
     void writeBlob(server::SessionId session, BlobFrame part) override;
-    [[nodiscard]] bool hasBlob(const Hash& hash) override { return disk.blobs->has(hash); }
-    [[nodiscard]] bool hasSpace() override { return disk.reportsSpace; }
+    void findBlobs(std::vector<Hash> hashes) override;
     void saveLayers(server::SessionId session, std::uint64_t request,
-                    std::vector<SaveJob> jobs) override;
+                    std::vector<server::SaveJob> jobs) override;
     void addCheckpoint(server::SessionId session, std::uint64_t request,
                        const Checkpoint& checkpoint) override;
     void readCheckpoints(server::SessionId session, std::uint64_t request) override;
@@ -62,13 +61,20 @@ public:
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
-    void happened(const Happening& /*happening*/) override {}  // a log decides nothing
-    [[nodiscard]] std::vector<LayerId> unsavedLayers() override { return *store().unsavedLayers(); }
-    [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override;
-    [[nodiscard]] std::uint64_t lastSequence(const ClientId& client) override;
-    [[nodiscard]] Revision forgottenUpTo() override { return store().forgottenUpTo(); }
+    void happened(const server::Happening&) override {}  // a log decides nothing
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
-    [[nodiscard]] server::CommitStore::Base base() override { return store().base(); }
+    void readClient(const ClientId& client) override;
+    void importLayer(const LayerId& layer) override;
+    void readLayer(server::SessionId session, std::uint64_t request, const LayerId& layer) override;
+    void sendBeside(server::SessionId session, std::vector<SharedBytes> frames) override;
+    void tell(std::span<const server::SessionId> sessions, const server::News& news) override;
+    void tellFirst(server::SessionId session, const server::News& all) override;
+    // Nobody of the simulation asks for these.
+    void checkFile(const LayerId&) override {}
+    void setSaved(const LayerId&, const server::SavedState&) override {}
+    void measureStorage(server::SessionId, std::uint64_t) override {}
+    /// The disk has room again, or none.
+    void setSpace(bool full, bool reportsSpace);
     void findBase(std::int64_t beforeMs, Revision upTo) override;
     void compact(Revision revision) override;
 
@@ -114,7 +120,8 @@ private:
     bool closed_ = false;  // the store has failed and is not opened again yet
     std::int64_t blobUs_ = 0;
     server::NamedBlobs named_;
-    std::uint64_t rounds_ = 0;  // of collection
+    std::uint64_t rounds_ = 0;     // of collection
+    std::uint64_t questions_ = 0;  // to the store
 };
 
 }  // namespace usdlive::simulation

@@ -156,14 +156,8 @@ private:
         if (rollsBack_ && head > 3) server_.disk.rollBack(head - random_.below(4));
         server_.start();
     }
-    void fillDisk() {
-        server_.disk.full = true;
-        server_.disk.reportsSpace = random_.chance(50);
-    }
-    void emptyDisk() {
-        server_.disk.full = false;
-        server_.disk.reportsSpace = true;
-    }
+    void fillDisk() { server_.setSpace(true, random_.chance(50)); }
+    void emptyDisk() { server_.setSpace(false, true); }
 
     // ---- silence
 

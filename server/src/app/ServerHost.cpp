@@ -30,6 +30,8 @@ constexpr int kScanPart = 20;
 // forgotten.
 constexpr std::size_t kKnownClients = 20'000;
 constexpr milliseconds kForgetPause{10 * 60'000};
+// From one look at the free space to the next.
+constexpr milliseconds kSpacePause{500};
 // From one look at commits that are too old to the next.
 constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 constexpr int kKeeperNice = 10;
@@ -111,6 +113,7 @@ ServerHost::ServerHost(asio::io_context& network, WorkerLanes& workers, SharedSt
       sweepTimer_(network),
       clientsTimer_(network),
       historyTimer_(network),
+      spaceTimer_(network),
       collector_(network, workers.history, store, blobs, keepUnusedBlobs, log),
       intake_([this](SessionId session, bool reading) {
           transportOf(session).setReading(session, reading);
@@ -124,11 +127,12 @@ ServerHost::~ServerHost() {
     keeper_.join();
 }
 
-Result<void> ServerHost::start(ProjectFactory factory) {
-    factory_ = std::move(factory);
-    auto project = factory_(*this);
-    if (!project) return tl::unexpected(project.error());
-    project_ = std::move(*project);
+Result<void> ServerHost::start(ProjectSetup setup) {
+    setup_ = std::move(setup);
+    auto beginning = setup_.read();
+    if (!beginning) return tl::unexpected(beginning.error());
+    hasSpace_ = beginning->store.hasSpace;
+    makeProject(std::move(*beginning));
     storage_.start({
         .appended =
             [this](Revision upTo) {
@@ -166,6 +170,7 @@ void ServerHost::serve(std::vector<Transport*> transports) {
         return unused;
     });
     boundHistoryIn(milliseconds(0));
+    lookForSpaceIn(milliseconds(0));
 }
 
 void ServerHost::stop(std::function<void()> done) {
@@ -185,7 +190,7 @@ void ServerHost::stop(std::function<void()> done) {
 }
 
 HttpReply ServerHost::health() {
-    nlohmann::json answer{{"status", hasSpace() ? "ok" : "storageFull"},
+    nlohmann::json answer{{"status", hasSpace_ ? "ok" : "storageFull"},
                           {"project", files_.folder.filename().string()},
                           {"revision", project_ ? project_->durableRevision() : 0}};
     if (!project_) answer["status"] = "starting";
@@ -198,7 +203,7 @@ HttpReply ServerHost::metricsPage() {
     for (const Transport* transport : transports_)
         figures.transports.emplace_back(transport->name(), transport->counters());
     figures.appendQueueBytes = intake_.storeBytes();
-    figures.storageHasSpace = hasSpace();
+    figures.storageHasSpace = hasSpace_;
     figures.removedBlobs = collector_.removed();
     std::error_code ignored;
     figures.storageFreeBytes = std::filesystem::space(files_.folder, ignored).available;
@@ -378,14 +383,18 @@ void ServerHost::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revis
 void ServerHost::loadLayer(const LayerId& layer) {
     inBackground(
         workers_.joins, 0, 0, [this, layer] { return loadStored(layer); },
-        [this, layer](Project& project, Result<std::optional<LoadedLayer>> stored) {
+        [layer](Project& project, Result<std::optional<LoadedLayer>> stored) {
             if (!stored) return project.layerLoaded(layer, tl::unexpected(stored.error()));
             if (*stored) return project.layerLoaded(layer, std::move(**stored));
-            inBackground(
-                workers_.files, 0, 0, [this, layer] { return import(layer); },
-                [layer](Project& project, Result<LoadedLayer> imported) {
-                    project.layerLoaded(layer, std::move(imported));
-                });
+            project.layerNotStored(layer);
+        });
+}
+
+void ServerHost::importLayer(const LayerId& layer) {
+    inBackground(
+        workers_.files, 0, 0, [this, layer] { return import(layer); },
+        [layer](Project& project, Result<LoadedLayer> imported) {
+            project.layerLoaded(layer, std::move(imported));
         });
 }
 
@@ -443,18 +452,38 @@ void ServerHost::readHistory(SessionId session, std::uint64_t request, const Lay
                              Revision revision) {
     inBackground(
         workers_.history, session, Intake::kJobBytes,
-        [this, layer, revision] { return layerInHistory(layer, revision); },
+        [this, layer, revision] {
+            return store_.use([&](CommitStore& store) { return store.layerAt(layer, revision); });
+        },
+        [session, request](Project& project, Result<std::optional<LayerDoc>> stored) {
+            if (!stored)
+                return project.historyRead(session, request, tl::unexpected(stored.error()));
+            if (*stored) return project.historyRead(session, request, std::move(**stored));
+            project.historyNotStored(session, request);
+        });
+}
+
+void ServerHost::readLayer(SessionId session, std::uint64_t request, const LayerId& layer) {
+    inBackground(
+        workers_.history, session, Intake::kJobBytes,
+        [this, layer] {
+            return files_.layers.import(layer).map(
+                [](ImportedLayer&& found) { return std::move(found.doc); });
+        },
         [session, request](Project& project, Result<LayerDoc> doc) {
             project.historyRead(session, request, std::move(doc));
         });
 }
 
-Result<LayerDoc> ServerHost::layerInHistory(const LayerId& layer, Revision revision) {
-    auto stored = store_.use([&](CommitStore& store) { return store.layerAt(layer, revision); });
-    if (!stored) return tl::unexpected(stored.error());
-    if (*stored) return std::move(**stored);
-    return files_.layers.import(layer).map(
-        [](ImportedLayer&& found) { return std::move(found.doc); });
+void ServerHost::readClient(const ClientId& client) {
+    inBackground(
+        workers_.joins, 0, 0,
+        [this, client] {
+            return store_.use([&](CommitStore& store) { return store.clientRecord(client); });
+        },
+        [client](Project& project, const Result<ClientRecord>& record) {
+            project.clientRead(client, record);
+        });
 }
 
 void ServerHost::sendBeside(SessionId session, std::vector<SharedBytes> frames) {
@@ -476,16 +505,44 @@ void ServerHost::writeBlob(SessionId session, BlobFrame part) {
 }
 
 Result<bool> ServerHost::write(SessionId session, const BlobFrame& part) {
+    if (blobs_.has(part.hash)) return part.offset == 0 || part.offset + part.rawBytes == part.size;
     return inflate(part.data, part.rawBytes, kChunkBytes).and_then([&](const Bytes& raw) {
         return blobs_.write(part.hash, part.size, part.offset, raw, session);
     });
 }
 
-bool ServerHost::hasBlob(const Hash& hash) { return blobs_.has(hash); }
+void ServerHost::findBlobs(std::vector<Hash> hashes) {
+    auto asked = std::make_shared<const std::vector<Hash>>(std::move(hashes));
+    inBackground(
+        workers_.joins, 0, 0,
+        [this, asked] {
+            std::vector<Hash> stored;
+            std::ranges::copy_if(*asked, std::back_inserter(stored),
+                                 [this](const Hash& hash) { return blobs_.has(hash); });
+            return Result<std::vector<Hash>>(std::move(stored));
+        },
+        [asked](Project& project, const Result<std::vector<Hash>>& stored) {
+            project.blobsFound(*asked, stored.value_or(std::vector<Hash>()));
+        });
+}
 
-bool ServerHost::hasSpace() {
-    return store_.use([](CommitStore& store) -> Result<bool> { return store.hasSpace(); })
-        .value_or(false);
+// Asked for now and then, as others fill the disk and empty it, too.
+void ServerHost::lookForSpaceIn(milliseconds pause) {
+    spaceTimer_.expires_after(pause);
+    spaceTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        asio::post(workers_.joins, [this] {
+            const auto found =
+                store_.use([](CommitStore& store) -> Result<bool> { return store.hasSpace(); });
+            asio::post(network_, [this, found] {
+                hasSpace_ = found.value_or(hasSpace_);
+                guarded([&] {
+                    if (project_) project_->setSpace(hasSpace_);
+                });
+                lookForSpaceIn(kSpacePause);
+            });
+        });
+    });
 }
 
 void ServerHost::saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) {
@@ -634,30 +691,6 @@ void ServerHost::happened(const Happening& happening) {
                    {{"user", user}, {"layer", layer}, {"detail", happening.detail}});
 }
 
-std::vector<LayerId> ServerHost::unsavedLayers() {
-    return store_.use([](CommitStore& store) { return store.unsavedLayers(); })
-        .value_or(std::vector<LayerId>{});
-}
-
-std::optional<Revision> ServerHost::committed(const TransactionId& transaction) {
-    const auto found = store_.use([&](CommitStore& store) { return store.committed(transaction); });
-    // "No" could commit it twice; the session ends, and its client asks again.
-    if (!found) throw std::runtime_error(found.error().message);
-    return *found;
-}
-
-std::uint64_t ServerHost::lastSequence(const ClientId& client) {
-    const auto last = store_.use([&](CommitStore& store) { return store.lastSequence(client); });
-    if (!last) throw std::runtime_error(last.error().message);
-    return *last;
-}
-
-Revision ServerHost::forgottenUpTo() {
-    const auto upTo =
-        store_.use([](CommitStore& store) -> Result<Revision> { return store.forgottenUpTo(); });
-    return forgottenUpTo_ = upTo.value_or(forgottenUpTo_);
-}
-
 void ServerHost::forgetClientsIn(milliseconds pause) {
     clientsTimer_.expires_after(pause);
     clientsTimer_.async_wait([this](const boost::system::error_code& error) {
@@ -678,12 +711,6 @@ void ServerHost::forgetClientsIn(milliseconds pause) {
 
 // --- How far back the history goes
 
-CommitStore::Base ServerHost::base() {
-    const auto base =
-        store_.use([](CommitStore& store) -> Result<CommitStore::Base> { return store.base(); });
-    return base.value_or(CommitStore::Base{});
-}
-
 CommitStore::GoesOn ServerHost::whileServing() const {
     return [this] {
         faultPoint("keeping");
@@ -703,7 +730,15 @@ void ServerHost::findBase(std::int64_t beforeMs, Revision upTo) {
 
 void ServerHost::compact(Revision revision) {
     inBackground(
-        keeper_, 0, 0, [this, revision] { return compactStore(revision); },
+        keeper_, 0, 0,
+        [this, revision] {
+            auto outcome = compactStore(revision);
+            // Also a project that was made meanwhile has to know.
+            const auto base = store_.use(
+                [](CommitStore& store) -> Result<CommitStore::Base> { return store.base(); });
+            if (base) onProject([base](Project& project) { project.baseIs(*base); });
+            return outcome;
+        },
         [](Project& project, const Result<CompactOutcome>& outcome) {
             project.compacted(outcome);
         });
@@ -772,22 +807,31 @@ void ServerHost::startAgain() {
             for (const auto& [revision, bytes] : std::exchange(appending_, {}))
                 intake_.endStore(bytes);
             storage_.goOn();
-            makeProject();
+            makeProjectAgain();
         });
     });
 }
 
-void ServerHost::makeProject() {
-    auto project = factory_(*this);
-    if (project) {
-        project_ = std::move(*project);
-        log_.write(LogLevel::Warning, "project started again");
-        return;
-    }
-    log_.write(LogLevel::Error, "project cannot start again", {{"error", project.error().message}});
-    retryTimer_.expires_after(kRetryPause);
-    retryTimer_.async_wait([this](const boost::system::error_code& error) {
-        if (!error) makeProject();
+void ServerHost::makeProject(ProjectBeginning beginning) {
+    project_ = std::make_unique<Project>(setup_.options, ports(), std::move(beginning.store),
+                                         beginning.files);
+}
+
+void ServerHost::makeProjectAgain() {
+    asio::post(workers_.joins, [this] {
+        auto beginning = resultOf(setup_.read);
+        asio::post(network_, [this, beginning = std::move(beginning)]() mutable {
+            if (beginning) {
+                makeProject(std::move(*beginning));
+                return log_.write(LogLevel::Warning, "project started again");
+            }
+            log_.write(LogLevel::Error, "project cannot start again",
+                       {{"error", beginning.error().message}});
+            retryTimer_.expires_after(kRetryPause);
+            retryTimer_.async_wait([this](const boost::system::error_code& error) {
+                if (!error) makeProjectAgain();
+            });
+        });
     });
 }
 

@@ -63,8 +63,8 @@ Result<std::vector<LayerFile>> servedLayers(const LayerFiles& files, SharedStore
     return served;
 }
 
-ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
-                              const LayerFiles& files) {
+ProjectSetup projectSetup(const ServerOptions& options, SharedStore& store,
+                          const LayerFiles& files) {
     Project::Options project;
     project.name = std::filesystem::canonical(options.folder).filename().string();
     project.maxFrameBytes = project.wholeCommitBytes = options.maxFrameMib * kMib;
@@ -75,20 +75,15 @@ ProjectFactory projectFactory(const ServerOptions& options, SharedStore& store,
     project.historyDays = options.historyDays;
     project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;
     project.keepUnusedBlobsMs = std::int64_t(options.keepUnusedBlobsMinutes) * 60'000;
-    return [=, &store, &files](ProjectHost& host) -> Result<std::unique_ptr<Project>> {
-        const auto served = servedLayers(files, store);
+    const auto read = [=, &store, &files]() -> Result<ProjectBeginning> {
+        auto served = servedLayers(files, store);
         if (!served) return tl::unexpected(served.error());
-        std::vector<LayerId> layers;
-        for (const LayerFile& file : *served) layers.push_back(file.layer);
-        return store.use([&](CommitStore& opened) -> Result<std::unique_ptr<Project>> {
-            const auto head = opened.head();
-            auto changes = opened.namespaceChanges(Project::firstNamespaceRevision(project, head));
-            if (!changes) return tl::unexpected(changes.error());
-            auto made = std::make_unique<Project>(project, host, head, layers, std::move(*changes));
-            made->setFiles(*served);
-            return made;
-        });
+        return store.use([&](CommitStore& opened) { return readState(opened, project); })
+            .map([&](StoreState&& state) {
+                return ProjectBeginning{std::move(state), std::move(*served)};
+            });
     };
+    return {project, read};
 }
 
 WebSocketServerOptions transportOptions(const ServerOptions& options) {
@@ -242,7 +237,7 @@ int serve(const ServerOptions& options) {
     ServerHost host(network, workers, store, storage, **blobs, std::move(projectFiles),
                     std::chrono::minutes(options.keepUnusedBlobsMinutes), metrics, wallClockMs,
                     *log);
-    if (const auto made = host.start(projectFactory(options, store, **files)); !made)
+    if (const auto made = host.start(projectSetup(options, store, **files)); !made)
         return failed(made.error());
     HttpRoutes routes;
     routes["/healthz"] = [&] { return host.health(); };

@@ -6,11 +6,48 @@
 
 namespace usdlive::server {
 
+namespace {
+
+constexpr std::size_t kMostBlobRequests = 10'000;  // of one session at once, not answered yet
+
+}  // namespace
+
 void Project::Impl::requestBlob(Session& session, const RequestBlob& request) {
-    if (host_.hasBlob(request.hash))
-        host_.sendBlob(session.id, request.hash, request.offset);
+    if (knownBlobs_.has(request.hash))
+        return ports_.blobs.sendBlob(session.id, request.hash, request.offset);
+    if (session.blobRequests.size() >= kMostBlobRequests)
+        return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
+    session.blobRequests.push_back(request);
+    findBlobs({request.hash});
+}
+
+void Project::Impl::findBlobs(std::vector<Hash> hashes) {
+    knownBlobs_.ask(hashes);
+    ports_.blobs.findBlobs(std::move(hashes));
+}
+
+void Project::Impl::blobsFound(const std::vector<Hash>& asked, const std::vector<Hash>& stored) {
+    knownBlobs_.answered(asked);
+    for (const Hash& hash : stored) knownBlobs_.stored(hash);
+    const std::unordered_set<Hash> known(asked.begin(), asked.end());
+    for (auto& [id, session] : sessions_) {
+        std::vector<RequestBlob> answered;
+        std::erase_if(session.blobRequests, [&](const RequestBlob& request) {
+            const bool isAnswered = known.contains(request.hash);
+            if (isAnswered) answered.push_back(request);
+            return isAnswered;
+        });
+        if (!session.isGreeted()) continue;
+        for (const RequestBlob& request : answered) answerRequest(session, request);
+    }
+    workAll();
+}
+
+void Project::Impl::answerRequest(Session& session, const RequestBlob& request) {
+    if (knownBlobs_.has(request.hash))
+        ports_.blobs.sendBlob(session.id, request.hash, request.offset);
     else if (const auto* frames = previews_.values.find(request.hash))
-        host_.sendBeside(session.id, *frames);
+        ports_.outbox.sendBeside(session.id, *frames);
     else
         sendError(session,
                   {ErrorCode::BlobNotFound, "the value " + request.hash.hex() + " is not here"}, {},
@@ -33,17 +70,20 @@ void Project::Impl::receiveBlob(Session& session, BlobFrame part) {
     // The rest of what is here already is on its way and passed over, but for the last part:
     // another one's may have completed the value since this one's first, which was then not
     // answered.
-    if (host_.hasBlob(part.hash)) {
+    if (knownBlobs_.has(part.hash)) {
         if (part.offset == 0 || part.offset + part.rawBytes == part.size)
             sendStored(session, part.hash);
         return;
     }
     if (storeClosed_) return refuse(ErrorCode::StorageFailed, "the store has failed");
-    if (!host_.hasSpace()) return refuse(ErrorCode::StorageFull, "the disk of the server is full");
-    host_.writeBlob(session.id, std::move(part));
+    if (!hasSpace_) return refuse(ErrorCode::StorageFull, "the disk of the server is full");
+    knownBlobs_.write(part.hash);
+    ports_.blobs.writeBlob(session.id, std::move(part));
 }
 
 void Project::Impl::blobWritten(SessionId id, const Hash& hash, const Result<bool>& whole) {
+    knownBlobs_.written(hash);
+    if (whole && *whole) knownBlobs_.stored(hash);
     Session* session = find(id);
     if (!session || !session->isGreeted()) return;
     if (!whole)
@@ -65,13 +105,15 @@ std::vector<Hash> Project::Impl::unusedBlobs(const std::vector<Hash>& unnamed, R
     // in between; what is in a failed store nobody knows.
     if (upTo < firstRevision_ || storeClosed_ || handlesFiles()) return {};
     const std::unordered_set<Hash> named = namedHere();
-    auto unused = unusedBlobs_.take({unnamed, upTo, nowMs, options_.keepUnusedBlobsMs,
-                                     [&](const Hash& hash) { return named.contains(hash); },
-                                     [&](SessionId id) {
-                                         const Session* session = find(id);
-                                         return session && session->uploads;
-                                     }});
+    auto unused = unusedBlobs_.take(
+        {unnamed, upTo, nowMs, options_.keepUnusedBlobsMs,
+         [&](const Hash& hash) { return named.contains(hash) || !knownBlobs_.mayDrop(hash); },
+         [&](SessionId id) {
+             const Session* session = find(id);
+             return session && session->uploads;
+         }});
     for (auto& [id, session] : sessions_) session.uploads = false;
+    knownBlobs_.dropped(unused);
     return unused;
 }
 

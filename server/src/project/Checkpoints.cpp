@@ -32,7 +32,7 @@ void Project::Impl::createCheckpoint(Session& session, const CreateCheckpoint& r
             session,
             {ErrorCode::InvalidArgument, "there is nothing to name yet: nobody has opened a layer"},
             request.request);
-    const auto now = std::uint64_t(std::max<std::int64_t>(host_.wallClockMs(), 0));
+    const auto now = std::uint64_t(std::max<std::int64_t>(ports_.clock.wallClockMs(), 0));
     readyCheckpoints_.push_back(
         {session.id, request.request, {request.name, executed_, session.user, now}});
     storeCheckpoints();
@@ -44,7 +44,7 @@ void Project::Impl::storeCheckpoints() {
            readyCheckpoints_.front().checkpoint.revision <= durable_) {
         const ReadyCheckpoint ready = std::move(readyCheckpoints_.front());
         readyCheckpoints_.pop_front();
-        host_.addCheckpoint(ready.session, ready.request, ready.checkpoint);
+        ports_.history.addCheckpoint(ready.session, ready.request, ready.checkpoint);
     }
 }
 
@@ -57,7 +57,7 @@ void Project::Impl::loseCheckpoints(const Error& error) {
 
 void Project::Impl::checkpointAdded(SessionId id, std::uint64_t request,
                                     const Result<Checkpoint>& added) {
-    if (added) host_.happened({"checkpoint made", added->user, {}, added->name});
+    if (added) ports_.activity.happened({"checkpoint made", added->user, {}, added->name});
     Session* session = find(id);
     if (!session || !session->isGreeted()) return;
     if (added)

@@ -35,7 +35,7 @@ std::optional<std::pair<InFlightCommit, CommitRecord>> Project::Impl::makeCommit
                   epoch_,
                   made.id,
                   user,
-                  host_.wallClockMs(),
+                  ports_.clock.wallClockMs(),
                   gesture,
                   {},
                   {},
@@ -99,7 +99,6 @@ bool Project::Impl::commit(Session& session, Author& author, const Transaction& 
     made.session = session.id;
     author.inFlight[transaction.id.sequence] = made.revision;
     author.newest = made.revision;
-    author.lastSequence = std::max(author.lastSequence.value_or(0), transaction.id.sequence);
     append(std::move(made), std::move(record));
     return true;
 }
@@ -122,7 +121,7 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
     if (executed_ > options_.namespaceLogRevisions)
         history_.prune(executed_ - options_.namespaceLogRevisions);
     inFlight_.push_back(std::move(commit));
-    host_.append(std::move(record));
+    ports_.history.append(std::move(record));
 }
 
 void Project::Impl::takeSnapshot(const LayerId& layer) {
@@ -131,7 +130,7 @@ void Project::Impl::takeSnapshot(const LayerId& layer) {
     if (doc == docs_.end() || entry.takesSnapshot) return;
     if (entry.replayCost < snapshotDue(doc->second, entry.snapshotBytes, options_.leastReplay))
         return;
-    const std::int64_t now = host_.wallClockMs();
+    const std::int64_t now = ports_.clock.wallClockMs();
     if (entry.snapshotMs && std::abs(now - *entry.snapshotMs) < options_.snapshotIntervalMs) return;
     entry.snapshotMs = now;
     entry.replayCost = 0;
@@ -142,7 +141,7 @@ void Project::Impl::takeSnapshot(const LayerId& layer) {
 void Project::Impl::keepSnapshots() {
     while (!readySnapshots_.empty() && readySnapshots_.front().revision <= durable_) {
         const ReadySnapshot& ready = readySnapshots_.front();
-        host_.keepSnapshot(ready.layer, ready.doc, ready.revision, ready.hash);
+        ports_.history.keepSnapshot(ready.layer, ready.doc, ready.revision, ready.hash);
         readySnapshots_.pop_front();
     }
 }
@@ -181,14 +180,18 @@ void Project::Impl::commitDurable(const InFlightCommit& commit) {
             const std::set<LayerId> now = mutedBy(layer);
             for (const LayerId& one : now)
                 if (!before.contains(one))
-                    host_.happened({"layer muted", commit.user, one, "on " + layer.value});
+                    ports_.activity.happened(
+                        {"layer muted", commit.user, one, "on " + layer.value});
             for (const LayerId& one : before)
                 if (!now.contains(one))
-                    host_.happened({"layer unmuted", commit.user, one, "on " + layer.value});
+                    ports_.activity.happened(
+                        {"layer unmuted", commit.user, one, "on " + layer.value});
         }
     broadcast(commit);
     if (const auto author = authors_.find(commit.id.client); author != authors_.end()) {
         author->second.inFlight.erase(commit.id.sequence);
+        if (commit.id.sequence != 0)
+            author->second.committed->add(commit.id.sequence, commit.revision);
         forgetAuthor(commit.id.client);
     }
 }
@@ -201,20 +204,21 @@ void Project::Impl::noteLock(const UserName& user, const LayerId& layer) {
     const LayerLock before = std::exchange(layers_[layer].lock, now);
     if (now.locked == before.locked && now.holder == before.holder) return;
     if (now.locked)
-        host_.happened({"layer locked", user, layer});
+        ports_.activity.happened({"layer locked", user, layer});
     else
-        host_.happened({"layer unlocked", user, layer,
-                        before.holder == user ? "" : "it was " + before.holder.value + "'s"});
+        ports_.activity.happened(
+            {"layer unlocked", user, layer,
+             before.holder == user ? "" : "it was " + before.holder.value + "'s"});
 }
 
 void Project::Impl::broadcast(const InFlightCommit& commit) {
     if (isInParts(*commit.broadcast)) return broadcastInParts(commit);
     std::vector<SessionId> live;
     for (auto& [id, session] : sessions_) {
-        if (session.isLive() && host_.lags(id)) session.stream = CatchingUp{};  // FR6
+        if (session.isLive() && ports_.outbox.lags(id)) session.stream = CatchingUp{};  // FR6
         if (session.isLive()) live.push_back(id);
     }
-    host_.sendCommit(live, commit.broadcast, commit.revision);
+    ports_.outbox.sendCommit(live, commit.broadcast, commit.revision);
     counters_.delivered += live.size();
     for (const SessionId id : live) {
         Session& session = *find(id);
@@ -227,10 +231,10 @@ void Project::Impl::broadcast(const InFlightCommit& commit) {
 void Project::Impl::broadcastInParts(const InFlightCommit& commit) {
     newestInParts_ = commit.revision;
     large_[commit.revision] = commit.broadcast;
-    host_.sendCommit({}, commit.broadcast, commit.revision);
+    ports_.outbox.sendCommit({}, commit.broadcast, commit.revision);
     for (auto& [id, session] : sessions_) {
         if (!session.isLive()) continue;
-        session.ahead = host_.holdCommits(id);
+        session.ahead = ports_.outbox.holdCommits(id);
         session.stream = CatchingUp{};
         pump(session);
     }

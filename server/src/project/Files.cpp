@@ -35,7 +35,7 @@ void Project::Impl::tellLayers() {
     const auto frame = std::make_shared<const Bytes>(
         encodeFrame(ControlFrame{encodeControl(ProjectLayers{layerInfos()})}));
     for (const auto& [id, session] : sessions_)
-        if (session.isGreeted()) host_.send(id, frame);
+        if (session.isGreeted()) ports_.outbox.send(id, frame);
 }
 
 /// FI6
@@ -48,10 +48,10 @@ void Project::Impl::createLayer(Session& session, const CreateLayer& request) {
     if (storeClosed_)
         return sendError(session, {ErrorCode::StorageFailed, "the store has failed"},
                          request.request);
-    if (!host_.hasSpace())
+    if (!hasSpace_)
         return sendError(session, {ErrorCode::StorageFull, "the disk of the server is full"},
                          request.request);
-    host_.createLayerFile(session.id, request.request, request.layer);
+    ports_.files.createLayerFile(session.id, request.request, request.layer);
 }
 
 void Project::Impl::layerCreated(SessionId id, std::uint64_t request, const LayerId& layer,
@@ -66,7 +66,7 @@ void Project::Impl::layerCreated(SessionId id, std::uint64_t request, const Laye
     if (layers_.try_emplace(layer).second) tellLayers();
     if (std::holds_alternative<NotLoaded>(layers_[layer].state)) load(layer);
     if (!here) return;
-    host_.happened({"layer created", session->user, layer});
+    ports_.activity.happened({"layer created", session->user, layer});
     send(*session, LayerCreated{request, layer});
 }
 
@@ -91,7 +91,7 @@ void Project::Impl::checkFile(const LayerId& layer, LayerEntry& entry) {
         file.outdated = false;
     } else if (*trace != entry.saved.file->trace && trace != file.looked) {
         file.looked = trace;
-        host_.checkFile(layer);
+        ports_.files.checkFile(layer);
     }
 }
 
@@ -115,7 +115,7 @@ void Project::Impl::fileChecked(const LayerId& layer,
     if (const auto& coming = entry.saved.coming; coming && stamp.hash == coming->hash) {
         const SavedState saved{coming->revision, stamp};
         fileWas(layer, saved);
-        host_.setSaved(layer, saved);
+        ports_.history.setSaved(layer, saved);
     } else if (stamp.hash == entry.saved.file->hash) {
         entry.saved.file->trace = stamp.trace;
     } else {

@@ -33,14 +33,14 @@ void Project::Impl::receivePreview(Session& session, PreviewFrame preview, std::
     if (pushedOut != 0) withdraw(session.client, pushedOut);
     // Who is behind gets it when it has caught up.
     for (auto& [id, other] : sessions_)
-        if (other.isLive() && other.client != session.client) host_.send(id, frame);
+        if (other.isLive() && other.client != session.client) ports_.outbox.send(id, frame);
 }
 
 void Project::Impl::withdraw(const ClientId& author, std::uint64_t gesture) {
     const auto frame =
         std::make_shared<const Bytes>(encodeFrame(PreviewFrame{author, gesture, durable_, {}}));
     for (auto& [id, other] : sessions_)
-        if (other.isGreeted() && other.client != author) host_.send(id, frame);
+        if (other.isGreeted() && other.client != author) ports_.outbox.send(id, frame);
 }
 
 void Project::Impl::withdrawAll(const ClientId& author) {

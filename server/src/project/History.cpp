@@ -63,7 +63,7 @@ void Project::Impl::boundHistory() {
         compacts_, [](const CompactRequest& request) { return !request.session; });
     if (!options_.historyDays || waits) return;
     compacts_.push_back(
-        {{}, 0, host_.wallClockMs() - std::int64_t(*options_.historyDays) * kDayMs, 0, {}});
+        {{}, 0, ports_.clock.wallClockMs() - std::int64_t(*options_.historyDays) * kDayMs, 0, {}});
     if (compacts_.size() == 1) compactNext();
 }
 
@@ -81,14 +81,17 @@ void Project::Impl::compactHistory(Session& session, const CompactHistory& reque
     if (*days > kMostDays) return refuse("no commit is as old as that");
     if (compacts_.size() >= kMostCompacts)
         return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
-    compacts_.push_back(
-        {session.id, request.request, host_.wallClockMs() - std::int64_t(*days) * kDayMs, 0, {}});
+    compacts_.push_back({session.id,
+                         request.request,
+                         ports_.clock.wallClockMs() - std::int64_t(*days) * kDayMs,
+                         0,
+                         {}});
     if (compacts_.size() == 1) compactNext();
 }
 
 /// A checkpoint that is made from now on is of what is durable now, or later.
 void Project::Impl::compactNext() {
-    if (!compacts_.empty()) host_.findBase(compacts_.front().beforeMs, durable_);
+    if (!compacts_.empty()) ports_.history.findBase(compacts_.front().beforeMs, durable_);
 }
 
 void Project::Impl::baseFound(Result<BaseLimit> limit) {
@@ -101,7 +104,7 @@ void Project::Impl::baseFound(Result<BaseLimit> limit) {
     compacts_.front().keptFor = std::move(limit->keptFor);
     if (limit->revision <= base_.revision) return compactDone(CompactOutcome{});
     oldest_ = limit->revision;  // who comes from now on does not get what is older
-    host_.compact(oldest_);
+    ports_.history.compact(oldest_);
 }
 
 /// Nobody who is connected asks the store for this revision's commit or an older one.
@@ -123,14 +126,13 @@ Revision Project::Impl::oldestNeeded() const {
 
 void Project::Impl::compacted(const Result<CompactOutcome>& outcome) {
     if (compacts_.empty()) return;
-    learnBase();
     oldest_ = base_.revision;
     compactDone(outcome);
 }
 
-/// It grows only; a store that is closed says none.
-void Project::Impl::learnBase() {
-    if (const auto base = host_.base(); base.revision > base_.revision) base_ = base;
+/// It only grows.
+void Project::Impl::baseIs(const CommitStore::Base& base) {
+    if (base.revision > base_.revision) base_ = base;
     oldest_ = std::max(oldest_, base_.revision);
 }
 

@@ -76,7 +76,7 @@ void Project::Impl::tellStatesTo(Session& session) {
     for (const auto& [layer, entry] : layers_)
         if (!entry.told.layer.empty() && !isSame(entry.told, plain(entry.told)))
             message.layers.push_back(entry.told);
-    host_.tellFirst(session.id, message);
+    ports_.outbox.tellFirst(session.id, message);
 }
 
 std::set<LayerId> Project::Impl::mutedLayers() const {

@@ -56,7 +56,7 @@ void Project::Impl::openHistory(Session& session, const OpenLayer& open) {
     if (session.historyReads.size() >= kMaxHistoryReads ||
         !session.historyReads.emplace(open.request, open).second)
         return close(session, {ErrorCode::MalformedControl, "too many requests at once"});
-    host_.readHistory(session.id, open.request, open.layer, open.revision);
+    ports_.history.readHistory(session.id, open.request, open.layer, open.revision);
 }
 
 void Project::Impl::historyRead(SessionId id, std::uint64_t request, Result<LayerDoc> doc) {
@@ -68,6 +68,14 @@ void Project::Impl::historyRead(SessionId id, std::uint64_t request, Result<Laye
     session->historyReads.erase(found);
     if (!doc) return sendError(*session, doc.error(), request);
     sendOpened({{id, request}, open.layer, std::move(*doc), open.revision});
+}
+
+void Project::Impl::historyNotStored(SessionId id, std::uint64_t request) {
+    const Session* session = find(id);
+    if (!session) return;
+    const auto found = session->historyReads.find(request);
+    if (found != session->historyReads.end())
+        ports_.files.readLayer(id, request, found->second.layer);
 }
 
 /// A snapshot is of what was executed, and sent once that is durable.
@@ -85,12 +93,18 @@ void Project::Impl::sendOpened(const ReadyOpen& ready) {
     if (!session || !session->isGreeted()) return;
     if (revision > session->position) session->opened.insert(revision);
     send(*session, LayerOpened{open.request, layer, revision, doc.specCount()});
-    host_.sendSnapshot(open.session, open.request, doc);
+    ports_.outbox.sendSnapshot(open.session, open.request, doc);
 }
 
 void Project::Impl::load(const LayerId& layer) {
     layers_[layer].state = Loading{};
-    host_.loadLayer(layer);
+    ports_.history.loadLayer(layer);
+}
+
+void Project::Impl::layerNotStored(const LayerId& layer) {
+    const auto found = layers_.find(layer);
+    if (found == layers_.end() || !std::holds_alternative<Loading>(found->second.state)) return;
+    ports_.files.importLayer(layer);
 }
 
 void Project::Impl::layerBeingImported(const LayerId& layer) {
@@ -126,7 +140,7 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     const auto opens = std::exchange(found->second.opens, {});
     if (!opens.empty() && loaded->import)
         if (const Session* session = find(opens.front().session))
-            host_.happened({"layer imported", session->user, layer});
+            ports_.activity.happened({"layer imported", session->user, layer});
     for (const WaitingOpen& open : opens) openLoaded(open, layer);
     noteIdle(layer);
     workAll();
@@ -158,7 +172,7 @@ void Project::Impl::workAll() {
 /// there is. Others are told by a stub (CH2).
 Result<void> Project::Impl::import(const LayerId& layer, LayerImport import) {
     if (storeClosed_) return fail(ErrorCode::StorageFailed, "the store has failed");
-    if (!host_.hasSpace()) return fail(ErrorCode::StorageFull, "the disk of the server is full");
+    if (!hasSpace_) return fail(ErrorCode::StorageFull, "the disk of the server is full");
 
     InFlightCommit made;
     CommitRecord record;
@@ -171,7 +185,7 @@ Result<void> Project::Impl::import(const LayerId& layer, LayerImport import) {
     made.mark = history_.log().mark();
 
     CommitFrame stub;
-    stub.commit = {made.revision, epoch_, {}, {},           host_.wallClockMs(), 0,
+    stub.commit = {made.revision, epoch_, {}, {},           ports_.clock.wallClockMs(), 0,
                    layer,         {},     {}, executedHash_};
     stampCommit(import.frame.bytes, stub.commit);
     record.hash = made.hash = chainHash(executedHash_, withoutLength(import.frame.bytes));

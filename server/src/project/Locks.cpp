@@ -34,7 +34,7 @@ bool Project::Impl::isFree(const LayerLock& lock) const {
         if (session.isGreeted() && session.user == lock.holder) return false;
     const auto left = leftMs_.find(lock.holder);
     const std::int64_t since = left == leftMs_.end() ? startedMs_ : left->second;
-    return host_.wallClockMs() - since >= options_.lockTakeoverMs;
+    return ports_.clock.wallClockMs() - since >= options_.lockTakeoverMs;
 }
 
 std::optional<Error> Project::Impl::lockObjection(const UserName& user,

@@ -54,7 +54,7 @@ void Project::Impl::tellPresencesTo(Session& session) {
     Presences message;
     for (const auto& [id, other] : sessions_)
         if (other.presence && id != session.id) message.shown.push_back(*other.presence);
-    host_.tellFirst(session.id, message);
+    ports_.outbox.tellFirst(session.id, message);
 }
 
 /// Of a session that has ended.

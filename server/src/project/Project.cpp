@@ -5,27 +5,43 @@
 
 namespace usdlive::server {
 
-Project::Impl::Impl(Options options, ProjectHost& host, CommitStore::Head head,
-                    std::vector<LayerId> layers, std::vector<NamespaceChange> changes)
+Project::Impl::Impl(Options options, Ports ports, StoreState store,
+                    const std::vector<LayerFile>& files)
     : options_(std::move(options)),
-      host_(host),
-      epoch_(head.epoch),
-      startedMs_(host.wallClockMs()),
-      history_(firstNamespaceRevision(options_, head), head.revision, changes),
-      firstRevision_(head.revision),
-      executed_(head.revision),
-      executedHash_(head.hash),
-      durable_(head.revision),
-      durableHash_(head.hash),
+      ports_(ports),
+      epoch_(store.head.epoch),
+      hasSpace_(store.hasSpace),
+      startedMs_(ports.clock.wallClockMs()),
+      history_(firstNamespaceRevision(options_, store.head), store.head.revision,
+               store.namespaceChanges),
+      firstRevision_(store.head.revision),
+      executed_(store.head.revision),
+      executedHash_(store.head.hash),
+      durable_(store.head.revision),
+      durableHash_(store.head.hash),
       recent_(options_.recentCommitBytes),
-      base_(host.base()),
-      oldest_(base_.revision) {
-    std::vector<LayerFile> files;
-    for (const LayerId& layer : layers) files.push_back({layer});
+      base_(store.base),
+      oldest_(base_.revision),
+      forgottenUpTo_(store.forgottenUpTo) {
     setFiles(files);
-    for (const LayerId& layer : host_.unsavedLayers())
+    for (const LayerId& layer : store.unsaved)
         if (const auto found = layers_.find(layer); found != layers_.end())
             found->second.unsaved = true;
+}
+
+Result<StoreState> readState(const CommitStore& store, const Project::Options& options) {
+    StoreState state;
+    state.head = store.head();
+    state.base = store.base();
+    state.forgottenUpTo = store.forgottenUpTo();
+    state.hasSpace = store.hasSpace();
+    auto changes = store.namespaceChanges(Project::firstNamespaceRevision(options, state.head));
+    if (!changes) return tl::unexpected(changes.error());
+    auto unsaved = store.unsavedLayers();
+    if (!unsaved) return tl::unexpected(unsaved.error());
+    state.namespaceChanges = std::move(*changes);
+    state.unsaved = std::move(*unsaved);
+    return state;
 }
 
 const LayerDoc* Project::Impl::layer(const LayerId& layer) const {
@@ -42,10 +58,9 @@ SharedBytes encodeNews(const News& news) {
     return std::make_shared<const Bytes>(encodeFrame(ControlFrame{json}));
 }
 
-Project::Project(Options options, ProjectHost& host, CommitStore::Head head,
-                 std::vector<LayerId> layers, std::vector<NamespaceChange> namespaceChanges)
-    : impl_(std::make_unique<Impl>(std::move(options), host, head, std::move(layers),
-                                   std::move(namespaceChanges))) {}
+Project::Project(Options options, Ports ports, StoreState store,
+                 const std::vector<LayerFile>& files)
+    : impl_(std::make_unique<Impl>(std::move(options), ports, std::move(store), files)) {}
 Project::~Project() = default;
 
 void Project::connected(SessionId session) { impl_->connected(session); }
@@ -75,6 +90,7 @@ void Project::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded) {
     impl_->tellStates();
     impl_->unloadIdle();
 }
+void Project::layerNotStored(const LayerId& layer) { impl_->layerNotStored(layer); }
 void Project::snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes) {
     impl_->snapshotKept(layer, bytes);
 }
@@ -83,6 +99,19 @@ void Project::commitsRead(SessionId session, Result<std::vector<StoredCommit>> c
 }
 void Project::historyRead(SessionId session, std::uint64_t request, Result<LayerDoc> doc) {
     impl_->historyRead(session, request, std::move(doc));
+}
+void Project::historyNotStored(SessionId session, std::uint64_t request) {
+    impl_->historyNotStored(session, request);
+}
+void Project::clientRead(const ClientId& client, const Result<ClientRecord>& record) {
+    impl_->clientRead(client, record);
+    impl_->tellStates();
+    impl_->unloadIdle();
+}
+void Project::blobsFound(const std::vector<Hash>& asked, const std::vector<Hash>& stored) {
+    impl_->blobsFound(asked, stored);
+    impl_->tellStates();
+    impl_->unloadIdle();
 }
 void Project::blobWritten(SessionId session, const Hash& hash, Result<bool> whole) {
     impl_->blobWritten(session, hash, whole);
@@ -124,6 +153,8 @@ void Project::checkpointsRead(SessionId session, std::uint64_t request,
 }
 void Project::boundHistory() { impl_->boundHistory(); }
 void Project::baseFound(Result<BaseLimit> limit) { impl_->baseFound(std::move(limit)); }
+void Project::baseIs(const CommitStore::Base& base) { impl_->baseIs(base); }
+void Project::setSpace(bool hasSpace) { impl_->setSpace(hasSpace); }
 void Project::compacted(const Result<CompactOutcome>& outcome) { impl_->compacted(outcome); }
 void Project::storageMeasured(SessionId session, std::uint64_t request, Result<Storage> storage) {
     impl_->storageMeasured(session, request, std::move(storage));

@@ -9,6 +9,8 @@
 #include <variant>
 #include <vector>
 
+#include "CommittedNumbers.h"
+#include "KnownBlobs.h"
 #include "NamespaceHistory.h"
 #include "Previews.h"
 #include "RecentCommits.h"
@@ -24,8 +26,8 @@ namespace usdlive::server {
 
 /// Said nothing yet.
 struct AwaitingHello {};
-/// Wants to resume at a revision whose hash is being read from the store. What it sends meanwhile
-/// waits.
+/// Wants to resume at a revision: what the client has committed, or the revision's hash, is being
+/// read from the store. What it sends meanwhile waits.
 struct CheckingResume {
     Hello hello;
     std::vector<Bytes> waiting;  ///< frames
@@ -59,6 +61,7 @@ struct QueuedTransaction {
     Transaction transaction;
     std::size_t bytes = 0;
     std::set<std::uint64_t> lookedUp;  ///< transactions whose creations were asked of the store
+    std::set<Hash> soughtBlobs;        ///< big values that were asked of the store
 };
 
 /// A transaction that comes in parts (FR8).
@@ -111,7 +114,8 @@ struct Session {
     std::optional<SendingParts> sending;  ///< `stream` goes on behind it
     std::deque<Answer> answers;
     std::map<std::uint64_t, OpenLayer> historyReads;  ///< by request
-    /// By request: what the host was not asked to save.
+    std::vector<RequestBlob> blobRequests;            ///< it is not known yet whether they are here
+    /// By request: what is not handed on to be saved.
     std::map<std::uint64_t, std::vector<LayersSaved::Failure>> failedSaves;
 
     [[nodiscard]] bool isGreeted() const { return std::holds_alternative<Greeted>(phase); }
@@ -125,8 +129,8 @@ struct Author {
     OwnCreations creations;
     std::map<std::uint64_t, Revision> inFlight;  ///< by sequence: executed and not durable yet
     Revision newest = 0;                         ///< of its commits, as far as known
-    /// Not lower than that of any of its commits; nothing: not asked for yet.
-    std::optional<std::uint64_t> lastSequence;
+    std::optional<CommittedNumbers> committed;   ///< nothing: not known yet
+    bool isRead = false;                         ///< the store is being asked for them
 };
 
 // --- Layers
@@ -197,7 +201,7 @@ struct SaveRequest {
 };
 struct ReadySave {
     SaveRequest save;
-    std::vector<ProjectHost::SaveJob> jobs;
+    std::vector<SaveJob> jobs;
     Revision revision = 0;
 };
 
@@ -233,7 +237,7 @@ struct ReadyCheckpoint {
 
 // --- Commits
 
-/// Executed and handed to the host, not durable yet.
+/// Executed and handed to the store, not durable yet.
 struct InFlightCommit {
     Revision revision = 0;
     SharedBytes broadcast;
@@ -253,13 +257,14 @@ struct InFlightCommit {
 
 class Project::Impl {
 public:
-    Impl(Options options, ProjectHost& host, CommitStore::Head head, std::vector<LayerId> layers,
-         std::vector<NamespaceChange> changes);
+    Impl(Options options, Ports ports, StoreState store, const std::vector<LayerFile>& files);
 
     // Sessions.cpp
     void connected(SessionId id);
     void received(SessionId id, ByteView message);
     void disconnected(SessionId id);
+    void clientRead(const ClientId& client, const Result<ClientRecord>& record);
+    [[nodiscard]] std::set<ClientId> activeClients() const;
 
     // Stream.cpp
     void drained(SessionId id);
@@ -269,6 +274,7 @@ public:
     void appended(Revision upTo);
     void appendFailed(const Error& error, const CommitStore::Head& head);
     void storeClosed() { storeClosed_ = true; }
+    void setSpace(bool hasSpace) { hasSpace_ = hasSpace; }
     void snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes);
 
     // LayerStates.cpp
@@ -283,12 +289,14 @@ public:
 
     // Layers.cpp
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
+    void layerNotStored(const LayerId& layer);
     void historyRead(SessionId id, std::uint64_t request, Result<LayerDoc> doc);
+    void historyNotStored(SessionId id, std::uint64_t request);
     [[nodiscard]] std::vector<LayerInfo> layerInfos() const;
 
     // Blobs.cpp
+    void blobsFound(const std::vector<Hash>& asked, const std::vector<Hash>& stored);
     void blobWritten(SessionId id, const Hash& hash, const Result<bool>& whole);
-    [[nodiscard]] std::set<ClientId> activeClients() const;
     [[nodiscard]] std::vector<Hash> unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
                                                 std::int64_t nowMs);
 
@@ -318,6 +326,7 @@ public:
     // History.cpp
     void boundHistory();
     void baseFound(Result<BaseLimit> limit);
+    void baseIs(const CommitStore::Base& base);
     void compacted(const Result<CompactOutcome>& outcome);
     void storageMeasured(SessionId id, std::uint64_t request, Result<Storage> storage);
 
@@ -334,7 +343,7 @@ private:
     void receive(Session& session, const ControlMessage& message);
     void greet(Session& session, const Hello& hello);
     void checkResume(Session& session);
-    [[nodiscard]] bool mayBeForgotten(const ClientId& client, Revision seen);
+    void readClient(const ClientId& client);
     void resumeChecked(Session& session, const Result<Hash>& hash);
     void welcome(Session& session, std::optional<Error> whyNotResumed);
     void send(Session& session, const ControlMessage& message);
@@ -372,11 +381,11 @@ private:
     void submit(Session& session, Transaction transaction, std::size_t bytes);
     void work(Session& session);
     bool workOff(Session& session, QueuedTransaction& queued);
-    [[nodiscard]] static bool isKnown(const Author& author, std::uint64_t sequence);
-    std::optional<Revision> committed(Author& author, const TransactionId& id);
+    [[nodiscard]] static std::optional<Revision> committed(const Author& author,
+                                                           std::uint64_t sequence);
     [[nodiscard]] std::optional<Refused> objection(const Author& author,
                                                    const QueuedTransaction& queued) const;
-    [[nodiscard]] std::optional<Refused> blobObjection(const Transaction& transaction) const;
+    std::variant<bool, Refused> blobsReady(QueuedTransaction& queued);
     [[nodiscard]] std::size_t expandedBytes(const Author& author,
                                             const Transaction& transaction) const;
     std::variant<bool, Refused> layersReady(const Transaction& transaction);
@@ -423,6 +432,8 @@ private:
 
     // Blobs.cpp
     void requestBlob(Session& session, const RequestBlob& request);
+    void findBlobs(std::vector<Hash> hashes);
+    void answerRequest(Session& session, const RequestBlob& request);
     void receiveBlob(Session& session, BlobFrame part);
     void sendStored(Session& session, const Hash& hash);
     [[nodiscard]] bool handlesFiles() const;
@@ -490,7 +501,6 @@ private:
     // History.cpp
     void compactHistory(Session& session, const CompactHistory& request);
     void compactNext();
-    void learnBase();
     void compactDone(const Result<CompactOutcome>& outcome);
     [[nodiscard]] Revision oldestNeeded() const;
 
@@ -500,8 +510,9 @@ private:
     void withdrawAll(const ClientId& author);
 
     Options options_;
-    ProjectHost& host_;
+    Ports ports_;
     Epoch epoch_;
+    bool hasSpace_;  ///< in the store
     ProjectCounters counters_;
 
     std::map<SessionId, Session> sessions_;
@@ -520,7 +531,7 @@ private:
     const std::int64_t startedMs_;
     std::size_t presences_ = 0;  ///< sessions that show where they are
     std::vector<SaveRequest> saves_;
-    std::size_t savesUnderWay_ = 0;  ///< that the host has begun
+    std::size_t savesUnderWay_ = 0;  ///< that have been begun
     std::vector<ReloadRequest> reloads_;
 
     NamespaceHistory history_;
@@ -534,7 +545,8 @@ private:
     Hash durableHash_;
     RecentCommits recent_;
     CommitStore::Base base_;
-    Revision oldest_;  ///< that may be read: a base that is being made, or base_
+    Revision oldest_;         ///< that may be read: a base that is being made, or base_
+    Revision forgottenUpTo_;  ///< as the store said last (M14)
     std::deque<CompactRequest> compacts_;  ///< the first is under way
     /// Commits in parts while some session is sent them: one copy for all.
     std::map<Revision, std::weak_ptr<const Bytes>> large_;
@@ -548,6 +560,7 @@ private:
     std::deque<ReadyCheckpoint> readyCheckpoints_;
 
     Previews previews_;
+    KnownBlobs knownBlobs_;
     UnusedBlobs unusedBlobs_;
 };
 

@@ -114,7 +114,7 @@ void Project::Impl::continueReload(ReloadRequest& reload) {
 
 void Project::Impl::read(ReloadRequest& reload, const LayerId& layer, int attempt) {
     reload.reading[layer] = {executed_, attempt};
-    host_.reloadLayer(reload.session, reload.request, layer, docs_.at(layer));
+    ports_.files.reloadLayer(reload.session, reload.request, layer, docs_.at(layer));
 }
 
 void Project::Impl::layerReloaded(SessionId id, std::uint64_t request, const LayerId& layer,
@@ -157,7 +157,7 @@ Result<void> Project::Impl::takeFile(const Session& session, const LayerId& laye
                                      ReloadedLayer reloaded) {
     if (const auto locked = lockObjection(session.user, layer)) return tl::unexpected(*locked);
     if (storeClosed_) return fail(ErrorCode::StorageFailed, "the store has failed");
-    if (!host_.hasSpace()) return fail(ErrorCode::StorageFull, "the disk of the server is full");
+    if (!hasSpace_) return fail(ErrorCode::StorageFull, "the disk of the server is full");
     const LayerDocs before{{layer, docs_.at(layer)}};
     const std::uint64_t mark = history_.log().mark();
     auto executed = executeInOrder(docs_, history_.log(), std::move(reloaded.edits), executed_ + 1);
@@ -183,14 +183,14 @@ Result<void> Project::Impl::takeFile(const Session& session, const LayerId& laye
 void Project::Impl::sendReloaded(const ReloadRequest& reload) {
     for (const auto& [layer, saved] : reload.unchanged) {
         fileIs(layer, saved);
-        host_.setSaved(layer, saved);
+        ports_.history.setSaved(layer, saved);
     }
     Session* session = find(reload.session);
     if (!session || !session->isGreeted()) return;
     for (const LayerId& layer : reload.outcome.reloaded)
-        host_.happened({"layer reloaded", session->user, layer});
+        ports_.activity.happened({"layer reloaded", session->user, layer});
     for (const auto& failure : reload.outcome.failed)
-        host_.happened({"reload refused", session->user, failure.layer, failure.message});
+        ports_.activity.happened({"reload refused", session->user, failure.layer, failure.message});
     send(*session, reload.outcome);
 }
 

@@ -22,10 +22,8 @@ void Project::Impl::saveLayers(Session& session, const SaveLayers& request) {
     }
     if (request.layers.empty()) {
         for (const auto& [layer, entry] : layers_)
-            if (entry.changed > entry.saved.revision || entry.file.missing)
+            if (entry.unsaved || entry.changed > entry.saved.revision || entry.file.missing)
                 save.layers.insert(layer);
-        for (const LayerId& layer : host_.unsavedLayers())
-            if (layers_.contains(layer)) save.layers.insert(layer);
     }
     for (const LayerId& layer : save.layers)
         if (std::holds_alternative<NotLoaded>(layers_[layer].state)) load(layer);
@@ -80,7 +78,7 @@ void Project::Impl::sendSave(const ReadySave& ready) {
         return send(*session, LayersSaved{request, ready.revision, {}, ready.save.failed});
     if (!ready.save.failed.empty()) session->failedSaves[request] = ready.save.failed;
     ++savesUnderWay_;
-    host_.saveLayers(session->id, request, ready.jobs);
+    ports_.files.saveLayers(session->id, request, ready.jobs);
 }
 
 void Project::Impl::layersSaved(SessionId id, std::uint64_t request, const SaveOutcome& outcome) {
@@ -91,14 +89,14 @@ void Project::Impl::layersSaved(SessionId id, std::uint64_t request, const SaveO
     for (const auto& [layer, file] : outcome.saved) {
         message.saved.push_back(layer);
         fileIs(layer, {outcome.revision, file});
-        host_.happened({"layer saved", user, layer});
+        ports_.activity.happened({"layer saved", user, layer});
     }
     if (!session || !session->isGreeted()) return;
     const auto failed = session->failedSaves.extract(request);
     if (!failed.empty())
         message.failed.insert(message.failed.end(), failed.mapped().begin(), failed.mapped().end());
     for (const auto& failure : message.failed)
-        host_.happened({"save refused", user, failure.layer, failure.message});
+        ports_.activity.happened({"save refused", user, failure.layer, failure.message});
     send(*session, message);
 }
 

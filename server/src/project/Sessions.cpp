@@ -104,31 +104,32 @@ void Project::Impl::receiveControl(Session& session, const std::string& json) {
 }
 
 void Project::Impl::receive(Session& session, const ControlMessage& message) {
-    std::visit(
-        Overloaded{
-            [&](const OpenLayer& open) { openLayer(session, open); },
-            [&](const CloseLayer& close) { closeLayer(session, close.layer); },
-            [&](const ShowPresence& shown) { showPresence(session, shown.presence); },
-            [&](const RequestBlob& request) { requestBlob(session, request); },
-            [&](const SaveLayers& request) { saveLayers(session, request); },
-            [&](const ReloadLayers& request) { reloadLayers(session, request); },
-            [&](const RequestLog& request) { requestLog(session, request); },
-            [&](const CreateLayer& request) { createLayer(session, request); },
-            [&](const ListSkipped& request) { host_.listSkipped(session.id, request.request); },
-            [&](const CreateCheckpoint& request) { createCheckpoint(session, request); },
-            [&](const ListCheckpoints& request) {
-                host_.readCheckpoints(session.id, request.request);
-            },
-            [&](const CompactHistory& request) { compactHistory(session, request); },
-            [&](const RequestStorage& request) {
-                host_.measureStorage(session.id, request.request);
-            },
-            [&](const auto&) {
-                close(session, {ErrorCode::MalformedControl,
-                                "a message of a type that only the server sends"});
-            },
-        },
-        message);
+    std::visit(Overloaded{
+                   [&](const OpenLayer& open) { openLayer(session, open); },
+                   [&](const CloseLayer& close) { closeLayer(session, close.layer); },
+                   [&](const ShowPresence& shown) { showPresence(session, shown.presence); },
+                   [&](const RequestBlob& request) { requestBlob(session, request); },
+                   [&](const SaveLayers& request) { saveLayers(session, request); },
+                   [&](const ReloadLayers& request) { reloadLayers(session, request); },
+                   [&](const RequestLog& request) { requestLog(session, request); },
+                   [&](const CreateLayer& request) { createLayer(session, request); },
+                   [&](const ListSkipped& request) {
+                       ports_.files.listSkipped(session.id, request.request);
+                   },
+                   [&](const CreateCheckpoint& request) { createCheckpoint(session, request); },
+                   [&](const ListCheckpoints& request) {
+                       ports_.history.readCheckpoints(session.id, request.request);
+                   },
+                   [&](const CompactHistory& request) { compactHistory(session, request); },
+                   [&](const RequestStorage& request) {
+                       ports_.history.measureStorage(session.id, request.request);
+                   },
+                   [&](const auto&) {
+                       close(session, {ErrorCode::MalformedControl,
+                                       "a message of a type that only the server sends"});
+                   },
+               },
+               message);
 }
 
 void Project::Impl::greet(Session& session, const Hello& hello) {
@@ -148,10 +149,40 @@ void Project::Impl::greet(Session& session, const Hello& hello) {
     session.application = hello.application;
     for (std::string& feature : common(hello.features)) session.features.insert(std::move(feature));
     session.phase = CheckingResume{hello, {}, 0};
+    if (!authors_[session.client].committed) readClient(session.client);
     if (hello.resume)
         checkResume(session);
     else
         welcome(session, std::nullopt);
+}
+
+/// What it has committed (M9): asked for when it comes, and kept as long as it is here.
+void Project::Impl::readClient(const ClientId& client) {
+    Author& author = authors_[client];
+    if (storeClosed_ || std::exchange(author.isRead, true)) return;
+    ports_.history.readClient(client);
+}
+
+void Project::Impl::clientRead(const ClientId& client, const Result<ClientRecord>& record) {
+    const auto found = authors_.find(client);
+    if (found == authors_.end()) return;
+    Author& author = found->second;
+    if (!std::exchange(author.isRead, false) || author.committed) return;
+    if (record) {
+        author.committed.emplace(*record);
+        forgottenUpTo_ = std::max(forgottenUpTo_, record->forgottenUpTo);
+    }
+    // Without it what it sends may be committed twice. It comes again, and is asked for again.
+    for (auto& [id, session] : sessions_) {
+        if (session.client != client || std::holds_alternative<Closing>(session.phase)) continue;
+        if (!record && !storeClosed_)
+            close(session, record.error());
+        else if (std::holds_alternative<CheckingResume>(session.phase))
+            checkResume(session);
+        else
+            work(session);
+    }
+    forgetAuthor(client);
 }
 
 /// A connection its client has given up may still deliver. What comes over it now would be executed
@@ -161,7 +192,7 @@ void Project::Impl::supersede(const ClientId& client) {
     for (auto& [id, other] : sessions_) {
         if (other.client != client || std::holds_alternative<Closing>(other.phase)) continue;
         superseded = true;
-        host_.close(id);
+        ports_.outbox.close(id);
         other.phase = Closing{};
         other.transactions.clear();
         other.answers.clear();
@@ -171,21 +202,17 @@ void Project::Impl::supersede(const ClientId& client) {
     if (superseded) withdrawAll(client);
 }
 
-/// M14: who was forgotten has committed nothing that it has not seen, if it has seen so much.
-bool Project::Impl::mayBeForgotten(const ClientId& client, Revision seen) {
-    return seen < host_.forgottenUpTo() && !authors_.contains(client);
-}
-
 void Project::Impl::checkResume(Session& session) {
     const auto& resume = *std::get<CheckingResume>(session.phase).hello.resume;
     const std::string at = "revision " + std::to_string(resume.revision);
-    if (mayBeForgotten(session.client, resume.revision)) {
-        if (storeClosed_) return close(session, {ErrorCode::StorageFailed, "the store has failed"});
-        if (host_.lastSequence(session.client) == 0)
-            return welcome(session, Error{ErrorCode::ClientForgotten,
-                                          "this client was away since " + at +
-                                              ", and the server no longer knows what it has sent"});
-    }
+    const auto& known = authors_[session.client].committed;
+    if (!known && !storeClosed_) return;  // clientRead() calls this again
+    if (!known && resume.revision < forgottenUpTo_)
+        return close(session, {ErrorCode::StorageFailed, "the store has failed"});
+    if (known && known->mayLack(resume.revision))
+        return welcome(session, Error{ErrorCode::ClientForgotten,
+                                      "this client was away since " + at +
+                                          ", and the server no longer knows what it has sent"});
     if (resume.epoch > epoch_)
         return welcome(session, Error{ErrorCode::HistoryDiverged,
                                       "the client has seen epoch " + std::to_string(resume.epoch) +
@@ -258,7 +285,7 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     if (session.features.contains(kPartsFeature))
         message.maxTransactionBytes = options_.maxTransactionBytes;
     send(session, message);
-    host_.happened({"user joined", session.user, {}, session.application});
+    ports_.activity.happened({"user joined", session.user, {}, session.application});
     tellStatesTo(session);
     tellPresencesTo(session);
 
@@ -267,8 +294,8 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
 }
 
 void Project::Impl::send(Session& session, const ControlMessage& message) {
-    host_.send(session.id,
-               std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)})));
+    ports_.outbox.send(session.id, std::make_shared<const Bytes>(
+                                       encodeFrame(ControlFrame{encodeControl(message)})));
 }
 
 /// To those that asked for the feature.
@@ -276,7 +303,7 @@ void Project::Impl::tellAll(const std::string& feature, const News& news) {
     std::vector<SessionId> listening;
     for (const auto& [id, session] : sessions_)
         if (session.isGreeted() && session.features.contains(feature)) listening.push_back(id);
-    host_.tell(listening, news);
+    ports_.outbox.tell(listening, news);
 }
 
 void Project::Impl::sendError(Session& session, const Error& error,
@@ -287,7 +314,7 @@ void Project::Impl::sendError(Session& session, const Error& error,
 
 void Project::Impl::close(Session& session, const Error& error) {
     send(session, ErrorMessage{std::string(errorName(error.code)), error.message, true, {}, {}});
-    host_.close(session.id);
+    ports_.outbox.close(session.id);
     session.phase = Closing{};
     session.transactions.clear();
     session.answers.clear();
@@ -305,7 +332,7 @@ void Project::Impl::disconnected(SessionId id) {
     suspects_.insert(open.begin(), open.end());
     if (!found->second.user.empty()) left(found->second.user);
     if (found->second.greeted)
-        host_.happened({"user left", found->second.user, {}, found->second.application});
+        ports_.activity.happened({"user left", found->second.user, {}, found->second.application});
     sessions_.erase(found);
     for (const LayerId& layer : open) noteIdle(layer);
     if (wasShown) presenceLeft(client);
@@ -317,7 +344,7 @@ void Project::Impl::disconnected(SessionId id) {
 /// Who has been away for so long that his locks are free is as good as never seen.
 void Project::Impl::left(const UserName& user) {
     constexpr std::size_t kMostKept = 1'000;
-    const std::int64_t now = host_.wallClockMs();
+    const std::int64_t now = ports_.clock.wallClockMs();
     if (leftMs_.size() >= kMostKept)
         std::erase_if(leftMs_, [&](const auto& entry) {
             return now - entry.second >= options_.lockTakeoverMs;

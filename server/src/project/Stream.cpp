@@ -54,7 +54,7 @@ void Project::Impl::pump(Session& session) {
                            [](const Read& read) { return read.purpose == ReadPurpose::Stream; });
     };
     while (session.isGreeted() && !session.isLive() && !streamReads() &&
-           !host_.congested(session.id)) {
+           !ports_.outbox.congested(session.id)) {
         if (session.sending) {
             sendPart(session);
             continue;
@@ -138,7 +138,7 @@ std::optional<CommitFrame> Project::Impl::conflatable(const Session& session,
 
 void Project::Impl::sendPast(Session& session, const SharedBytes& frame) {
     if (!isInParts(*frame)) {
-        host_.send(session.id, frame);
+        ports_.outbox.send(session.id, frame);
         return wasSent(session);
     }
     const auto* log = std::get_if<SendingLog>(&session.stream);
@@ -155,7 +155,8 @@ void Project::Impl::sendPast(Session& session, const SharedBytes& frame) {
 /// The next part of a commit that comes in parts.
 void Project::Impl::sendPart(Session& session) {
     SendingParts& sending = *session.sending;
-    host_.send(session.id, std::make_shared<const Bytes>(nextPart(*sending.frame, sending.offset)));
+    ports_.outbox.send(session.id,
+                       std::make_shared<const Bytes>(nextPart(*sending.frame, sending.offset)));
     if (sending.offset < sending.frame->size()) return;
     session.sending.reset();
     wasSent(session);
@@ -186,9 +187,9 @@ void Project::Impl::becomeLive(Session& session) {
     if (!session.logs.empty()) return beginLog(session);
     session.stream = Live{};
     session.ahead = false;
-    host_.releaseCommits(session.id, session.position + 1);
+    ports_.outbox.releaseCommits(session.id, session.position + 1);
     previews_.forEach([&](const ClientId& author, const Previews::Preview& preview) {
-        if (author != session.client) host_.send(session.id, preview.frame);
+        if (author != session.client) ports_.outbox.send(session.id, preview.frame);
     });
 }
 
@@ -212,7 +213,7 @@ void Project::Impl::requestLog(Session& session, const RequestLog& request) {
 void Project::Impl::beginLog(Session& session) {
     const RequestLog request = session.logs.front();
     session.logs.pop_front();
-    if (session.isLive()) session.ahead = host_.holdCommits(session.id);
+    if (session.isLive()) session.ahead = ports_.outbox.holdCommits(session.id);
     session.stream = SendingLog{request.request, request.from, request.to};
     send(session, LogBegin{request.request});
 }
@@ -227,9 +228,9 @@ void Project::Impl::releaseAnswers(Session& session) {
     while (session.isGreeted() && !answers.empty() && answers.front().after <= session.position) {
         const Answer answer = std::move(answers.front());
         answers.pop_front();
-        host_.send(session.id, answer.frame);
+        ports_.outbox.send(session.id, answer.frame);
         if (!answer.closing) continue;
-        host_.close(session.id);
+        ports_.outbox.close(session.id);
         session.phase = Closing{};
     }
 }
@@ -243,7 +244,7 @@ std::optional<Hash> Project::Impl::knownHash(Revision revision) const {
 
 void Project::Impl::requestRead(Session& session, Read read) {
     session.reads.push_back(read);
-    if (session.reads.size() == 1) host_.readCommits(session.id, read.from, read.to);
+    if (session.reads.size() == 1) ports_.history.readCommits(session.id, read.from, read.to);
 }
 
 void Project::Impl::commitsRead(SessionId id, Result<std::vector<StoredCommit>> commits) {
@@ -252,12 +253,10 @@ void Project::Impl::commitsRead(SessionId id, Result<std::vector<StoredCommit>> 
     const Read read = session->reads.front();
     session->reads.pop_front();
     if (!session->reads.empty())
-        host_.readCommits(id, session->reads.front().from, session->reads.front().to);
+        ports_.history.readCommits(id, session->reads.front().from, session->reads.front().to);
     if (commits && (commits->empty() || commits->front().revision != read.from))
         commits = fail(ErrorCode::StorageCorrupt,
                        "revision " + std::to_string(read.from) + " is not in the store");
-    // A project that was made anew does not know what the one before had begun.
-    if (!commits && commits.error().code == ErrorCode::HistoryReplaced) learnBase();
     switch (read.purpose) {
         case ReadPurpose::ResumeCheck:
             return resumeChecked(*session,

@@ -113,7 +113,7 @@ void Project::Impl::submit(Session& session, Transaction transaction, std::size_
     if (session.transactionBytes > kMaxWaitingBytes + options_.maxTransactionBytes)
         return close(session, {ErrorCode::TransactionTooLarge,
                                "too many transactions wait for a layer to load"});
-    session.transactions.push_back({std::move(transaction), bytes, {}});
+    session.transactions.push_back({std::move(transaction), bytes, {}, {}});
     if (session.transactions.size() == 1) work(session);
 }
 
@@ -132,9 +132,11 @@ void Project::Impl::work(Session& session) {
 bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
     const Transaction& transaction = queued.transaction;
     Author& author = authors_[session.client];
-    if (storeClosed_ && !isKnown(author, transaction.id.sequence)) return false;
-    const auto known = committed(author, transaction.id);
-    if (known) {
+    if (!author.committed) {
+        readClient(session.client);
+        return false;
+    }
+    if (const auto known = committed(author, transaction.id.sequence)) {
         ++counters_.duplicates;
         const AlreadyCommitted message{transaction.id.sequence, *known};
         answer(session, {*known, shared(ControlFrame{encodeControl(message)}), true, false});
@@ -144,6 +146,12 @@ bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
         refuse(session, transaction, *refused);
         return true;
     }
+    const auto stored = blobsReady(queued);
+    if (const auto* refused = std::get_if<Refused>(&stored)) {
+        refuse(session, transaction, *refused);
+        return true;
+    }
+    if (!std::get<bool>(stored)) return false;
     const auto ready = layersReady(transaction);
     if (const auto* refused = std::get_if<Refused>(&ready)) {
         refuse(session, transaction, *refused);
@@ -158,18 +166,10 @@ bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
     return true;
 }
 
-/// Can it be told without the store whether it was committed before?
-bool Project::Impl::isKnown(const Author& author, std::uint64_t sequence) {
-    if (author.inFlight.contains(sequence)) return true;
-    return author.lastSequence && sequence > *author.lastSequence;
-}
-
-/// M9. The store is asked only about numbers that it may have seen.
-std::optional<Revision> Project::Impl::committed(Author& author, const TransactionId& id) {
-    const auto inFlight = author.inFlight.find(id.sequence);
-    if (inFlight != author.inFlight.end()) return inFlight->second;
-    if (!author.lastSequence) author.lastSequence = host_.lastSequence(id.client);
-    return id.sequence > *author.lastSequence ? std::nullopt : host_.committed(id);
+/// M9. Of an author whose commits are known.
+std::optional<Revision> Project::Impl::committed(const Author& author, std::uint64_t sequence) {
+    const auto inFlight = author.inFlight.find(sequence);
+    return inFlight != author.inFlight.end() ? inFlight->second : author.committed->find(sequence);
 }
 
 std::optional<Refused> Project::Impl::objection(const Author& author,
@@ -180,30 +180,43 @@ std::optional<Refused> Project::Impl::objection(const Author& author,
     if (transaction.edits.size() > options_.maxEditsPerTransaction ||
         expandedBytes(author, transaction) + queued.bytes > options_.maxTransactionBytes)
         return tooLarge(transaction.edits.size(), queued.bytes, options_.maxTransactionBytes);
-    if (!host_.hasSpace())
-        return Refused{{ErrorCode::StorageFull, "the disk of the server is full"}};
-    return blobObjection(transaction);
+    if (!hasSpace_) return Refused{{ErrorCode::StorageFull, "the disk of the server is full"}};
+    return std::nullopt;
 }
 
-std::optional<Refused> Project::Impl::blobObjection(const Transaction& transaction) const {
+/// Are all big values stored that it names? False while the store is asked.
+std::variant<bool, Refused> Project::Impl::blobsReady(QueuedTransaction& queued) {
     std::unordered_set<Hash> checked;
-    for (std::size_t index = 0; index < transaction.edits.size(); ++index) {
+    std::vector<Hash> sought;
+    bool isSought = false;
+    const std::vector<Edit>& edits = queued.transaction.edits;
+    for (std::size_t index = 0; index < edits.size(); ++index) {
         std::optional<Refused> refused;
         const auto check = [&](const Value& blob) {
-            if (refused || !checked.insert(blob.hash()).second) return;
-            if (blob.size() > options_.maxBlobBytes)
+            const Hash hash = blob.hash();
+            if (refused || !checked.insert(hash).second) return;
+            if (blob.size() > options_.maxBlobBytes) {
                 refused = Refused{{ErrorCode::BlobTooLarge,
                                    "a value of " + std::to_string(blob.size()) + " bytes"}};
-            else if (!host_.hasBlob(blob.hash()))
-                refused = Refused{{ErrorCode::BlobNotFound,
-                                   "the value " + blob.hash().hex() + " was not uploaded"}};
+            } else if (knownBlobs_.has(hash)) {
+                return;
+            } else if (queued.soughtBlobs.insert(hash).second) {
+                sought.push_back(hash);
+            } else if (knownBlobs_.isAsked(hash)) {
+                isSought = true;
+            } else {
+                refused = Refused{
+                    {ErrorCode::BlobNotFound, "the value " + hash.hex() + " was not uploaded"}};
+            }
         };
-        forEachBlob(transaction.edits[index].action, check);
+        forEachBlob(edits[index].action, check);
         if (!refused) continue;
         refused->edit = std::uint32_t(index);
-        return refused;
+        return *refused;
     }
-    return std::nullopt;
+    isSought = isSought || !sought.empty();
+    if (!sought.empty()) findBlobs(std::move(sought));
+    return !isSought;
 }
 
 /// By how much addresses that follow a created spec grow when they are written out: a small
@@ -261,7 +274,7 @@ bool Project::Impl::creationsKnown(Session& session, Author& author, QueuedTrans
         const std::uint64_t sequence = creation.sequence;
         if (sequence == queued.transaction.id.sequence || author.creations.find(creation)) return;
         if (author.inFlight.contains(sequence) || !queued.lookedUp.insert(sequence).second) return;
-        const auto revision = host_.committed({session.client, sequence});
+        const auto revision = author.committed->find(sequence);
         if (!revision || *revision <= oldest_) return;  // M4: as if it had not been created
         known = false;
         requestRead(session, {ReadPurpose::Creations, *revision, *revision, sequence});
@@ -333,7 +346,7 @@ void Project::Impl::refuse(Session& session, const Transaction& transaction,
     ++counters_.refused;
     const LayerId layer =
         refused.edit < transaction.edits.size() ? transaction.edits[refused.edit].layer : LayerId{};
-    host_.happened({"edits refused", session.user, layer, refused.error.message});
+    ports_.activity.happened({"edits refused", session.user, layer, refused.error.message});
     if (transaction.gesture != 0 && previews_.end(session.client, transaction.gesture))
         withdraw(session.client, transaction.gesture);
     // Of a session that resumes all commits up to its welcome may be its author's.

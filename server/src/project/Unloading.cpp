@@ -22,7 +22,7 @@ void Project::Impl::noteIdle(const LayerId& layer) {
     const std::size_t bytes = kSpecBytes * doc->second.specCount() + entry->second.snapshotBytes +
                               entry->second.replayCost;
     entry->second.idle = ++lastIdle_;
-    idle_.emplace(lastIdle_, IdleLayer{layer, host_.wallClockMs(), bytes});
+    idle_.emplace(lastIdle_, IdleLayer{layer, ports_.clock.wallClockMs(), bytes});
     idleBytes_ += bytes;
 }
 
@@ -68,7 +68,7 @@ bool Project::Impl::isNeeded(const LayerId& layer, const LayerEntry& entry) cons
 
 /// The layer that was left first goes first. One that is needed has its turn later.
 void Project::Impl::unloadIdle() {
-    const std::int64_t now = host_.wallClockMs();
+    const std::int64_t now = ports_.clock.wallClockMs();
     std::optional<std::set<LayerId>> locking;
     for (std::size_t left = idle_.size(); left > 0; --left) {
         const auto first = idle_.begin();

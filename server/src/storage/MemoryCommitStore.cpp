@@ -162,22 +162,16 @@ public:
                              [&](const auto& change) { return change.revision > revision; });
         return changes;
     }
-    [[nodiscard]] Result<std::optional<Revision>> committed(
-        const TransactionId& transaction) const override {
+    [[nodiscard]] Result<ClientRecord> clientRecord(const ClientId& id) const override {
         const std::lock_guard lock(disk_->mutex);
-        const auto client = disk_->clients.find(transaction.client);
-        if (client == disk_->clients.end()) return std::optional<Revision>();
-        if (const auto known = client->second.find(transaction.sequence);
-            known != client->second.end())
-            return known->second;
-        const auto late = disk_->late.find(transaction);
-        return late == disk_->late.end() ? std::nullopt : std::optional(late->second);
-    }
-    [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& id) const override {
-        const std::lock_guard lock(disk_->mutex);
-        const auto client = disk_->clients.find(id);
-        if (client == disk_->clients.end() || client->second.empty()) return 0;
-        return client->second.rbegin()->first;
+        ClientRecord record{{}, disk_->forgotten};
+        std::map<std::uint64_t, Revision> known;
+        if (const auto client = disk_->clients.find(id); client != disk_->clients.end())
+            known = client->second;
+        for (const auto& [transaction, revision] : disk_->late)
+            if (transaction.client == id) known.emplace(transaction.sequence, revision);
+        record.committed.assign(known.begin(), known.end());
+        return record;
     }
     Result<std::size_t> forgetClients(std::size_t most, const std::set<ClientId>& kept) override {
         const std::lock_guard lock(disk_->mutex);

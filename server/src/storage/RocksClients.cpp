@@ -28,24 +28,58 @@ Result<std::vector<ClientId>> RocksCommitStore::clients() const {
     return all;
 }
 
-/// The newest commit of a client. `keys`: of its records.
-Result<Revision> RocksCommitStore::newestOf(const ClientId& client,
-                                            std::vector<std::string>* keys) const {
+/// Calls `visit(key, number, revision)` with all transactions that are kept of a client, as they
+/// are at one moment.
+template <class Visit>
+Result<void> RocksCommitStore::forEachTransaction(const ClientId& client, Visit visit) const {
     const std::string first = storekeys::highestTransaction(client),
                       end = storekeys::behindClient(client);
     const std::unique_ptr<rocksdb::Iterator> at(
         db_->NewIterator(rocksdb::ReadOptions(), family(Family::Clients)));
-    Revision newest = 0;
     for (at->Seek(first); at->Valid() && text(at->key()) < end; at->Next()) {
-        if (keys) keys->emplace_back(text(at->key()));
         if (text(at->key()) == first) continue;
         ByteReader in(bytes(at->value()));
-        (void)in.u64();
-        newest = std::max<Revision>(newest, in.u64());
+        const std::uint64_t sequence = in.u64();
+        const Revision revision = in.u64();
         if (!in.finished()) return damaged("a record of a transaction cannot be read");
+        visit(text(at->key()), sequence, revision);
     }
     if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
-    return newest;
+    return {};
+}
+
+Result<ClientRecord> RocksCommitStore::clientRecord(const ClientId& client) const {
+    ClientRecord record;
+    std::vector<std::pair<std::uint64_t, Revision>> late;
+    const auto read =
+        forEachTransaction(client, [&](auto key, std::uint64_t sequence, Revision revision) {
+            const bool isLate = key == storekeys::lateTransaction(client, sequence);
+            (isLate ? late : record.committed).emplace_back(sequence, revision);
+        });
+    if (!read) return tl::unexpected(read.error());
+    std::ranges::sort(record.committed);
+    // A number that is long ago stays in its place until another one takes that.
+    const std::uint64_t last = record.committed.empty() ? 0 : record.committed.back().first;
+    std::erase_if(record.committed,
+                  [&](const auto& one) { return last - one.first >= kRemembered; });
+    record.committed.insert(record.committed.begin(), late.begin(), late.end());
+    std::ranges::sort(record.committed);
+    // After the transactions: who was forgotten meanwhile is in neither, but this says so.
+    record.forgottenUpTo = forgotten_;
+    return record;
+}
+
+/// The newest commit of a client. `keys`: of its records.
+Result<Revision> RocksCommitStore::newestOf(const ClientId& client,
+                                            std::vector<std::string>* keys) const {
+    Revision newest = 0;
+    if (keys) keys->push_back(storekeys::highestTransaction(client));
+    return forEachTransaction(client,
+                              [&](auto key, std::uint64_t, Revision revision) {
+                                  if (keys) keys->emplace_back(key);
+                                  newest = std::max(newest, revision);
+                              })
+        .map([&] { return newest; });
 }
 
 Result<std::size_t> RocksCommitStore::forgetClients(std::size_t most,

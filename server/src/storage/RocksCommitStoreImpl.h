@@ -53,9 +53,7 @@ public:
     [[nodiscard]] Result<std::vector<LayerId>> unsavedLayers() const override;
     [[nodiscard]] Result<std::vector<NamespaceChange>> namespaceChanges(
         Revision revision) const override;
-    [[nodiscard]] Result<std::optional<Revision>> committed(
-        const TransactionId& transaction) const override;
-    [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const override;
+    [[nodiscard]] Result<ClientRecord> clientRecord(const ClientId& client) const override;
     Result<std::size_t> forgetClients(std::size_t most, const std::set<ClientId>& kept) override;
     [[nodiscard]] Revision forgottenUpTo() const override { return forgotten_; }
     Result<void> addCheckpoint(const Checkpoint& checkpoint) override;
@@ -140,6 +138,10 @@ private:
 
     // Clients.
     [[nodiscard]] Result<std::vector<ClientId>> clients() const;
+    template <class Visit>
+    [[nodiscard]] Result<void> forEachTransaction(const ClientId& client, Visit visit) const;
+    /// The highest number of a client's committed transactions, 0 none.
+    [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const;
     [[nodiscard]] Result<Revision> newestOf(const ClientId& client,
                                             std::vector<std::string>* keys) const;
     Result<std::pair<std::size_t, std::size_t>> forgetSome(

@@ -269,26 +269,6 @@ Result<std::vector<NamespaceChange>> RocksCommitStore::namespaceChanges(Revision
     return changes;
 }
 
-Result<std::optional<Revision>> RocksCommitStore::committed(
-    const TransactionId& transaction) const {
-    const auto last = lastSequence(transaction.client);
-    if (!last) return tl::unexpected(last.error());
-    const std::uint64_t sequence = transaction.sequence;
-    if (sequence == 0 || sequence > *last) return std::optional<Revision>();
-    const std::string key = *last - sequence < kRemembered
-                                ? storekeys::transaction(transaction.client, sequence)
-                                : storekeys::lateTransaction(transaction.client, sequence);
-    std::string value;
-    const auto status = db_->Get(rocksdb::ReadOptions(), family(Family::Clients), key, &value);
-    if (status.IsNotFound()) return std::optional<Revision>();
-    if (!status.ok()) return tl::unexpected(error(status, "read"));
-    ByteReader in(asBytes(value));
-    const std::uint64_t held = in.u64();
-    const Revision revision = in.u64();
-    if (!in.finished()) return damaged("a record of a transaction cannot be read");
-    return held == sequence ? std::optional(revision) : std::nullopt;
-}
-
 Result<std::uint64_t> RocksCommitStore::lastSequence(const ClientId& client) const {
     return number<std::uint64_t>(Family::Clients, storekeys::highestTransaction(client))
         .map([](const auto& last) { return last.value_or(0); });

@@ -1,5 +1,7 @@
 #include "MemoryServer.h"
 
+#include <algorithm>
+#include <iterator>
 #include <thread>
 
 namespace usdlive::tests {
@@ -58,12 +60,10 @@ private:
 
 namespace {
 
-server::CommitStore::Head emptyHead() { return {0, {}, 1}; }
-
-std::vector<LayerId> namesOf(const std::map<LayerId, LayerDoc>& files) {
-    std::vector<LayerId> names;
-    for (const auto& [name, doc] : files) names.push_back(name);
-    return names;
+std::vector<server::LayerFile> servedOf(const std::map<LayerId, LayerDoc>& files) {
+    std::vector<server::LayerFile> served;
+    for (const auto& [name, doc] : files) served.push_back({name});
+    return served;
 }
 
 SharedBytes encoded(const Frame& frame) {
@@ -73,9 +73,9 @@ SharedBytes encoded(const Frame& frame) {
 }  // namespace
 
 MemoryServer::MemoryServer(std::map<LayerId, LayerDoc> docs) : files(std::move(docs)) {
-    project_ = std::make_unique<server::Project>(server::Project::Options{.name = "test"}, *this,
-                                                 emptyHead(), namesOf(files),
-                                                 std::vector<server::NamespaceChange>{});
+    project_ =
+        std::make_unique<server::Project>(server::Project::Options{.name = "test"}, ports(),
+                                          server::StoreState{.head = {0, {}, 1}}, servedOf(files));
 }
 
 std::unique_ptr<client::Connection> MemoryServer::connect() {
@@ -172,6 +172,12 @@ void MemoryServer::sendBlob(server::SessionId session, const Hash& hash, std::ui
 void MemoryServer::writeBlob(server::SessionId session, BlobFrame part) {
     const auto raw = inflate(part.data, part.rawBytes, kChunkBytes * 2);
     static std::map<Hash, Bytes> unfinished;
+    if (blobs.contains(part.hash)) {
+        const bool ends = part.offset == 0 || part.offset + part.rawBytes == part.size;
+        return post([this, session, hash = part.hash, ends] {
+            project_->blobWritten(session, hash, ends);
+        });
+    }
     Bytes& bytes = unfinished[part.hash];
     if (part.offset == 0) bytes.clear();
     bytes.insert(bytes.end(), raw->begin(), raw->end());
@@ -181,7 +187,7 @@ void MemoryServer::writeBlob(server::SessionId session, BlobFrame part) {
 }
 
 void MemoryServer::saveLayers(server::SessionId session, std::uint64_t request,
-                              std::vector<SaveJob> jobs) {
+                              std::vector<server::SaveJob> jobs) {
     server::SaveOutcome outcome;
     for (auto& job : jobs) {
         outcome.saved.emplace_back(job.layer, server::FileStamp());
@@ -205,9 +211,39 @@ void MemoryServer::listSkipped(server::SessionId session, std::uint64_t request)
     });
 }
 
-std::optional<Revision> MemoryServer::committed(const TransactionId& transaction) {
-    const auto found = transactions_.find(transaction);
-    return found == transactions_.end() ? std::nullopt : std::optional(found->second);
+void MemoryServer::readClient(const ClientId& client) {
+    post([this, client] {
+        server::ClientRecord record;
+        for (const auto& [id, revision] : transactions_)
+            if (id.client == client) record.committed.emplace_back(id.sequence, revision);
+        project_->clientRead(client, record);
+    });
+}
+
+void MemoryServer::findBlobs(std::vector<Hash> hashes) {
+    post([this, hashes = std::move(hashes)] {
+        std::vector<Hash> stored;
+        std::ranges::copy_if(hashes, std::back_inserter(stored),
+                             [this](const Hash& hash) { return blobs.contains(hash); });
+        project_->blobsFound(hashes, stored);
+    });
+}
+
+void MemoryServer::sendCommit(std::span<const server::SessionId> sessions, SharedBytes frame,
+                              Revision) {
+    for (const server::SessionId session : sessions) send(session, frame);
+}
+
+void MemoryServer::tell(std::span<const server::SessionId> sessions, const server::News& news) {
+    for (const server::SessionId session : sessions) tellFirst(session, news);
+}
+
+void MemoryServer::tellFirst(server::SessionId session, const server::News& all) {
+    if (SharedBytes frame = server::encodeNews(all)) send(session, std::move(frame));
+}
+
+void MemoryServer::sendBeside(server::SessionId session, std::vector<SharedBytes> frames) {
+    for (SharedBytes& frame : frames) send(session, std::move(frame));
 }
 
 }  // namespace usdlive::tests

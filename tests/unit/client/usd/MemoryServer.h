@@ -17,7 +17,7 @@ class MemoryConnection;
 
 /// The real project of a server, in this process and in memory. It works when one of its
 /// connections is polled.
-class MemoryServer final : public server::ProjectHost {
+class MemoryServer final : public server::AllPorts {
 public:
     explicit MemoryServer(std::map<LayerId, LayerDoc> files);
 
@@ -35,7 +35,7 @@ public:
     std::vector<LayerId> saved;
     std::vector<std::string> logged;
 
-    // ProjectHost
+    // Ports
     void send(server::SessionId session, SharedBytes frames) override;
     void close(server::SessionId session) override;
     void append(server::CommitRecord commit) override;
@@ -46,15 +46,37 @@ public:
     void sendSnapshot(server::SessionId session, std::uint64_t request, LayerDoc doc) override;
     void sendBlob(server::SessionId session, const Hash& hash, std::uint64_t offset) override;
     void writeBlob(server::SessionId session, BlobFrame part) override;
-    [[nodiscard]] bool hasBlob(const Hash& hash) override { return blobs.contains(hash); }
-    [[nodiscard]] bool hasSpace() override { return true; }
+    void findBlobs(std::vector<Hash> hashes) override;
+    void readClient(const ClientId& client) override;
+    void sendCommit(std::span<const server::SessionId> sessions, SharedBytes frame,
+                    Revision revision) override;
+    void tell(std::span<const server::SessionId> sessions, const server::News& news) override;
+    void tellFirst(server::SessionId session, const server::News& all) override;
+    void sendBeside(server::SessionId session, std::vector<SharedBytes> frames) override;
     void saveLayers(server::SessionId session, std::uint64_t request,
-                    std::vector<SaveJob> jobs) override;
+                    std::vector<server::SaveJob> jobs) override;
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
-    void happened(const Happening& happening) override { logged.emplace_back(happening.what); }
-    [[nodiscard]] std::optional<Revision> committed(const TransactionId& transaction) override;
+    void happened(const server::Happening& happening) override {
+        logged.emplace_back(happening.what);
+    }
+    // A line takes everything, and these tests ask for none of the rest.
+    bool holdCommits(server::SessionId) override { return false; }
+    void releaseCommits(server::SessionId, Revision) override {}
+    bool congested(server::SessionId) override { return false; }
+    bool lags(server::SessionId) override { return false; }
+    void keepSnapshot(const LayerId&, LayerDoc, Revision, const Hash&) override {}
+    void setSaved(const LayerId&, const server::SavedState&) override {}
+    void addCheckpoint(server::SessionId, std::uint64_t, const Checkpoint&) override {}
+    void readCheckpoints(server::SessionId, std::uint64_t) override {}
+    void findBase(std::int64_t, Revision) override {}
+    void compact(Revision) override {}
+    void measureStorage(server::SessionId, std::uint64_t) override {}
+    void importLayer(const LayerId&) override {}
+    void readLayer(server::SessionId, std::uint64_t, const LayerId&) override {}
+    void checkFile(const LayerId&) override {}
+    void reloadLayer(server::SessionId, std::uint64_t, const LayerId&, LayerDoc) override {}
     [[nodiscard]] std::int64_t wallClockMs() override { return 1'700'000'000'000; }
 
 private:

@@ -10,7 +10,7 @@ class SlowReader : public ::testing::Test {
 protected:
     SlowReader() {
         world.options.maxBehind = 1'000;
-        world.start({});
+        world.start();
         for (const SessionId session : {1, 2}) {
             Hello hello = world.hello(session);
             hello.features = {"conflation"};

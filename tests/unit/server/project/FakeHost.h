@@ -1,10 +1,13 @@
 #pragma once
 
+#include <algorithm>
 #include <deque>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "usdlive/common/layer/TransactionExecutor.h"
@@ -13,7 +16,7 @@
 namespace usdlive::server::projecttest {
 
 /// Notes what a project asks for; the test answers when it wants to.
-class FakeHost : public ProjectHost {
+class FakeHost : public AllPorts {
 public:
     struct HistoryRead {
         SessionId session;
@@ -77,16 +80,30 @@ public:
     std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
     std::set<Hash> blobs;
     std::map<TransactionId, Revision> stored;
+    std::deque<ClientId> readingClients;
+    std::deque<std::vector<Hash>> findingBlobs;
     std::vector<StoredCommit> log;  ///< what the store holds
-    std::vector<LayerId> unsaved;
-    bool space = true;
 
     void send(SessionId session, SharedBytes frames) override {
         const auto split = splitMessage(*frames);
         for (const ByteView frame : *split) sent[session].emplace_back(frame.begin(), frame.end());
     }
+    void sendCommit(std::span<const SessionId> sessions, SharedBytes frame, Revision) override {
+        for (const SessionId session : sessions) send(session, frame);
+    }
     bool holdCommits(SessionId) override { return sendsToAll; }
+    void releaseCommits(SessionId, Revision) override {}
+    void tell(std::span<const SessionId> sessions, const News& news) override {
+        for (const SessionId session : sessions) tellFirst(session, news);
+    }
+    void tellFirst(SessionId session, const News& all) override {
+        if (const SharedBytes frame = encodeNews(all)) send(session, frame);
+    }
+    void sendBeside(SessionId session, std::vector<SharedBytes> frames) override {
+        for (const SharedBytes& frame : frames) send(session, frame);
+    }
     bool congested(SessionId session) override { return congestedSessions.contains(session); }
+    bool lags(SessionId session) override { return congested(session); }
     void close(SessionId session) override { closed.insert(session); }
     void append(CommitRecord commit) override { appending.push_back(std::move(commit)); }
     void keepSnapshot(const LayerId&, LayerDoc doc, Revision revision, const Hash&) override {
@@ -96,6 +113,12 @@ public:
     void readCommits(SessionId session, Revision from, Revision to) override {
         reading.push_back({session, from, to});
     }
+    void importLayer(const LayerId& layer) override { importing.push_back(layer); }
+    void readLayer(SessionId, std::uint64_t request, const LayerId&) override {
+        readingLayers.push_back(request);
+    }
+    void readClient(const ClientId& client) override { readingClients.push_back(client); }
+    void findBlobs(std::vector<Hash> hashes) override { findingBlobs.push_back(std::move(hashes)); }
     void readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
                      Revision revision) override {
         readingHistory.push_back({session, request, layer, revision});
@@ -109,8 +132,6 @@ public:
     void writeBlob(SessionId session, BlobFrame part) override {
         blobParts.emplace_back(session, std::move(part));
     }
-    bool hasBlob(const Hash& hash) override { return blobs.contains(hash); }
-    bool hasSpace() override { return space; }
     void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override {
         saves.push_back({session, request, std::move(jobs)});
     }
@@ -118,6 +139,7 @@ public:
                        const Checkpoint& checkpoint) override {
         naming.push_back({session, request, checkpoint});
     }
+    void readCheckpoints(SessionId, std::uint64_t) override {}
     void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override {
         creating.push_back({session, request, layer});
     }
@@ -137,21 +159,8 @@ public:
     void setSaved(const LayerId& layer, const SavedState& saved) override {
         savedStates[layer] = saved;
     }
-    std::vector<LayerId> unsavedLayers() override { return unsaved; }
-    std::optional<Revision> committed(const TransactionId& transaction) override {
-        const auto found = stored.find(transaction);
-        return found == stored.end() ? std::nullopt : std::optional(found->second);
-    }
-    std::uint64_t lastSequence(const ClientId& client) override {
-        std::uint64_t last = 0;
-        for (const auto& [id, revision] : stored)
-            if (id.client == client) last = std::max(last, id.sequence);
-        return last;
-    }
-    Revision forgottenUpTo() override { return forgotten; }
     Revision forgotten = 0;
     std::int64_t wallClockMs() override { return nowMs; }
-    CommitStore::Base base() override { return base_; }
     void findBase(std::int64_t beforeMs, Revision upTo) override {
         findingBase.emplace_back(beforeMs, upTo);
     }
@@ -159,7 +168,8 @@ public:
     void measureStorage(SessionId session, std::uint64_t request) override {
         measuring.emplace_back(session, request);
     }
-    CommitStore::Base base_;
+    std::deque<LayerId> importing;
+    std::deque<std::uint64_t> readingLayers;  ///< requests
     std::vector<std::pair<std::int64_t, Revision>> findingBase;
     std::vector<Revision> compacting;
     std::vector<std::pair<SessionId, std::uint64_t>> measuring;
@@ -172,19 +182,51 @@ public:
     explicit World(Project::Options options = {},
                    std::vector<LayerId> layers = {{"a.usda"}, {"b.usda"}})
         : options(options), layers(std::move(layers)) {
-        start({});
+        start();
     }
 
     /// A new process over what is stored.
-    void start(CommitStore::Head head) {
-        head.epoch = ++epoch;
+    void start() {
+        StoreState state;
+        if (!host.log.empty()) state.head = {host.log.back().revision, host.log.back().hash, 0};
+        state.head.epoch = ++epoch;
+        state.base = base;
+        state.namespaceChanges = namespaceChanges;
+        state.unsaved = unsaved;
+        state.forgottenUpTo = host.forgotten;
         host.sent.clear();
         host.loading.clear();
-        project = std::make_unique<Project>(options, host, head, layers, namespaceChanges);
+        host.readingClients.clear();
+        host.findingBlobs.clear();
+        std::vector<LayerFile> files;
+        for (const LayerId& layer : layers) files.push_back({layer});
+        project = std::make_unique<Project>(options, host.ports(), std::move(state), files);
     }
-    void restart() {
-        start({host.log.empty() ? 0 : host.log.back().revision,
-               host.log.empty() ? Hash{} : host.log.back().hash, 0});
+    void restart() { start(); }
+
+    /// What the store knows of who has come, and which big values it has. Others are answered by
+    /// the test.
+    void answerQuestions() {
+        while (!host.readingClients.empty() || !host.findingBlobs.empty()) {
+            if (!host.readingClients.empty()) {
+                const ClientId client = host.readingClients.front();
+                host.readingClients.pop_front();
+                project->clientRead(client, record(client));
+                continue;
+            }
+            const std::vector<Hash> asked = std::move(host.findingBlobs.front());
+            host.findingBlobs.pop_front();
+            std::vector<Hash> stored;
+            std::ranges::copy_if(asked, std::back_inserter(stored),
+                                 [this](const Hash& hash) { return host.blobs.contains(hash); });
+            project->blobsFound(asked, stored);
+        }
+    }
+    [[nodiscard]] ClientRecord record(const ClientId& client) const {
+        ClientRecord known{{}, host.forgotten};
+        for (const auto& [id, revision] : host.stored)
+            if (id.client == client) known.committed.emplace_back(id.sequence, revision);
+        return known;
     }
 
     /// Everything handed to append() becomes durable.
@@ -230,6 +272,7 @@ public:
     static ClientId client(SessionId session) { return {"client" + std::to_string(session)}; }
     void receive(SessionId session, const Frame& frame) {
         project->received(session, encodeFrame(frame));
+        if (answers) answerQuestions();
     }
     void receive(SessionId session, const ControlMessage& message) {
         receive(session, Frame(ControlFrame{encodeControl(message)}));
@@ -286,7 +329,9 @@ public:
     }
 
     Project::Options options;
-    std::vector<LayerId> layers;
+    bool answers = true;  ///< answerQuestions() after each message
+    std::vector<LayerId> layers, unsaved;
+    CommitStore::Base base;
     Epoch epoch = 0;
     FakeHost host;
     std::vector<NamespaceChange> namespaceChanges;

@@ -115,8 +115,8 @@ TEST_F(FilesTest, FI1WhatIsGoneIsDirtyAndReadOnlyIsTold) {
 // A server that dies between putting the file in place and noting it.
 TEST_F(FilesTest, FI1AFileThatASaveWasAboutToWriteIsOurs) {
     World restarted;
-    restarted.host.unsaved = {kLayer};  // by what was committed after it
-    restarted.start({});
+    restarted.unsaved = {kLayer};  // by what was committed after it
+    restarted.start();
     restarted.project->setFiles({{kLayer, trace(2), true, "ada"}});
     Hello hello = restarted.hello(1);
     hello.features = {"states"};

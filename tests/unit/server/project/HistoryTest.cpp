@@ -29,7 +29,8 @@ protected:
         world->receive(session, ControlMessage(CompactHistory{7, days}));
     }
     void compacted(Revision revision) {
-        world->host.base_ = {revision, world->host.log[revision - 1].hash};
+        world->base = {revision, world->host.log[revision - 1].hash};
+        world->project->baseIs(world->base);
         world->project->compacted(CompactOutcome{900, 300});
     }
     void compactTo(Revision revision) {

@@ -114,7 +114,7 @@ TEST(ProjectLayers, AnImportThatIsTakenBackIsToldAndDoneAgainWhenAskedFor) {
 TEST(ProjectLayers, WithoutSpaceWhatHasToBeImportedCannotBeOpened) {
     World world;
     world.join(1);
-    world.host.space = false;
+    world.project->setSpace(false);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
     world.receive(1, ControlMessage(OpenLayer{2, {"b.usda"}, 0}));
     world.load(true);
@@ -158,11 +158,12 @@ TEST(ProjectLayers, ALayerAsItWasComesFromTheHistory) {
 
 TEST(ProjectSaves, AllThatDiffersIsSavedOnceDurable) {
     World world;
+    world.unsaved = {{"b.usda"}};
+    world.start();
     world.join(1);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
     world.load();
     world.submit(1, 1, {create("/C")});
-    world.host.unsaved = {{"b.usda"}};
     world.receive(1, ControlMessage(SaveLayers{9, {}}));
     world.load();
     EXPECT_TRUE(world.host.saves.empty());
@@ -171,7 +172,6 @@ TEST(ProjectSaves, AllThatDiffersIsSavedOnceDurable) {
     ASSERT_EQ(world.host.saves[0].jobs.size(), 2u);
     EXPECT_EQ(world.host.saves[0].jobs[0].revision, 1u);
     world.host.sent.clear();
-    world.host.unsaved.clear();
     world.project->layersSaved(1, 9, {1, {{{"a.usda"}, {}}, {{"b.usda"}, {}}}, {}});
     EXPECT_EQ(world.nextControl<LayersSaved>(1).request, 9u);
     world.receive(1, ControlMessage(SaveLayers{10, {}}));
@@ -221,7 +221,7 @@ TEST(ProjectBlobs, AreConfirmedToWhoWasOvertakenBetweenTwoParts) {
     const Hash hash = sha256(asBytes("\1\2\3"));
     world.receive(1, Frame(BlobFrame{hash, 3, 0, 2, deflate(first)}));
     world.project->blobWritten(1, hash, false);
-    world.host.blobs.insert(hash);
+    world.project->blobWritten(2, hash, true);
     world.receive(1, Frame(BlobFrame{hash, 3, 2, 1, deflate(last)}));
     EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hash);
     EXPECT_EQ(world.host.blobParts.size(), 1u);

@@ -12,7 +12,7 @@ protected:
     void SetUp() override {
         world.options.administrators = {{"user3"}};
         world.options.idleLayerMs = 100 * world.options.lockTakeoverMs;  // it stays loaded
-        world.start({});
+        world.start();
         for (const SessionId session : {1, 2, 3}) world.join(session);
         world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
         world.load();
@@ -163,8 +163,8 @@ TEST_F(ProjectStates, AreToldWhenTheyChange) {
 
 TEST(LayerStates, LS1OfPlainLayersThereIsNothingToTell) {
     World world;
-    world.host.unsaved = {{"b.usda"}};
-    world.start({});
+    world.unsaved = {{"b.usda"}};
+    world.start();
     world.project->setFiles({{{"a.usda"}, FileTrace{}, true, "ada"}, {{"b.usda"}}});
     for (const SessionId session : {1, 2}) {
         Hello hello = world.hello(session);

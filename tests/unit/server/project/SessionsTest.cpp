@@ -204,6 +204,42 @@ TEST_F(ProjectResume, M14WhoMayHaveBeenForgottenIsTold) {
     EXPECT_TRUE(world.host.closed.contains(3));
 }
 
+// A line that was given up is superseded: what was found out for it holds for the next one, too.
+TEST_F(ProjectResume, M14IsToldAgainToWhoDidNotHearIt) {
+    world.host.forgotten = 3;
+    world.connect(2, resuming(2));
+    world.connect(3, resuming(2));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(3).code, errorName(ErrorCode::ClientForgotten));
+    EXPECT_FALSE(world.nextControl<Welcome>(3).resumed);
+}
+
+TEST_F(ProjectResume, WaitsForWhatTheStoreKnowsOfTheClient) {
+    world.answers = false;
+    world.connect(2, resuming(4));
+    EXPECT_TRUE(world.silent(2));
+    world.submit(2, 1, {create("/Q")}, 4);
+    EXPECT_TRUE(world.host.appending.empty());
+    world.answerQuestions();
+    EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
+    EXPECT_EQ(world.host.appending.size(), 1u);
+}
+
+// Whether a transaction is committed already cannot be told then.
+TEST_F(ProjectResume, WhoCannotBeLookedUpComesAgain) {
+    world.answers = false;
+    world.join(2);
+    world.submit(2, 1, {create("/Q")}, 4);
+    world.project->clientRead(world.client(2), fail(ErrorCode::StorageFailed, "cannot be read"));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::StorageFailed));
+    EXPECT_TRUE(world.host.closed.contains(2));
+    EXPECT_TRUE(world.host.appending.empty());
+    world.project->disconnected(2);
+    world.join(3);
+    world.answerQuestions();
+    world.submit(3, 1, {create("/Q")}, 4);
+    EXPECT_EQ(world.host.appending.size(), 1u);
+}
+
 // Else its numbers before those on their way would be executed a second time.
 TEST_F(ProjectResume, M14WhoseCommitsAreOnTheirWayIsNotForgotten) {
     world.submit(1, 5, {create("/P5")}, 4);

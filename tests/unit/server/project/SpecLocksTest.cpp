@@ -24,7 +24,7 @@ class ProjectSpecLocks : public ::testing::Test {
 protected:
     ProjectSpecLocks() {
         world.options.administrators = {{"user3"}};
-        world.start({});
+        world.start();
         for (const SessionId session : {1, 2, 3}) world.join(session);
         LayerDoc root = World::sample();
         ListOp subLayers;

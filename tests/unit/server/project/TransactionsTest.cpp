@@ -178,10 +178,10 @@ TEST_F(ProjectTransactions, UnknownLayersAreRefused) {
 }
 
 TEST_F(ProjectTransactions, WithoutSpaceEditsAreRefusedUntilThereIsSome) {
-    world.host.space = false;
+    world.project->setSpace(false);
     world.submit(1, 1, {create("/C")});
     expectRefusal(1, 1, ErrorCode::StorageFull);
-    world.host.space = true;
+    world.project->setSpace(true);
     world.submit(1, 2, {create("/C")});
     world.store();
     EXPECT_EQ(world.nextFrame<CommitFrame>(1).commit.revision, 1u);
@@ -355,7 +355,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsToldToWhoeverSubmittedItAndNoOther
     world.nextControl<Welcome>(3);
     world.receive(3, Frame(SubmitFrame{{{world.client(1), 2}, 0, 0, {create("/D")}}}));
     world.host.appending.clear();
-    world.host.space = false;
+    world.project->setSpace(false);
     world.project->appendFailed({ErrorCode::StorageFull, "full"}, {});
     expectRefusal(3, 2, ErrorCode::StorageFull);
     EXPECT_TRUE(world.silent(3));
@@ -371,7 +371,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsTakenBackInOrder) {
     world.submit(1, 3, {move("/A", "/", "B")}, 1);  // refused, waits for 2
     world.submit(2, 1, {create("/E")}, 1);
     world.host.appending.clear();
-    world.host.space = false;
+    world.project->setSpace(false);
     world.project->appendFailed({ErrorCode::StorageFull, "full"}, head);
     expectRefusal(1, 2, ErrorCode::StorageFull);
     expectRefusal(1, 3, ErrorCode::SpecExists);
@@ -379,7 +379,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsTakenBackInOrder) {
     EXPECT_EQ(world.project->layer({"a.usda"}), nullptr);  // loaded anew
     ASSERT_EQ(world.host.loading.size(), 1u);
     world.load();
-    world.host.space = true;
+    world.project->setSpace(true);
     world.submit(1, 4, {create("/D")}, 1);
     world.store();
     const auto commit = world.nextFrame<CommitFrame>(1).commit;
@@ -414,16 +414,18 @@ TEST_F(ProjectTransactions, WhileTheStoreIsClosedWhatItCannotKnowIsRefusedAndThe
     world.host.appending.clear();
     world.project->storeClosed();
     world.submit(1, 3, {create("/E")}, 1);  // refused, which is told after what becomes of 2
-    world.submit(2, 1, {create("/F")}, 1);  // of this client nothing is known here
+    world.join(3);
+    world.submit(3, 1, {create("/F")}, 1);  // of this client nothing is known here
     EXPECT_TRUE(world.silent(1));
-    EXPECT_TRUE(world.silent(2));
+    EXPECT_TRUE(world.silent(3));
 
     world.project->appendFailed({ErrorCode::StorageFailed, "sync"}, head);
     expectRefusal(1, 2, ErrorCode::StorageFailed);
     expectRefusal(1, 3, ErrorCode::StorageFailed);
     world.load();
+    world.answerQuestions();
     world.store();
-    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.edits.front().address.path, "/F");
+    EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.edits.front().address.path, "/F");
 }
 
 TEST_F(ProjectTransactions, WhoHasNothingOnTheWayIsRefusedAtOnceWhileTheStoreIsClosed) {
@@ -433,8 +435,8 @@ TEST_F(ProjectTransactions, WhoHasNothingOnTheWayIsRefusedAtOnceWhileTheStoreIsC
     world.project->storeClosed();
     world.submit(1, 2, {create("/D")}, 1);
     expectRefusal(1, 2, ErrorCode::StorageFailed);
-    world.submit(1, 1, {create("/C")});  // again: it may be in the store
-    EXPECT_TRUE(world.silent(1));
+    world.submit(1, 1, {create("/C")});  // again: it is in the store
+    EXPECT_EQ(world.nextControl<AlreadyCommitted>(1), (AlreadyCommitted{1, 1}));
 }
 
 }  // namespace

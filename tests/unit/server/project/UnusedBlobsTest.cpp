@@ -193,6 +193,44 @@ TEST_F(UnusedBlobs, B6NothingGoesByWhatAProjectBeforeHadSeen) {
     EXPECT_EQ(round(9 * kKeepMs, {1}, 1), Hashes()) << "nobody knows what is in it";
 }
 
+// The store's answer would be wrong when it comes.
+TEST_F(UnusedBlobs, B6WhatTheStoreIsAskedForOrWritesStays) {
+    world.host.blobs.insert(hashOf(1));
+    EXPECT_EQ(round(0, {1}), Hashes());
+    world.answers = false;
+    world.receive(1, ControlMessage(RequestBlob{hashOf(1), 0}));
+    EXPECT_EQ(round(5 * kKeepMs, {1}), Hashes());
+    world.answerQuestions();
+    EXPECT_EQ(world.host.blobsSent.size(), 1u);
+    EXPECT_EQ(round(6 * kKeepMs, {1}), Hashes()) << "it was of use";
+    EXPECT_EQ(round(7 * kKeepMs, {1}), Hashes{hashOf(1)});
+
+    const Bytes raw{1};
+    world.receive(1, Frame(BlobFrame{hashOf(2), 300'000, 299'999, 1, deflate(raw)}));
+    world.host.blobs.insert(hashOf(2));
+    EXPECT_EQ(round(8 * kKeepMs, {2}), Hashes());
+    EXPECT_EQ(round(20 * kKeepMs, {2}), Hashes());
+    world.project->blobWritten(1, hashOf(2), true);
+    EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hashOf(2));
+}
+
+// What makes the session go on meanwhile does not answer for the store.
+TEST_F(UnusedBlobs, ATransactionWaitsUntilTheStoreHasAnswered) {
+    world.host.blobs.insert(hashOf(1));
+    world.answers = false;
+    world.submit(1, 1, {setBig(1)});
+    world.receive(1, ControlMessage(OpenLayer{9, {"b.usda"}, 0}));
+    world.load();
+    EXPECT_TRUE(world.host.appending.empty());
+    world.answerQuestions();
+    EXPECT_EQ(world.host.appending.size(), 1u);
+    world.store();
+    world.host.sent[1].clear();
+    world.submit(1, 2, {setBig(2)});
+    world.answerQuestions();
+    EXPECT_EQ(world.nextFrame<RefusalFrame>(1).error.code, ErrorCode::BlobNotFound);
+}
+
 // A commit that the store could not append protects nothing for ever, even if none follows.
 TEST_F(UnusedBlobs, B6WhatOnlyALostCommitNamedIsRemoved) {
     upload(1);

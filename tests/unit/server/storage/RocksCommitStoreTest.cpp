@@ -702,15 +702,15 @@ TEST(RocksCommitStore, M14RecordsOfAHundredThousandClientsAreBounded) {
     EXPECT_GE(store->forgottenUpTo(), 2 * (kClients - kKept));
     std::size_t known = 0;
     for (std::size_t number = 1; number <= kClients; ++number) {
-        const auto last = store->lastSequence(id(number));
-        ASSERT_TRUE(last);
-        if (*last == 0) {
+        const auto record = store->clientRecord(id(number));
+        ASSERT_TRUE(record);
+        if (record->last() == 0) {
             // What it has committed is not newer than what clients are told.
             ASSERT_LE(2 * number, store->forgottenUpTo());
             continue;
         }
         ++known;
-        ASSERT_EQ(*store->committed({id(number), 2}), Revision(2 * number));
+        ASSERT_EQ(record->find(2), Revision(2 * number));
     }
     EXPECT_LE(known, kKept);
     EXPECT_GE(known, kKept / 2);

@@ -25,8 +25,15 @@
 namespace usdlive::server {
 
 using WallClock = std::function<std::int64_t()>;  ///< milliseconds since 1970; the network thread
-/// Makes the project from where the store stands.
-using ProjectFactory = std::function<Result<std::unique_ptr<Project>>(ProjectHost&)>;
+/// What a project is made with.
+struct ProjectBeginning {
+    StoreState store;
+    std::vector<LayerFile> files;
+};
+struct ProjectSetup {
+    Project::Options options;
+    std::function<Result<ProjectBeginning>()> read;  ///< any thread; takes time
+};
 
 /// The project's folder and what is done to the files in it. Any thread.
 struct ProjectFiles {
@@ -57,7 +64,7 @@ struct WorkerLanes {
 /// project's strand is the network thread, so that what a client sends is ordered and sent on
 /// without a hand-over; what blocks runs on the storage thread and on workers and comes back by a
 /// post.
-class ServerHost final : public ProjectHost, public SessionHandler {
+class ServerHost final : public AllPorts, public SessionHandler {
 public:
     ServerHost(boost::asio::io_context& network, WorkerLanes& workers, SharedStore& store,
                StorageThread& storage, BlobStore& blobs, ProjectFiles files,
@@ -66,7 +73,7 @@ public:
     ~ServerHost() override;
 
     // Network thread, as all that is not said otherwise.
-    Result<void> start(ProjectFactory factory);
+    Result<void> start(ProjectSetup setup);
     /// Who carries the messages, number n of them the sessions of Transport::kSessions * n and on;
     /// from now on new files are noticed, too.
     void serve(std::vector<Transport*> transports);
@@ -86,7 +93,7 @@ private:
     void closed(SessionId session) override;
     void drained(SessionId session) override;
 
-    // ProjectHost
+    // Outbox
     void send(SessionId session, SharedBytes frames) override;
     void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
                     Revision revision) override;
@@ -97,6 +104,9 @@ private:
     bool congested(SessionId session) override;
     bool lags(SessionId session) override;
     void close(SessionId session) override;
+    void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override;
+    void sendBeside(SessionId session, std::vector<SharedBytes> frames) override;
+    // History
     void append(CommitRecord commit) override;
     void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision,
                       const Hash& hash) override;
@@ -104,32 +114,30 @@ private:
     void readCommits(SessionId session, Revision from, Revision to) override;
     void readHistory(SessionId session, std::uint64_t request, const LayerId& layer,
                      Revision revision) override;
-    void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override;
-    void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
-    void sendBeside(SessionId session, std::vector<SharedBytes> frames) override;
-    void writeBlob(SessionId session, BlobFrame part) override;
-    bool hasBlob(const Hash& hash) override;
-    bool hasSpace() override;
-    void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override;
+    void readClient(const ClientId& client) override;
+    void setSaved(const LayerId& layer, const SavedState& saved) override;
     void addCheckpoint(SessionId session, std::uint64_t request,
                        const Checkpoint& checkpoint) override;
     void readCheckpoints(SessionId session, std::uint64_t request) override;
-    void checkFile(const LayerId& layer) override;
-    void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
-                     LayerDoc present) override;
-    void setSaved(const LayerId& layer, const SavedState& saved) override;
-    void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override;
-    void listSkipped(SessionId session, std::uint64_t request) override;
-    void happened(const Happening& happening) override;
-    std::vector<LayerId> unsavedLayers() override;
-    std::optional<Revision> committed(const TransactionId& transaction) override;
-    std::uint64_t lastSequence(const ClientId& client) override;
-    Revision forgottenUpTo() override;
-    std::int64_t wallClockMs() override { return clock_(); }
-    CommitStore::Base base() override;
     void findBase(std::int64_t beforeMs, Revision upTo) override;
     void compact(Revision revision) override;
     void measureStorage(SessionId session, std::uint64_t request) override;
+    // Blobs
+    void findBlobs(std::vector<Hash> hashes) override;
+    void writeBlob(SessionId session, BlobFrame part) override;
+    void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
+    // Files
+    void importLayer(const LayerId& layer) override;
+    void readLayer(SessionId session, std::uint64_t request, const LayerId& layer) override;
+    void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override;
+    void checkFile(const LayerId& layer) override;
+    void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
+                     LayerDoc present) override;
+    void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override;
+    void listSkipped(SessionId session, std::uint64_t request) override;
+    // Clock, Activity
+    std::int64_t wallClockMs() override { return clock_(); }
+    void happened(const Happening& happening) override;
 
     Transport& transportOf(SessionId session);
     template <class Each>
@@ -139,7 +147,6 @@ private:
     // What workers do.
     Result<std::optional<LoadedLayer>> loadStored(const LayerId& layer);
     Result<LoadedLayer> import(const LayerId& layer);
-    Result<LayerDoc> layerInHistory(const LayerId& layer, Revision revision);
     SaveOutcome save(SessionId session, std::uint64_t request, const std::vector<SaveJob>& jobs);
     Result<FileStamp> save(const SaveJob& job);
     Result<bool> write(SessionId session, const BlobFrame& part);
@@ -153,11 +160,13 @@ private:
     template <class Tell>
     void guarded(Tell&& tell);
     void startAgain();
-    void makeProject();
+    void makeProject(ProjectBeginning beginning);
+    void makeProjectAgain();
     void scanFilesIn(std::chrono::milliseconds pause);
     void sweepSoon();
     void forgetClientsIn(std::chrono::milliseconds pause);
     void boundHistoryIn(std::chrono::milliseconds pause);
+    void lookForSpaceIn(std::chrono::milliseconds pause);
     /// Does what takes long go on?
     [[nodiscard]] CommitStore::GoesOn whileServing() const;
     void filesScanned(Result<std::vector<LayerFile>> files, std::chrono::milliseconds time);
@@ -175,15 +184,16 @@ private:
     Metrics& metrics_;
     const WallClock clock_;
     Log& log_;
-    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_;
+    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_,
+        spaceTimer_;
     BlobCollector collector_;
 
-    ProjectFactory factory_;
+    ProjectSetup setup_;
     std::unique_ptr<Project> project_;  ///< missing while it is made again
     std::uint64_t generation_ = 0;      ///< answers to a project before are dropped
     std::vector<Transport*> transports_;
     bool sweeping_ = false;
-    Revision forgottenUpTo_ = 0;  ///< as the store said last
+    bool hasSpace_ = true;  ///< as the store said last
     LogLimit logLimit_;
     Intake intake_;
     std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store

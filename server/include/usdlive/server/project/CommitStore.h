@@ -7,6 +7,7 @@
 #include <set>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "usdlive/common/core/Bytes.h"
@@ -105,6 +106,25 @@ struct StoredCommit {
     Hash hash;
 };
 
+/// What the store knows of a client's transactions (M9, M14), at one moment.
+struct ClientRecord {
+    /// Number and revision of those it would recognize, by number: the client's last 1,024, and
+    /// some that were committed late.
+    std::vector<std::pair<std::uint64_t, Revision>> committed;
+    Revision forgottenUpTo = 0;  ///< CommitStore::forgottenUpTo()
+
+    [[nodiscard]] std::optional<Revision> find(std::uint64_t sequence) const {
+        const auto found = std::ranges::lower_bound(committed, sequence, {},
+                                                    &std::pair<std::uint64_t, Revision>::first);
+        const bool isThere = found != committed.end() && found->first == sequence;
+        return isThere ? std::optional(found->second) : std::nullopt;
+    }
+    /// The highest number, 0 none.
+    [[nodiscard]] std::uint64_t last() const {
+        return committed.empty() ? 0 : committed.back().first;
+    }
+};
+
 /// What a store takes on its disk, in bytes.
 struct StoreSpace {
     std::uint64_t log = 0;      ///< commits
@@ -195,13 +215,9 @@ public:
     /// The moves and deletes of the commits after `revision`, in order: what Project is made with.
     [[nodiscard]] virtual Result<std::vector<NamespaceChange>> namespaceChanges(
         Revision revision) const = 0;
-    /// M9: the revision that committed this transaction, if it is among the client's last 1,024.
-    [[nodiscard]] virtual Result<std::optional<Revision>> committed(
-        const TransactionId& transaction) const = 0;
-    /// The highest number of a client's committed transactions, 0 none.
-    [[nodiscard]] virtual Result<std::uint64_t> lastSequence(const ClientId& client) const = 0;
+    [[nodiscard]] virtual Result<ClientRecord> clientRecord(const ClientId& client) const = 0;
     /// Where it knows more clients than `most`, it forgets those whose last commit is the oldest:
-    /// committed() and lastSequence() know nothing of them any more. Those of `kept` stay. Beside
+    /// clientRecord() knows nothing of them any more. Those of `kept` stay. Beside
     /// everything else; takes long where there are many. How many it has forgotten.
     virtual Result<std::size_t> forgetClients(std::size_t most, const std::set<ClientId>& kept) = 0;
     /// No client that was forgotten has committed anything after this revision.
