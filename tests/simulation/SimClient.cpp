@@ -358,6 +358,10 @@ void SimClient::handleEvents() {
 }
 
 void SimClient::on(const event::Committed& event) {
+    if (event.commit.id.client == session_.id() && event.commit.id.sequence != 0)
+        require(toldCommitted_.insert(event.commit.id.sequence).second,
+                "an author is told twice that a transaction is committed");
+    if (event.missed) return;
     require(lastSeen_ == 0 || event.commit.revision - event.commit.conflated == lastSeen_ + 1,
             "commits have a gap");
     lastSeen_ = event.commit.revision;

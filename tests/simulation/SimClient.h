@@ -126,6 +126,7 @@ private:
     server::SessionId link_ = 0;  // 0: none
     bool settling_ = false;
     Revision lastSeen_ = 0;
+    std::set<std::uint64_t> toldCommitted_;        // own transactions
     std::optional<client::MessageReader> reader_;  // of the present link
     client::Session session_;
 };

@@ -114,6 +114,7 @@ nb::dict convert(const client::event::Committed& event) {
     nb::dict d = make("Committed");
     d["revision"] = commit.revision;
     d["conflated"] = commit.conflated;
+    d["missed"] = event.missed;
     d["user"] = text(commit.user.value);
     d["client"] = text(commit.id.client.value);
     d["time"] = double(commit.timeMs) / 1000.0;

@@ -91,7 +91,8 @@ class Unsent:
 class Committed:
     """Somebody's edits (also one's own, by `client`) are in the project. `time` in seconds since 1970.
     `conflated`: so many commits before this one are in it, too, because this client fell behind: the edits
-    are then of several users ("") and without what was written again."""
+    are then of several users ("") and without what was written again. `missed`: a commit of one's own
+    that was made while the connection was lost; it comes after Connected, though it is older."""
 
     revision: int
     user: str
@@ -99,6 +100,7 @@ class Committed:
     time: float
     edits: tuple[Edit, ...]
     conflated: int = 0
+    missed: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

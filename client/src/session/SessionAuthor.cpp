@@ -56,6 +56,11 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         authorInto(pending, std::move(edits), lost, repairs);
         if (!pending.authored.empty()) pending_.add(std::move(pending));
     }
+    // What comes of the fields of such a spec, the executor says (M13).
+    if (std::exchange(createdExisting_, false) && !frozen_) {
+        disturb();
+        rebuild();
+    }
     checkPrediction();
     if (lost.edits.empty()) return;
     events_.push_back(event::Lost{std::move(lost)});
@@ -149,7 +154,11 @@ Result<Edit> Session::Impl::predictEdit(Pending& pending, const AuthoredEdit& ed
     }
     const Creation number{pending.transaction.id.sequence,
                           std::uint32_t(pending.transaction.edits.size())};
+    const LayerDoc* doc = prediction_.find(edit.layer);
+    const bool exists =
+        std::holds_alternative<CreateSpec>(edit.action) && doc && doc->has(edit.path);
     auto told = prediction_.author(edit, number, pending.prognosis);
+    if (told && exists) createdExisting_ = true;
     if (told) readdress(*told, prediction_.openedAt(edit.layer), number);
     return told;
 }

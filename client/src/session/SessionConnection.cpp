@@ -299,7 +299,7 @@ void Session::Impl::handle(ReceivedCommit&& received) {
     hash_ = received.hashAfter;
     commitEpoch_ = commit.epoch;
     apply(commit);
-    events_.push_back(event::Committed{std::move(received.commit)});
+    events_.push_back(event::Committed{std::move(received.commit), false});
 }
 
 bool Session::Impl::isCaughtUp() const { return welcome_ && revision_ >= welcome_->revision; }
@@ -398,6 +398,7 @@ void Session::Impl::readMissed(const Missed& missed) {
         if (entry == missed_.end() || commit.id != entry->pending.transaction.id) return;
         if (!commit.dropped.empty()) reportDropped(entry->pending, commit);
         missed_.erase(entry);
+        events_.push_back(event::Committed{commit, true});
         readMissed();
     };
     const auto done = [this, found](const Result<void>& read) {

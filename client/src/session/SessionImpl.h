@@ -298,7 +298,10 @@ private:
     std::optional<Sending> sending_;
     std::int64_t nowMs_ = 0;
     std::int64_t gestureToldMs_ = 0;
-    double deadlineMs_ = 0;    // of this advance(), by options_.clockMs
+    double deadlineMs_ = 0;  // of this advance(), by options_.clockMs
+    /// A spec was authored that the editor does not show and the prediction has: another's preview
+    /// brought it.
+    bool createdExisting_ = false;
     bool moreToSend_ = false;  // than there was time for
 
     // One's own presence.

@@ -737,6 +737,10 @@ TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
     ASSERT_EQ(lost[0].work.edits.size(), 1u);
     EXPECT_EQ(lost[0].work.edits[0].path, "/A");
     EXPECT_TRUE(peer.agrees());
+    // Its author hears that it is committed, too.
+    const auto committed = peer.eventsOf<event::Committed>();
+    ASSERT_EQ(std::ranges::count(committed, true, &event::Committed::missed), 1);
+    EXPECT_EQ(std::ranges::find(committed, true, &event::Committed::missed)->commit.id, own.id);
 }
 
 // Nobody knows whether what was sent is committed: it is not sent again, and not lost without a
@@ -1015,6 +1019,34 @@ TEST_F(SessionTest, M11PreviewsAreWithdrawnReplacedAndNeverConfirmed) {
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
     peer.advance();
     EXPECT_EQ(peer.text("/A", "comment"), "dropped");
+}
+
+// A spec that only another's preview shows cannot be deleted, but what the editor does next is to
+// be shown as the executor will have it (M13).
+TEST_F(SessionTest, M11WhatAPreviewBroughtAndIsCreatedOnceMoreIsPredictedAsItWillBe) {
+    joinShot();
+    const auto key = [](const char* name) {
+        return SetField{"customData", DictionaryKey{{name}}, stringValue("theirs"), {}};
+    };
+    peer.deliver(
+        PreviewFrame{kOther, 7, peer.head(), {edit("/P", createPrim()), edit("/P", key("a"))}});
+    peer.advance();
+    Dictionary mine;
+    mine.entries["b"] = stringValue("mine");
+    peer.author({authored("/P", DeleteSpec{}), authored("/P", createPrim()),
+                 authored("/P", SetField{"customData", {}, mine, {}})});
+    const auto keys = [&] {
+        return peer.session.view(kShot)
+            ->field("/P", "customData")
+            ->as<Dictionary>()
+            ->entries.size();
+    };
+    EXPECT_EQ(keys(), 2u);
+    EXPECT_EQ(peer.editor.at(kShot).field("/P", "customData")->as<Dictionary>()->entries.size(),
+              2u);
+    peer.deliver(PreviewFrame{kOther, 7, peer.head(), {}});
+    peer.advance();
+    EXPECT_EQ(keys(), 1u);
 }
 
 TEST_F(SessionTest, M11AnOpenGestureFollowsForeignRenames) {

@@ -128,9 +128,14 @@ struct JoinFailed {
     LayerId layer;
     Error reason;
 };
+/// Anybody's commit, own ones too, after it was applied. In the order of revisions, without gaps
+/// since Connected, but for those that were missed.
 struct Committed {
     Commit commit;
-};  ///< anybody's, own ones too, after it was applied
+    /// One's own, of before Connected: it was made while the line was lost, and the layers held it
+    /// when they were joined anew (M9).
+    bool missed = false;
+};
 struct Lost {
     LostWork work;
     std::uint64_t index = 0;  ///< for Client::lostWork(); set by the client, not by the session
