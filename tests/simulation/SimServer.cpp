@@ -381,6 +381,7 @@ void SimServer::forgetClients() {
     const auto some = store().forgetClients(2, project_->activeClients());
     require(some.has_value(), "clients cannot be forgotten");
     forgotten += *some;
+    project_->clientsForgotten(store().forgottenUpTo());
 }
 
 // Of no random numbers, either.

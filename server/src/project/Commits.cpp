@@ -118,8 +118,10 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
     executed_ = commit.revision;
     executedHash_ = commit.hash;
     for (const LayerId& layer : commit.layers) takeSnapshot(layer);
-    if (executed_ > options_.namespaceLogRevisions)
-        history_.prune(executed_ - options_.namespaceLogRevisions);
+    // Not by what was executed: that may be taken back, and then nobody's base would be young
+    // enough.
+    if (durable_ > options_.namespaceLogRevisions)
+        history_.prune(durable_ - options_.namespaceLogRevisions);
     inFlight_.push_back(std::move(commit));
     ports_.history.append(std::move(record));
 }

@@ -154,6 +154,7 @@ void Project::checkpointsRead(SessionId session, std::uint64_t request,
 void Project::boundHistory() { impl_->boundHistory(); }
 void Project::baseFound(Result<BaseLimit> limit) { impl_->baseFound(std::move(limit)); }
 void Project::baseIs(const CommitStore::Base& base) { impl_->baseIs(base); }
+void Project::clientsForgotten(Revision upTo) { impl_->clientsForgotten(upTo); }
 void Project::setSpace(bool hasSpace) { impl_->setSpace(hasSpace); }
 void Project::compacted(const Result<CompactOutcome>& outcome) { impl_->compacted(outcome); }
 void Project::storageMeasured(SessionId session, std::uint64_t request, Result<Storage> storage) {

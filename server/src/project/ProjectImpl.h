@@ -265,6 +265,7 @@ public:
     void disconnected(SessionId id);
     void clientRead(const ClientId& client, const Result<ClientRecord>& record);
     [[nodiscard]] std::set<ClientId> activeClients() const;
+    void clientsForgotten(Revision upTo) { forgottenUpTo_ = std::max(forgottenUpTo_, upTo); }
 
     // Stream.cpp
     void drained(SessionId id);

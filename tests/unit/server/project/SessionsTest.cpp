@@ -213,6 +213,16 @@ TEST_F(ProjectResume, M14IsToldAgainToWhoDidNotHearIt) {
     EXPECT_FALSE(world.nextControl<Welcome>(3).resumed);
 }
 
+TEST_F(ProjectResume, M14HoldsWhileTheStoreIsClosed) {
+    world.project->clientsForgotten(3);
+    world.project->storeClosed();
+    world.connect(2, resuming(2));
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::StorageFailed));
+    EXPECT_TRUE(world.host.closed.contains(2));
+    world.connect(3, resuming(3));
+    EXPECT_TRUE(world.nextControl<Welcome>(3).resumed);
+}
+
 TEST_F(ProjectResume, WaitsForWhatTheStoreKnowsOfTheClient) {
     world.answers = false;
     world.connect(2, resuming(4));

@@ -209,6 +209,8 @@ public:
     /// not forget them (M14): what they have sent and what is not answered may be committed
     /// already, and come once more.
     [[nodiscard]] std::set<ClientId> activeClients() const;
+    /// CommitStore::forgottenUpTo() is this from now on.
+    void clientsForgotten(Revision upTo);
 
     /// B6. `unnamed`: big values that the store holds and nothing in it names, as of its revision
     /// `upTo`. Returns those that nothing here names either, and that were of no use for long
