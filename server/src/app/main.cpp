@@ -15,8 +15,8 @@
 
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
+#include "usdlive/server/app/ProjectRuntime.h"
 #include "usdlive/server/app/RunningServer.h"
-#include "usdlive/server/app/ServerHost.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/SpdLog.h"
 #include "usdlive/server/app/StorageThread.h"
@@ -234,18 +234,18 @@ int serve(const ServerOptions& options) {
     LayerFiles& layerFiles = **files;
     ProjectFiles projectFiles{std::filesystem::canonical(options.folder),
                               [&] { return servedLayers(layerFiles, store); }, layerFiles};
-    ServerHost host(network, workers, store, storage, **blobs, std::move(projectFiles),
-                    std::chrono::minutes(options.keepUnusedBlobsMinutes), metrics, wallClockMs,
-                    *log);
-    if (const auto made = host.start(projectSetup(options, store, **files)); !made)
+    ProjectRuntime runtime(network, workers, store, storage, **blobs, std::move(projectFiles),
+                           std::chrono::minutes(options.keepUnusedBlobsMinutes), metrics,
+                           wallClockMs, *log);
+    if (const auto made = runtime.start(projectSetup(options, store, **files)); !made)
         return failed(made.error());
     HttpRoutes routes;
-    routes["/healthz"] = [&] { return host.health(); };
-    routes["/metrics"] = [&] { return host.metricsPage(); };
+    routes["/healthz"] = [&] { return runtime.health(); };
+    routes["/metrics"] = [&] { return runtime.metricsPage(); };
     const Background background = [&](std::function<void()> job) {
         asio::post(workers.joins, std::move(job));
     };
-    auto transport = createWebSocketServer(network, transportOptions(options), host,
+    auto transport = createWebSocketServer(network, transportOptions(options), runtime,
                                            std::move(routes), background, *log);
     if (!transport) return failed(transport.error());
     const std::uint16_t port = (*transport)->port();
@@ -254,16 +254,16 @@ int serve(const ServerOptions& options) {
         dds::setDomainLog([&](bool isError, std::string_view message) {
             log->write(isError ? LogLevel::Error : LogLevel::Warning, "DDS", {{"says", message}});
         });
-        auto made = createDdsServer(
-            network,
-            ddsOptions(options, reachableUrls(options.host, port).front(), host.durableRevision()),
-            host, background, *log);
+        auto made = createDdsServer(network,
+                                    ddsOptions(options, reachableUrls(options.host, port).front(),
+                                               runtime.durableRevision()),
+                                    runtime, background, *log);
         if (!made) return failed(made.error());
         ddsTransport = std::move(*made);
     }
     std::vector<Transport*> transports{transport->get()};
     if (ddsTransport) transports.push_back(ddsTransport.get());
-    host.serve(std::move(transports));
+    runtime.serve(std::move(transports));
 
     // Until somebody says stop.
     asio::signal_set signals(network, SIGINT, SIGTERM);
@@ -271,7 +271,7 @@ int serve(const ServerOptions& options) {
         if (error) return;
         ::alarm(kStopSeconds);
         log->write(LogLevel::Info, "stopping");
-        host.stop([&] { network.stop(); });
+        runtime.stop([&] { network.stop(); });
     });
 
     if (!(*transport)->isLoopback())

@@ -115,7 +115,7 @@ void Project::Impl::fileChecked(const LayerId& layer,
     if (const auto& coming = entry.saved.coming; coming && stamp.hash == coming->hash) {
         const SavedState saved{coming->revision, stamp};
         fileWas(layer, saved);
-        ports_.history.setSaved(layer, saved);
+        ports_.files.setSaved(layer, saved);
     } else if (stamp.hash == entry.saved.file->hash) {
         entry.saved.file->trace = stamp.trace;
     } else {

@@ -183,7 +183,7 @@ Result<void> Project::Impl::takeFile(const Session& session, const LayerId& laye
 void Project::Impl::sendReloaded(const ReloadRequest& reload) {
     for (const auto& [layer, saved] : reload.unchanged) {
         fileIs(layer, saved);
-        ports_.history.setSaved(layer, saved);
+        ports_.files.setSaved(layer, saved);
     }
     Session* session = find(reload.session);
     if (!session || !session->isGreeted()) return;

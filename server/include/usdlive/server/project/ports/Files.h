@@ -33,6 +33,8 @@ public:
     /// Writes layers to their files, in the order asked; answered by layersSaved().
     virtual void saveLayers(SessionId session, std::uint64_t request,
                             std::vector<SaveJob> jobs) = 0;
+    /// CommitStore::setSaved(), in order with the saves; nothing waits for it.
+    virtual void setSaved(const LayerId& layer, const SavedState& saved) = 0;
     /// Looks what the layer's file holds, after the saves asked for so far; answered by
     /// fileChecked().
     virtual void checkFile(const LayerId& layer) = 0;

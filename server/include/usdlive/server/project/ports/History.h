@@ -29,8 +29,6 @@ public:
                              Revision revision) = 0;
     /// CommitStore::clientRecord(); answered by clientRead().
     virtual void readClient(const ClientId& client) = 0;
-    /// CommitStore::setSaved(); nothing waits for it.
-    virtual void setSaved(const LayerId& layer, const SavedState& saved) = 0;
 
     /// CommitStore::addCheckpoint(), in the order asked; answered by checkpointAdded().
     virtual void addCheckpoint(SessionId session, std::uint64_t request,

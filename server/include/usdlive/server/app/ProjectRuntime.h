@@ -1,0 +1,124 @@
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <vector>
+
+#include "usdlive/server/app/ActivityLog.h"
+#include "usdlive/server/app/BlobCollector.h"
+#include "usdlive/server/app/Intake.h"
+#include "usdlive/server/app/Metrics.h"
+#include "usdlive/server/app/ProjectStrand.h"
+#include "usdlive/server/app/ServedBlobs.h"
+#include "usdlive/server/app/ServedFiles.h"
+#include "usdlive/server/app/SessionOutbox.h"
+#include "usdlive/server/app/SharedStore.h"
+#include "usdlive/server/app/StorageThread.h"
+#include "usdlive/server/app/StoreHistory.h"
+#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/files/LayerFiles.h"
+#include "usdlive/server/project/Project.h"
+#include "usdlive/server/transport/Log.h"
+#include "usdlive/server/transport/Transport.h"
+#include "usdlive/server/transport/WebSocketServer.h"  // HttpReply
+
+namespace usdlive::server {
+
+using WallClock = std::function<std::int64_t()>;  ///< milliseconds since 1970; the network thread
+/// What a project is made with.
+struct ProjectBeginning {
+    StoreState store;
+    std::vector<LayerFile> files;
+};
+struct ProjectSetup {
+    Project::Options options;
+    std::function<Result<ProjectBeginning>()> read;  ///< any thread; takes time
+};
+
+/// The project's folder and what is done to the files in it. Any thread.
+struct ProjectFiles {
+    std::filesystem::path folder;
+    /// What is served: the files, and the layers that only the store holds by now.
+    std::function<Result<std::vector<LayerFile>>()> list;
+    LayerFiles& layers;
+};
+
+/// A project that is served: the Project, its ports, and what has to happen now and then. The
+/// project's strand is the network thread, so that what a client sends is ordered and sent on
+/// without a hand-over; what blocks runs on the storage thread and on workers and comes back by a
+/// post.
+class ProjectRuntime final : public SessionHandler, private ports::Clock {
+public:
+    ProjectRuntime(boost::asio::io_context& network, WorkerLanes& workers, SharedStore& store,
+                   StorageThread& storage, BlobStore& blobs, ProjectFiles files,
+                   std::chrono::milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock,
+                   Log& log);
+
+    // Network thread, as all that is not said otherwise.
+    Result<void> start(ProjectSetup setup);
+    /// Who carries the messages; from now on new files are noticed, too.
+    void serve(std::vector<Transport*> transports);
+    /// Sends what is acknowledged, says goodbye, appends the rest; then `done`.
+    void stop(std::function<void()> done);
+
+    [[nodiscard]] Revision durableRevision() const {
+        const Project* project = strand_.project();
+        return project ? project->durableRevision() : 0;
+    }
+    [[nodiscard]] HttpReply health();
+    [[nodiscard]] HttpReply metricsPage();
+
+private:
+    // SessionHandler
+    void opened(SessionId session) override;
+    void received(SessionId session, ByteView message) override;
+    void closed(SessionId session) override;
+    void drained(SessionId session) override;
+    // Clock
+    std::int64_t wallClockMs() override { return clock_(); }
+
+    // The project itself.
+    void startAgain();
+    void makeProject(ProjectBeginning beginning);
+    void makeProjectAgain();
+
+    // Now and then.
+    void scanFilesIn(std::chrono::milliseconds pause);
+    void filesScanned(Result<std::vector<LayerFile>> files, std::chrono::milliseconds time);
+    void sweepSoon();
+    void forgetClientsIn(std::chrono::milliseconds pause);
+    void boundHistoryIn(std::chrono::milliseconds pause);
+    void lookForSpaceIn(std::chrono::milliseconds pause);
+
+    boost::asio::io_context& network_;
+    WorkerLanes& workers_;
+    SharedStore& store_;
+    StorageThread& storage_;
+    const std::filesystem::path folder_;
+    const std::function<Result<std::vector<LayerFile>>()> list_;
+    Metrics& metrics_;
+    const WallClock clock_;
+    Log& log_;
+
+    Transports transports_;
+    Intake intake_;
+    ProjectStrand strand_;
+    SessionOutbox outbox_;
+    StoreHistory history_;
+    ServedBlobs blobs_;
+    ServedFiles files_;
+    ActivityLog activity_;
+
+    ProjectSetup setup_;
+    boost::asio::steady_timer retryTimer_, scanTimer_, sweepTimer_, clientsTimer_, historyTimer_,
+        spaceTimer_;
+    BlobCollector collector_;
+    bool sweeping_ = false;
+    bool hasSpace_ = true;            ///< as the store said last
+    std::vector<LayerFile> scanned_;  ///< the last time
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,85 @@
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <utility>
+
+#include "usdlive/server/app/Intake.h"
+#include "usdlive/server/project/Project.h"
+
+namespace usdlive::server {
+
+/// What `work` returns, or what it threw as an error.
+template <class Work>
+auto resultOf(Work& work) -> decltype(work()) {
+    try {
+        return work();
+    } catch (const std::exception& fault) {
+        return fail(ErrorCode::Internal, fault.what());
+    }
+}
+
+/// A project on its strand, which is the network thread, and how what blocks comes back to it. What
+/// was asked for by a project that has been replaced since is dropped.
+class ProjectStrand {
+public:
+    /// `fault`: called for what a project throws while no session's message is at work.
+    ProjectStrand(boost::asio::io_context& network, Intake& intake,
+                  std::function<void(const std::exception&)> fault)
+        : network_(network), intake_(intake), fault_(std::move(fault)) {}
+
+    // The network thread.
+    /// nullptr: it is being made again.
+    [[nodiscard]] Project* project() const { return project_.get(); }
+    void set(std::unique_ptr<Project> project) { project_ = std::move(project); }
+    /// What it has asked for is answered to nobody.
+    void reset() {
+        project_.reset();
+        ++generation_;
+    }
+    /// Calls `tell(Project&)`, if there is one.
+    template <class Tell>
+    void use(Tell&& tell) {
+        try {
+            if (project_) tell(*project_);
+        } catch (const std::exception& fault) {
+            fault_(fault);
+        }
+    }
+    /// Runs `work()`, which returns a Result, on `executor`, then `tell(Project&, result)` here.
+    /// Counts as `bytes` of the session's share until then.
+    template <class Executor, class Work, class Tell>
+    void inBackground(Executor& executor, SessionId session, std::size_t bytes, Work work,
+                      Tell tell) {
+        intake_.begin(session, bytes);
+        boost::asio::post(executor, [this, session, bytes, generation = generation_,
+                                     work = std::move(work), tell = std::move(tell)]() mutable {
+            auto result = resultOf(work);
+            boost::asio::post(network_, [this, session, bytes, generation, tell = std::move(tell),
+                                         result = std::move(result)]() mutable {
+                intake_.end(session, bytes);
+                if (generation != generation_) return;
+                use([&](Project& project) { tell(project, std::move(result)); });
+            });
+        });
+    }
+
+    /// Any thread. Calls `tell(Project&)` on the network thread, of whichever project is there
+    /// then.
+    template <class Tell>
+    void post(Tell tell) {
+        boost::asio::post(network_, [this, tell = std::move(tell)]() mutable { use(tell); });
+    }
+
+private:
+    boost::asio::io_context& network_;
+    Intake& intake_;
+    const std::function<void(const std::exception&)> fault_;
+    std::unique_ptr<Project> project_;
+    std::uint64_t generation_ = 0;
+};
+
+}  // namespace usdlive::server

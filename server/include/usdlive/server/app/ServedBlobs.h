@@ -1,0 +1,36 @@
+#pragma once
+
+#include <boost/asio/strand.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <vector>
+
+#include "usdlive/server/app/ProjectStrand.h"
+#include "usdlive/server/app/SessionOutbox.h"
+#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/project/ports/Blobs.h"
+
+namespace usdlive::server {
+
+/// A project's big values in its store, read and written by workers. The network thread.
+class ServedBlobs final : public ports::Blobs {
+public:
+    ServedBlobs(ProjectStrand& strand, WorkerLanes& workers, const Transports& transports,
+                BlobStore& blobs);
+
+    void findBlobs(std::vector<Hash> hashes) override;
+    void writeBlob(SessionId session, BlobFrame part) override;
+    void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
+    /// The session sends no more.
+    void forget(SessionId session);
+
+private:
+    Result<bool> write(SessionId session, const BlobFrame& part);
+
+    ProjectStrand& strand_;
+    WorkerLanes& workers_;
+    boost::asio::strand<boost::asio::thread_pool::executor_type> writer_;  // parts in order
+    const Transports& transports_;
+    BlobStore& blobs_;
+};
+
+}  // namespace usdlive::server

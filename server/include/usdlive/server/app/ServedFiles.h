@@ -1,0 +1,47 @@
+#pragma once
+
+#include <boost/asio/strand.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <vector>
+
+#include "usdlive/server/app/ProjectStrand.h"
+#include "usdlive/server/app/SharedStore.h"
+#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/files/LayerFiles.h"
+#include "usdlive/server/project/ports/Files.h"
+#include "usdlive/server/transport/Log.h"
+
+namespace usdlive::server {
+
+/// The files of a project's folder, read and written by workers. The network thread.
+class ServedFiles final : public ports::Files {
+public:
+    ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles& files, SharedStore& store,
+                Log& log);
+
+    void importLayer(const LayerId& layer) override;
+    void readLayer(SessionId session, std::uint64_t request, const LayerId& layer) override;
+    void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override;
+    void setSaved(const LayerId& layer, const SavedState& saved) override;
+    void checkFile(const LayerId& layer) override;
+    void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
+                     LayerDoc present) override;
+    void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override;
+    void listSkipped(SessionId session, std::uint64_t request) override;
+
+private:
+    // What workers do.
+    Result<LoadedLayer> import(const LayerId& layer);
+    SaveOutcome save(SessionId session, std::uint64_t request, const std::vector<SaveJob>& jobs);
+    Result<FileStamp> save(const SaveJob& job);
+
+    ProjectStrand& strand_;
+    WorkerLanes& workers_;
+    // In order: of the saves of a layer the last has to win.
+    boost::asio::strand<boost::asio::thread_pool::executor_type> saver_;
+    LayerFiles& files_;
+    SharedStore& store_;
+    Log& log_;
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,300 @@
+#include "usdlive/server/app/ProjectRuntime.h"
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+constexpr milliseconds kGoodbyeTime{2'000};
+constexpr milliseconds kRetryPause{1'000};
+// Looking for files that are new or changed: so often, and never more than this part of the time.
+constexpr milliseconds kScanPause{1'000};
+constexpr int kScanPart = 20;
+// Of so many clients the store knows what they have committed (M14); every so often the others are
+// forgotten.
+constexpr std::size_t kKnownClients = 20'000;
+constexpr milliseconds kForgetPause{10 * 60'000};
+// From one look at the free space to the next.
+constexpr milliseconds kSpacePause{500};
+// From one look at commits that are too old to the next.
+constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
+
+}  // namespace
+
+ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerLanes& workers, SharedStore& store,
+                               StorageThread& storage, BlobStore& blobs, ProjectFiles files,
+                               milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock,
+                               Log& log)
+    : network_(network),
+      workers_(workers),
+      store_(store),
+      storage_(storage),
+      folder_(std::move(files.folder)),
+      list_(std::move(files.list)),
+      metrics_(metrics),
+      clock_(std::move(clock)),
+      log_(log),
+      intake_([this](SessionId session, bool reading) {
+          transports_.of(session).setReading(session, reading);
+      }),
+      // A bug met while no session's message was at work: the project is made again from its store.
+      strand_(network, intake_,
+              [this](const std::exception& fault) {
+                  log_.write(LogLevel::Error, "project met a fault", {{"error", fault.what()}});
+                  startAgain();
+              }),
+      outbox_(transports_),
+      history_(strand_, intake_, workers, store, storage, folder_ / ".usdlive" / "blobs", log),
+      blobs_(strand_, workers, transports_, blobs),
+      files_(strand_, workers, files.layers, store, log),
+      activity_(log),
+      retryTimer_(network),
+      scanTimer_(network),
+      sweepTimer_(network),
+      clientsTimer_(network),
+      historyTimer_(network),
+      spaceTimer_(network),
+      collector_(network, workers.history, store, blobs, keepUnusedBlobs, log) {}
+
+Result<void> ProjectRuntime::start(ProjectSetup setup) {
+    setup_ = std::move(setup);
+    auto beginning = setup_.read();
+    if (!beginning) return tl::unexpected(beginning.error());
+    hasSpace_ = beginning->store.hasSpace;
+    makeProject(std::move(*beginning));
+    storage_.start({
+        .appended =
+            [this](Revision upTo) {
+                strand_.post([this, upTo](Project& project) {
+                    history_.appended(upTo);
+                    project.appended(upTo);
+                });
+            },
+        .failed =
+            [this](Error error, CommitStore::Head head) {
+                strand_.post([this, error = std::move(error), head](Project& project) {
+                    if (!storage_.goOn()) return;  // the project was made anew meanwhile
+                    history_.thrownAway();
+                    project.appendFailed(error, head);
+                });
+            },
+        .closed = [this] { strand_.post([](Project& project) { project.storeClosed(); }); },
+        .measured = [this](std::size_t commits,
+                           std::chrono::nanoseconds time) { metrics_.appended(commits, time); },
+    });
+    return {};
+}
+
+void ProjectRuntime::serve(std::vector<Transport*> transports) {
+    transports_.set(std::move(transports));
+    scanFilesIn(kScanPause);
+    forgetClientsIn(kForgetPause);
+    collector_.start([this](const std::vector<Hash>& unnamed, Revision upTo, std::int64_t nowMs) {
+        std::vector<Hash> unused;
+        strand_.use([&](Project& project) { unused = project.unusedBlobs(unnamed, upTo, nowMs); });
+        return unused;
+    });
+    boundHistoryIn(milliseconds(0));
+    lookForSpaceIn(milliseconds(0));
+}
+
+void ProjectRuntime::stop(std::function<void()> done) {
+    history_.stop();
+    // First what is on its way to the store, so that its authors hear of it before the goodbye.
+    storage_.flush([this, done = std::move(done)]() mutable {
+        asio::post(network_, [this, done = std::move(done)]() mutable {
+            const Error why{ErrorCode::ShuttingDown,
+                            std::string(errorText(ErrorCode::ShuttingDown))};
+            const auto left = std::make_shared<std::size_t>(transports_.all().size());
+            for (Transport* transport : transports_.all())
+                transport->stop(why, kGoodbyeTime, [left, done] {
+                    if (--*left == 0) done();
+                });
+        });
+    });
+}
+
+HttpReply ProjectRuntime::health() {
+    nlohmann::json answer{{"status", hasSpace_ ? "ok" : "storageFull"},
+                          {"project", folder_.filename().string()},
+                          {"revision", durableRevision()}};
+    if (!strand_.project()) answer["status"] = "starting";
+    return {"application/json",
+            answer.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"};
+}
+
+HttpReply ProjectRuntime::metricsPage() {
+    Figures figures;
+    for (const Transport* transport : transports_.all())
+        figures.transports.emplace_back(transport->name(), transport->counters());
+    figures.appendQueueBytes = intake_.storeBytes();
+    figures.storageHasSpace = hasSpace_;
+    figures.removedBlobs = collector_.removed();
+    std::error_code ignored;
+    figures.storageFreeBytes = std::filesystem::space(folder_, ignored).available;
+    if (const Project* project = strand_.project()) {
+        figures.project = project->counters();
+        figures.sessions = project->sessionCount();
+        figures.durableRevision = project->durableRevision();
+    }
+    return {"text/plain; version=0.0.4", metrics_.page(figures)};
+}
+
+void ProjectRuntime::opened(SessionId session) {
+    Project* const project = strand_.project();
+    if (!project)
+        return transports_.of(session).close(session, Error{ErrorCode::Internal, "starting again"});
+    project->connected(session);
+}
+
+void ProjectRuntime::received(SessionId session, ByteView message) {
+    Project* const project = strand_.project();
+    if (!project) return;
+    project->received(session, message);
+    intake_.received(session);
+    sweepSoon();
+}
+
+void ProjectRuntime::closed(SessionId session) {
+    intake_.closed(session);
+    blobs_.forget(session);
+    strand_.use([&](Project& project) { project.disconnected(session); });
+}
+
+void ProjectRuntime::drained(SessionId session) {
+    strand_.use([&](Project& project) { project.drained(session); });
+}
+
+/// Everybody has to come again. What the project before had handed to the store is kept.
+void ProjectRuntime::startAgain() {
+    strand_.reset();
+    outbox_.closeAll(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
+    storage_.flush([this] {
+        asio::post(network_, [this] {
+            history_.thrownAway();
+            storage_.goOn();
+            makeProjectAgain();
+        });
+    });
+}
+
+void ProjectRuntime::makeProject(ProjectBeginning beginning) {
+    const Ports ports{outbox_, history_, blobs_, files_, *this, activity_};
+    strand_.set(std::make_unique<Project>(setup_.options, ports, std::move(beginning.store),
+                                          beginning.files));
+}
+
+void ProjectRuntime::makeProjectAgain() {
+    asio::post(workers_.joins, [this] {
+        auto beginning = resultOf(setup_.read);
+        asio::post(network_, [this, beginning = std::move(beginning)]() mutable {
+            if (beginning) {
+                makeProject(std::move(*beginning));
+                return log_.write(LogLevel::Warning, "project started again");
+            }
+            log_.write(LogLevel::Error, "project cannot start again",
+                       {{"error", beginning.error().message}});
+            retryTimer_.expires_after(kRetryPause);
+            retryTimer_.async_wait([this](const boost::system::error_code& error) {
+                if (!error) makeProjectAgain();
+            });
+        });
+    });
+}
+
+// Polled: the folder may be on a share, whose changes no system call tells.
+void ProjectRuntime::scanFilesIn(milliseconds pause) {
+    scanTimer_.expires_after(pause);
+    scanTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        asio::post(workers_.files, [this] {
+            const auto begin = steady_clock::now();
+            auto files = resultOf(list_);
+            const auto time = std::chrono::duration_cast<milliseconds>(steady_clock::now() - begin);
+            asio::post(network_, [this, time, files = std::move(files)]() mutable {
+                filesScanned(std::move(files), time);
+            });
+        });
+    });
+}
+
+void ProjectRuntime::filesScanned(Result<std::vector<LayerFile>> files, milliseconds time) {
+    scanFilesIn(std::max(kScanPause, time * kScanPart));
+    strand_.use([&](Project& project) { project.unloadIdle(); });
+    if (!files || *files == scanned_) return;
+    scanned_ = std::move(*files);
+    strand_.use([&](Project& project) { project.setFiles(scanned_); });
+}
+
+void ProjectRuntime::sweepSoon() {
+    const Project* project = strand_.project();
+    if (sweeping_ || !project || !project->hasPresence()) return;
+    sweeping_ = true;
+    sweepTimer_.expires_after(milliseconds(Project::kSweepMs));
+    sweepTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        sweeping_ = false;
+        const auto now =
+            std::chrono::duration_cast<milliseconds>(steady_clock::now().time_since_epoch());
+        strand_.use([&](Project& project) { project.sweep(now.count()); });
+        sweepSoon();
+    });
+}
+
+void ProjectRuntime::forgetClientsIn(milliseconds pause) {
+    clientsTimer_.expires_after(pause);
+    clientsTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        std::set<ClientId> kept;
+        strand_.use([&](Project& project) { kept = project.activeClients(); });
+        asio::post(workers_.history, [this, kept = std::move(kept)] {
+            Revision upTo = 0;
+            const auto forgotten = store_.use([&](CommitStore& store) {
+                const auto some = store.forgetClients(kKnownClients, kept);
+                upTo = store.forgottenUpTo();
+                return some;
+            });
+            strand_.post([upTo](Project& project) { project.clientsForgotten(upTo); });
+            if (forgotten && *forgotten > 0)
+                log_.write(LogLevel::Info, "clients forgotten", {{"clients", *forgotten}});
+            asio::post(network_, [this] { forgetClientsIn(kForgetPause); });
+        });
+    });
+}
+
+void ProjectRuntime::boundHistoryIn(milliseconds pause) {
+    historyTimer_.expires_after(pause);
+    historyTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        strand_.use([&](Project& project) { project.boundHistory(); });
+        boundHistoryIn(kHistoryPause);
+    });
+}
+
+// Asked for now and then, as others fill the disk and empty it, too.
+void ProjectRuntime::lookForSpaceIn(milliseconds pause) {
+    spaceTimer_.expires_after(pause);
+    spaceTimer_.async_wait([this](const boost::system::error_code& error) {
+        if (error) return;
+        asio::post(workers_.joins, [this] {
+            const auto found =
+                store_.use([](CommitStore& store) -> Result<bool> { return store.hasSpace(); });
+            asio::post(network_, [this, found] {
+                hasSpace_ = found.value_or(hasSpace_);
+                strand_.use([&](Project& project) { project.setSpace(hasSpace_); });
+                lookForSpaceIn(kSpacePause);
+            });
+        });
+    });
+}
+
+}  // namespace usdlive::server

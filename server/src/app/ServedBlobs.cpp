@@ -1,0 +1,105 @@
+#include "usdlive/server/app/ServedBlobs.h"
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <iterator>
+#include <memory>
+#include <utility>
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+SharedBytes encoded(const Frame& frame) {
+    return std::make_shared<const Bytes>(encodeFrame(frame));
+}
+
+SharedBytes blobError(const Hash& hash, const Error& error) {
+    return encoded(ControlFrame{encodeControl(
+        ErrorMessage{std::string(errorName(error.code)), error.message, false, {}, hash})});
+}
+
+/// The parts of a big value, one at each call.
+class BlobSource {
+public:
+    BlobSource(const BlobStore& blobs, const Hash& hash, std::uint64_t offset)
+        : blobs_(blobs), hash_(hash), offset_(offset) {}
+
+    SharedBytes operator()() {
+        if (done_) return nullptr;
+        const auto size = blobs_.size(hash_);
+        if (!size) return failed(size.error());
+        const auto part = blobs_.read(hash_, offset_, kChunkBytes);
+        if (!part) return failed(part.error());
+        done_ = part->empty() || offset_ + part->size() >= *size;
+        if (part->empty()) return nullptr;
+        return encoded(BlobFrame{hash_, *size, std::exchange(offset_, offset_ + part->size()),
+                                 std::uint32_t(part->size()), deflate(*part)});
+    }
+
+private:
+    SharedBytes failed(const Error& error) {
+        done_ = true;
+        return blobError(hash_, error);
+    }
+
+    const BlobStore& blobs_;
+    Hash hash_;
+    std::uint64_t offset_;
+    bool done_ = false;
+};
+
+}  // namespace
+
+ServedBlobs::ServedBlobs(ProjectStrand& strand, WorkerLanes& workers, const Transports& transports,
+                         BlobStore& blobs)
+    : strand_(strand),
+      workers_(workers),
+      writer_(asio::make_strand(workers.joins.get_executor())),
+      transports_(transports),
+      blobs_(blobs) {}
+
+void ServedBlobs::forget(SessionId session) {
+    asio::post(writer_, [this, session] { blobs_.forget(session); });
+}
+
+void ServedBlobs::findBlobs(std::vector<Hash> hashes) {
+    auto asked = std::make_shared<const std::vector<Hash>>(std::move(hashes));
+    strand_.inBackground(
+        workers_.joins, 0, 0,
+        [this, asked] {
+            std::vector<Hash> stored;
+            std::ranges::copy_if(*asked, std::back_inserter(stored),
+                                 [this](const Hash& hash) { return blobs_.has(hash); });
+            return Result<std::vector<Hash>>(std::move(stored));
+        },
+        [asked](Project& project, const Result<std::vector<Hash>>& stored) {
+            project.blobsFound(*asked, stored.value_or(std::vector<Hash>()));
+        });
+}
+
+void ServedBlobs::writeBlob(SessionId session, BlobFrame part) {
+    const Hash hash = part.hash;
+    const std::size_t bytes = Intake::kJobBytes + part.data.size();
+    strand_.inBackground(
+        writer_, session, bytes,
+        [this, session, part = std::move(part)] { return write(session, part); },
+        [session, hash](Project& project, Result<bool> whole) {
+            project.blobWritten(session, hash, std::move(whole));
+        });
+}
+
+Result<bool> ServedBlobs::write(SessionId session, const BlobFrame& part) {
+    if (blobs_.has(part.hash)) return part.offset == 0 || part.offset + part.rawBytes == part.size;
+    return inflate(part.data, part.rawBytes, kChunkBytes).and_then([&](const Bytes& raw) {
+        return blobs_.write(part.hash, part.size, part.offset, raw, session);
+    });
+}
+
+void ServedBlobs::sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) {
+    transports_.of(session).sendBeside(session, BlobSource(blobs_, hash, offset));
+}
+
+}  // namespace usdlive::server

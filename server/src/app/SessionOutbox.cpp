@@ -1,0 +1,78 @@
+#include "usdlive/server/app/SessionOutbox.h"
+
+#include <memory>
+#include <utility>
+
+#include "usdlive/common/protocol/Snapshot.h"
+
+namespace usdlive::server {
+
+void SessionOutbox::send(SessionId session, SharedBytes frames) {
+    transports_.of(session).send(session, std::move(frames));
+}
+
+/// Calls `each(Transport&, its sessions)`. They stand together, the ids being sorted; one without
+/// any is called, too.
+template <class Each>
+void SessionOutbox::forTransports(std::span<const SessionId> sessions, Each each) {
+    for (Transport* transport : transports_.all()) {
+        std::size_t count = 0;
+        while (count < sessions.size() && &transports_.of(sessions[count]) == transport) ++count;
+        each(*transport, sessions.first(count));
+        sessions = sessions.subspan(count);
+    }
+}
+
+void SessionOutbox::sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
+                               Revision revision) {
+    forTransports(sessions, [&](Transport& transport, std::span<const SessionId> its) {
+        transport.sendCommit(its, frame, revision);
+    });
+}
+
+void SessionOutbox::tell(std::span<const SessionId> sessions, const News& news) {
+    forTransports(sessions, [&](Transport& transport, std::span<const SessionId> its) {
+        transport.tell(its, news);
+    });
+}
+
+void SessionOutbox::tellFirst(SessionId session, const News& all) {
+    transports_.of(session).tellFirst(session, all);
+}
+
+bool SessionOutbox::holdCommits(SessionId session) {
+    return transports_.of(session).holdCommits(session);
+}
+
+void SessionOutbox::releaseCommits(SessionId session, Revision next) {
+    transports_.of(session).releaseCommits(session, next);
+}
+
+bool SessionOutbox::congested(SessionId session) {
+    return transports_.of(session).congested(session);
+}
+
+bool SessionOutbox::lags(SessionId session) { return transports_.of(session).lags(session); }
+
+void SessionOutbox::close(SessionId session) { transports_.of(session).close(session); }
+
+void SessionOutbox::closeAll(const Error& why) {
+    for (Transport* transport : transports_.all()) transport->closeAll(why);
+}
+
+void SessionOutbox::sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) {
+    auto encoder = std::make_shared<SnapshotEncoder>(std::move(doc), request);
+    transports_.of(session).sendBeside(session, [encoder]() -> SharedBytes {
+        const auto frame = encoder->next();
+        return frame ? std::make_shared<const Bytes>(encodeFrame(*frame)) : nullptr;
+    });
+}
+
+void SessionOutbox::sendBeside(SessionId session, std::vector<SharedBytes> frames) {
+    transports_.of(session).sendBeside(
+        session, [frames = std::move(frames), next = std::size_t(0)]() mutable -> SharedBytes {
+            return next < frames.size() ? frames[next++] : nullptr;
+        });
+}
+
+}  // namespace usdlive::server
