@@ -3,8 +3,10 @@ example of the README runs."""
 
 import os
 import pathlib
+import re
 import shutil
 import subprocess
+import textwrap
 
 import pytest
 from conftest import cat
@@ -52,6 +54,30 @@ def test_find_package_from_outside_the_tree(tmp_path, project, serve, prefix):
                           text=True, timeout=60, check=False, env=bare_environment())
     assert done.returncode == 0, done.stderr
     assert '"frame 119"' in cat(server, "shot.usda")
+
+
+def cpp_examples(prefix) -> list[str]:
+    """The C++ of the README, and of the comments of all headers that are installed."""
+    readme = (CHECKOUT / "README.md").read_text()
+    blocks = [re.search(r"\n\n(    auto client = .*?)\n\n", readme, re.DOTALL).group(1)]
+    for header in sorted((prefix / "include" / "usdlive").rglob("*.h")):
+        for block in re.findall(r"(?:^ *///     .*\n)+", header.read_text(), re.MULTILINE):
+            blocks.append(re.sub(r"^ *///", "", block, flags=re.MULTILINE))
+    return [textwrap.dedent(block) for block in blocks]
+
+
+def test_the_examples_of_readme_and_headers_compile(tmp_path, prefix):
+    examples = cpp_examples(prefix)
+    assert len(examples) >= 2
+    source, build = tmp_path / "examples", tmp_path / "build"
+    shutil.copytree(EXAMPLE, source)
+    functions = "".join(f"void example{number}() {{\n{example}\n}}\n" for number, example in enumerate(examples))
+    (source / "main.cpp").write_text(
+        "#include <usdlive/client/usd/Client.h>\n"
+        "void edit(const pxr::SdfLayerRefPtr&) {}\nvoid editAndDraw() {}\n"
+        f"{functions}int main() {{}}\n")
+    output("cmake", "-G", "Ninja", "-S", source, "-B", build, f"-DCMAKE_PREFIX_PATH={prefix}")
+    output("cmake", "--build", build)
 
 
 def test_installed_programs_need_no_checkout(tmp_path, project, serve, prefix):

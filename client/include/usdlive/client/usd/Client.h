@@ -32,7 +32,7 @@ struct SentWork;
 /// network has a thread of its own.
 ///
 ///     auto client = usdlive::Client::connect("ws://127.0.0.1:7447", {.user = "ada"});
-///     auto layer = (*client)->openLayer("shot.usda");
+///     auto layer = (*client)->openLayer(usdlive::LayerId{"shot.usda"});
 ///     for (;;) { editAndDraw(); (*client)->tick(2.0); }
 class Client {
 public:
