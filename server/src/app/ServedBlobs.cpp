@@ -53,8 +53,8 @@ private:
 
 }  // namespace
 
-ServedBlobs::ServedBlobs(ProjectStrand& strand, WorkerLanes& workers, const Transports& transports,
-                         BlobStore& blobs)
+ServedBlobs::ServedBlobs(ProjectStrand& strand, WorkerLanes& workers,
+                         const TransportTable& transports, BlobStore& blobs)
     : strand_(strand),
       workers_(workers),
       writer_(asio::make_strand(workers.joins.get_executor())),

@@ -103,7 +103,7 @@ private:
     const WallClock clock_;
     Log& log_;
 
-    Transports transports_;
+    TransportTable transports_;
     Intake intake_;
     ProjectStrand strand_;
     SessionOutbox outbox_;

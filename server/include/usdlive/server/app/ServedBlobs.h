@@ -14,7 +14,7 @@ namespace usdlive::server {
 /// A project's big values in its store, read and written by workers. The network thread.
 class ServedBlobs final : public ports::Blobs {
 public:
-    ServedBlobs(ProjectStrand& strand, WorkerLanes& workers, const Transports& transports,
+    ServedBlobs(ProjectStrand& strand, WorkerLanes& workers, const TransportTable& transports,
                 BlobStore& blobs);
 
     void findBlobs(std::vector<Hash> hashes) override;
@@ -29,7 +29,7 @@ private:
     ProjectStrand& strand_;
     WorkerLanes& workers_;
     boost::asio::strand<boost::asio::thread_pool::executor_type> writer_;  // parts in order
-    const Transports& transports_;
+    const TransportTable& transports_;
     BlobStore& blobs_;
 };
 

@@ -9,7 +9,7 @@
 namespace usdlive::server {
 
 /// Who carries the messages: number n the sessions of Transport::kSessions * n and on.
-class Transports {
+class TransportTable {
 public:
     void set(std::vector<Transport*> all) { all_ = std::move(all); }
     [[nodiscard]] const std::vector<Transport*>& all() const { return all_; }
@@ -24,7 +24,7 @@ private:
 /// What a project sends goes to the transport of each session. The network thread.
 class SessionOutbox final : public ports::Outbox {
 public:
-    explicit SessionOutbox(const Transports& transports) : transports_(transports) {}
+    explicit SessionOutbox(const TransportTable& transports) : transports_(transports) {}
 
     void send(SessionId session, SharedBytes frames) override;
     void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
@@ -44,7 +44,7 @@ private:
     template <class Each>
     void forTransports(std::span<const SessionId> sessions, Each each);
 
-    const Transports& transports_;
+    const TransportTable& transports_;
 };
 
 }  // namespace usdlive::server
