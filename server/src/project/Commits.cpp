@@ -118,10 +118,6 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
     executed_ = commit.revision;
     executedHash_ = commit.hash;
     for (const LayerId& layer : commit.layers) takeSnapshot(layer);
-    // Not by what was executed: that may be taken back, and then nobody's base would be young
-    // enough.
-    if (durable_ > options_.namespaceLogRevisions)
-        history_.prune(durable_ - options_.namespaceLogRevisions);
     inFlight_.push_back(std::move(commit));
     ports_.history.append(std::move(record));
 }
@@ -166,6 +162,10 @@ void Project::Impl::appended(Revision upTo) {
 void Project::Impl::commitDurable(const InFlightCommit& commit) {
     durable_ = commit.revision;
     durableHash_ = commit.hash;
+    // Not by what was executed: that may be taken back, and then nobody's base would be young
+    // enough.
+    if (durable_ > options_.namespaceLogRevisions)
+        history_.prune(durable_ - options_.namespaceLogRevisions);
     recent_.add({commit.revision, commit.broadcast, commit.hash});
     ++counters_.commits;
     counters_.edits += commit.edits;

@@ -172,12 +172,14 @@ void Project::Impl::clientRead(const ClientId& client, const Result<ClientRecord
         author.committed.emplace(*record);
         forgottenUpTo_ = std::max(forgottenUpTo_, record->forgottenUpTo);
     }
-    // Without it what it sends may be committed twice. It comes again, and is asked for again.
     for (auto& [id, session] : sessions_) {
         if (session.client != client || std::holds_alternative<Closing>(session.phase)) continue;
-        if (!record && !storeClosed_)
+        const bool isResuming = std::holds_alternative<CheckingResume>(session.phase);
+        // Without it what it sends may be committed twice. It comes again, and is asked for again.
+        // Who only looks on stays.
+        if (!record && !storeClosed_ && (isResuming || !session.transactions.empty()))
             close(session, record.error());
-        else if (std::holds_alternative<CheckingResume>(session.phase))
+        else if (isResuming)
             checkResume(session);
         else
             work(session);

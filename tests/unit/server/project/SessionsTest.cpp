@@ -250,6 +250,17 @@ TEST_F(ProjectResume, WhoCannotBeLookedUpComesAgain) {
     EXPECT_EQ(world.host.appending.size(), 1u);
 }
 
+TEST_F(ProjectResume, WhoCannotBeLookedUpMayLookOn) {
+    world.answers = false;
+    world.join(2);
+    world.project->clientRead(world.client(2), fail(ErrorCode::StorageFailed, "cannot be read"));
+    EXPECT_TRUE(world.silent(2));
+    world.submit(2, 1, {create("/Q")}, 4);
+    EXPECT_TRUE(world.host.appending.empty());
+    world.answerQuestions();
+    EXPECT_EQ(world.host.appending.size(), 1u);
+}
+
 // Else its numbers before those on their way would be executed a second time.
 TEST_F(ProjectResume, M14WhoseCommitsAreOnTheirWayIsNotForgotten) {
     world.submit(1, 5, {create("/P5")}, 4);

@@ -264,6 +264,7 @@ TEST_F(ProjectTransactions, SE6ABaseFromTooLongAgoIsStale) {
     world.load();
     for (std::uint64_t number = 2; number <= 5; ++number)
         world.submit(1, number, {set("/A.x", double(number))}, number - 1);
+    world.store();
     world.submit(1, 6, {set("/A.x", 0)}, 2);
     world.submit(1, 7, {set("/A.x", 0)}, 3);
     world.submit(1, 8, {set("/A.x", 0)}, 8);
