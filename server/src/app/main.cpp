@@ -27,6 +27,12 @@
 #include "usdlive/server/transport/DdsServer.h"
 #include "usdlive/server/transport/WebSocketServer.h"
 
+// jemalloc reads this: memory that was freed goes back to the system also while nothing happens.
+extern "C" {
+extern const char* malloc_conf;
+const char* malloc_conf = "background_thread:true";
+}
+
 namespace {
 
 using namespace usdlive;
