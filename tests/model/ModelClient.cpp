@@ -45,8 +45,8 @@ static void digest(Digest& out, const Incoming& part) {
     out(request, opened ? encodeControl(*opened) : "", content.has_value());
 }
 static void digest(Digest& out, const Joining& part) {
-    const auto& [snapshot, later, again] = part;
-    out(snapshot, later, again);
+    const auto& [snapshot, later, again, askAtMs] = part;
+    out(snapshot, later, again, askAtMs.has_value());
 }
 static void digest(Digest& out, const Session::Impl::OpenedLayer& part) {
     const auto& [wanted, joining] = part;
@@ -89,7 +89,10 @@ static void digest(Digest& out, const Session::Impl& part) {
         part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
         part.linked_, part.inbox_, part.lastRequest_, part.hasHistory_, part.epoch_,
         part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_, part.layers_,
-        part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_, part.logs_);
+        part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_, part.logs_,
+        part.notResumed_.has_value(), part.forgotten_.has_value(), part.saidSince_,
+        part.unsettled_ ? part.unsettled_->since.revision : Revision(0),
+        part.unsettled_ ? part.unsettled_->last : std::uint64_t(0));
 }
 
 ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages& messages)

@@ -9,6 +9,7 @@ namespace {
 // Small frames are joined to messages of about this size.
 constexpr std::size_t kMessageBytes = 256 * 1024;
 constexpr std::int64_t kTellGestureEveryMs = 400;
+constexpr std::int64_t kAskAgainMs = 1000;
 
 constexpr std::string_view kPreviewValues = "previewValues";
 
@@ -478,8 +479,14 @@ void Session::Impl::on(const ErrorMessage& message) {
 bool Session::Impl::answered(const ErrorMessage& message, const Error& error) {
     if (!message.request) return false;
     for (auto entry = layers_.begin(); entry != layers_.end(); ++entry) {
-        const auto& joining = entry->second.joining;
+        auto& joining = entry->second.joining;
         if (!joining || joining->snapshot.request != *message.request) continue;
+        // The store comes back, and work of one's own may wait for this layer.
+        if (joining->again && error.code == ErrorCode::StorageFailed) {
+            entry->second.joinAnew();
+            joining->askAtMs = nowMs_ + kAskAgainMs;
+            return false;
+        }
         if (entry->second.wanted) events_.push_back(event::JoinFailed{entry->first, error});
         if (frozen_) frozen_->views.erase(entry->first);
         layers_.erase(entry);
@@ -523,11 +530,23 @@ void Session::Impl::ask(Incoming& snapshot, const LayerId& layer, Revision revis
     sendControl(OpenLayer{snapshot.request, layer, revision});
 }
 
+/// Layers that were joined before, and that the server could not read when they were asked for.
+void Session::Impl::askAgain() {
+    for (auto& [layer, opened] : layers_) {
+        if (!opened.joining || !opened.joining->askAtMs || *opened.joining->askAtMs > nowMs_)
+            continue;
+        opened.joining->askAtMs.reset();
+        ask(opened.joining->snapshot, layer, 0);
+    }
+}
+
 void Session::Impl::sendAll() {
     moreToSend_ = false;
-    if (online_)
+    if (online_) {
         askForBlobs(
             downloads_.due(nowMs_, [this](const Hash& hash) { return host_.needsBlob(hash); }));
+        askAgain();
+    }
     if (!online_ || !isCaughtUp() || frozen_) return;
     sendTransactions();
     uploads_.dropUnwanted();

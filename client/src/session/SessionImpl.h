@@ -49,6 +49,7 @@ struct Joining {
     Incoming snapshot;
     std::vector<std::pair<Revision, Edit>> later;  ///< committed while it is on its way
     bool again = false;                            ///< it was joined in a history that is gone
+    std::optional<std::int64_t> askAtMs;           ///< the server could not read it; not asked now
 };
 
 /// Parts: Session.cpp (the class itself, layers), SessionConnection.cpp (what arrives, what is
@@ -231,6 +232,7 @@ private:
     void tellPending(const Pending& pending);
     void tellGesture();
     void ask(Incoming& snapshot, const LayerId& layer, Revision revision);
+    void askAgain();
 
     // SessionCommits.cpp
     void apply(const Commit& commit);

@@ -840,6 +840,34 @@ TEST_F(SessionTest, M13WorkThatIsCarriedOverMeetsWhatOthersCreated) {
     EXPECT_EQ(*peer.session.view(kShot)->field("/B", "specifier"), def.value);
 }
 
+// What was sent before may be committed: it is not lost, and the layer stays live.
+TEST_F(SessionTest, ALayerIsAskedForAgainThatTheServerCannotReadNow) {
+    joinShot();
+    authorComment("/A", "mine");
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    peer.sent.clear();
+    peer.session.connected();
+    peer.advance();
+    peer.deliver(peer.welcomeMessage(false));
+    peer.advance();
+    const auto asked = peer.takeControl<OpenLayer>();
+    peer.deliver(ErrorMessage{"storageFailed", "the store is closed", false, asked->request, {}});
+    peer.advance();
+    EXPECT_TRUE(peer.session.isJoined(kShot));
+    EXPECT_EQ(peer.eventsOf<event::ServerError>().size(), 1u);
+    EXPECT_FALSE(peer.takeControl<OpenLayer>());
+    peer.nowMs += 2000;
+    peer.advance();
+    peer.sendSnapshot(*peer.takeControl<OpenLayer>());
+    peer.advance();
+    peer.commitAndTell(peer.takeTransaction());
+    peer.advance();
+    EXPECT_TRUE(peer.agrees());
+    EXPECT_EQ(peer.text("/A", "comment"), "mine");
+    EXPECT_TRUE(peer.eventsOf<event::JoinFailed>().empty());
+    EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
+}
+
 TEST_F(SessionTest, ACommitThatDoesNotFollowEndsTheConnection) {
     joinShot();
     Commit stray = peer.commit(peer.foreign({edit("/B", createPrim())}));
