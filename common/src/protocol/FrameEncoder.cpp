@@ -1,4 +1,7 @@
+#include <sys/mman.h>
+
 #include <algorithm>
+#include <new>
 #include <stdexcept>
 #include <unordered_map>
 
@@ -18,11 +21,34 @@ using Vector = Offset<flatbuffers::Vector<std::uint8_t>>;
 using EditVector = Offset<flatbuffers::Vector<Offset<wire::Edit>>>;
 using DroppedVector = Offset<flatbuffers::Vector<Offset<wire::Dropped>>>;
 
+/// Memory of which only the pages that were written count. A buffer as large as the largest frame
+/// never has to grow, which would hold what is written twice.
+class PagedMemory final : public flatbuffers::Allocator {
+public:
+    std::uint8_t* allocate(std::size_t size) override {
+        constexpr int kFlags = MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE;
+        void* memory = mmap(nullptr, size, PROT_READ | PROT_WRITE, kFlags, -1, 0);
+        if (memory == MAP_FAILED) throw std::bad_alloc();
+        return static_cast<std::uint8_t*>(memory);
+    }
+    void deallocate(std::uint8_t* memory, std::size_t size) override { munmap(memory, size); }
+
+    /// The whole pages between them are not needed any more.
+    static void release(const std::uint8_t* begin, const std::uint8_t* end) {
+        constexpr std::uintptr_t kPage = 4096;
+        const auto first = (reinterpret_cast<std::uintptr_t>(begin) + kPage - 1) / kPage * kPage;
+        const auto last = reinterpret_cast<std::uintptr_t>(end) / kPage * kPage;
+        if (first < last) madvise(reinterpret_cast<void*>(first), last - first, MADV_DONTNEED);
+    }
+};
+
 /// Writes one frame. Texts up to kSharedTextBytes are written once, however often they occur:
 /// longer ones are not, so that a decoder can bound what it copies by the size of the frame (FR7).
 class FrameEncoder {
 public:
-    explicit FrameEncoder(std::size_t expectedBytes = 1024) : builder_(expectedBytes) {}
+    FrameEncoder() : builder_(1024) {}
+    FrameEncoder(PagedMemory& memory, std::size_t bytes)
+        : builder_(bytes, &memory, false), isPaged_(true) {}
 
     Bytes encode(const Frame& frame) {
         std::visit([this](const auto& content) { finish(write(content)); }, frame);
@@ -80,8 +106,15 @@ private:
         Bytes bytes;
         bytes.reserve(sizeof(std::uint32_t) + builder_.GetSize());
         appendLength(bytes);
-        bytes.insert(bytes.end(), builder_.GetBufferPointer(),
-                     builder_.GetBufferPointer() + builder_.GetSize());
+        constexpr std::size_t kStep = 16 << 20;
+        const std::uint8_t* from = builder_.GetBufferPointer();
+        for (std::size_t left = builder_.GetSize(); left > 0;) {
+            const std::size_t step = std::min(left, kStep);
+            bytes.insert(bytes.end(), from, from + step);
+            if (isPaged_) PagedMemory::release(from, from + step);
+            from += step;
+            left -= step;
+        }
         return bytes;
     }
 
@@ -203,6 +236,8 @@ private:
 
     Offset<wire::Edit> edit(const Edit& edit) {
         const std::uint32_t layer = layerIndex(edit.layer);
+        // FR7: an edit has at least 32 bytes, which without a value it has with a path of its own.
+        if (!std::holds_alternative<SetField>(edit.action)) lastPath_ = nullptr;
         const TextOffset path = this->path(edit.address.path);
         const Creation creation = edit.address.creation.value_or(Creation{});
         const auto [type, action] = this->action(edit.action);
@@ -311,6 +346,7 @@ private:
     }
 
     flatbuffers::FlatBufferBuilder builder_;
+    bool isPaged_ = false;
     std::unordered_map<std::string, TextOffset> texts_;
     std::unordered_map<LayerId, std::uint32_t> layerIndices_;
     std::vector<TextOffset> layers_;
@@ -332,9 +368,8 @@ Bytes encodePart(const Commit& commit, PartsAt& at, std::size_t bytes) {
 
 std::optional<ImportFrame> encodeImport(const LayerId& layer, const LayerDoc& doc,
                                         std::size_t maxBytes) {
-    constexpr std::size_t kBytesPerSpec = 256;  // about; beginning small costs copies
-    return FrameEncoder(std::min(doc.specCount() * kBytesPerSpec, maxBytes))
-        .encode(layer, doc, maxBytes);
+    PagedMemory memory;
+    return FrameEncoder(memory, maxBytes).encode(layer, doc, maxBytes);
 }
 
 void stampCommit(Bytes& frame, const Commit& place) {

@@ -300,6 +300,21 @@ TEST(FrameDecoder, ChecksValues) {
               ErrorCode::MalformedFrame);
 }
 
+TEST(FrameEncoder, FR7WhateverAnAuthorRepeatsCanBeRead) {
+    const std::vector<EditAction> actions = {
+        DeleteSpec{},
+        CreateSpec{SpecKind::Prim},
+        MoveSpec{},
+        PlaceSpec{},
+        EraseField{"kind", {}},
+        SetField{"active", {}, Value(ValueType::Bool, Bytes{1}), {}}};
+    for (const EditAction& action : actions) {
+        const std::vector<Edit> edits(1000, Edit{{"a.usda"}, {"/A", {}}, action});
+        const Bytes frame = encodeFrame(SubmitFrame{{{{"client"}, 4}, 17, 0, edits}});
+        EXPECT_TRUE(decodeFrame(withoutLength(frame))) << action.index();
+    }
+}
+
 TEST(FrameDecoder, FR7TheSameThingOverAndOverIsRefusedBeforeItIsCopied) {
     ByHand hand;
     const auto value = hand.set(encodeFieldValue(stringValue(std::string(200'000, 's'))));
