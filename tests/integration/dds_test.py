@@ -10,6 +10,7 @@ import urllib.request
 
 import pytest
 from conftest import HERE, Peer, Server, cat
+from parts_test import EMPTY, PASTE, SEEN, WATCH
 
 ROOT = '#usda 1.0\n\ndef Xform "World"\n{\n    int64 ada\n    int64 bo\n    int64 cy\n}\n'
 NAMES = ("ada", "bo", "cy")
@@ -430,3 +431,25 @@ def test_locks_and_people_cross_the_transports(server, join):
     ada.run("live.unlock('root.usda'); assert live.flush(20)")
     cy.run("assert live.wait(lambda: not live.layer_states()['root.usda'].locked, 20)\na.Set(6)")
     settle(server, [ada, cy])
+
+
+def test_fr8_a_commit_in_parts_comes_over_both(tmp_path, domain, join):
+    folder = tmp_path / f"shot{random.SystemRandom().getrandbits(32):08x}"
+    folder.mkdir()
+    (folder / "root.usda").write_text(EMPTY)
+    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(domain),
+                       "--max-frame-mib", "1").start()
+    try:
+        ada, bo, cy = join(server.dds, "ada"), join(server.url, "bo"), join(server.dds, "cy")
+        for author, name in ((ada, "Set"), (bo, "Kit")):
+            before = author.flush()
+            for peer in (ada, bo, cy):
+                peer.run(WATCH.replace("/Set", f"/{name}"))
+            author.run(PASTE.replace("'/Set'", f"'/{name}'").replace("f'/Set/", f"f'/{name}/"))
+            assert author.run("assert live.flush(60); result = live.revision") == before + 1
+            for peer in (ada, bo, cy):
+                assert peer.run(SEEN) == before + 1
+        text = cat(server, "root.usda")
+        assert ada.text("root.usda") == bo.text("root.usda") == cy.text("root.usda") == text
+    finally:
+        assert server.stop() == 0, server.log.read_text()

@@ -27,10 +27,11 @@
 #include "usdlive/server/transport/DdsServer.h"
 #include "usdlive/server/transport/WebSocketServer.h"
 
-// jemalloc reads this: memory that was freed goes back to the system also while nothing happens.
+// jemalloc reads this: freed memory goes back to the system within a second, also while nothing
+// happens. What an import or a save took is else still held when its result takes as much again.
 extern "C" {
 extern const char* malloc_conf;
-const char* malloc_conf = "background_thread:true";
+const char* malloc_conf = "background_thread:true,dirty_decay_ms:1000,muzzy_decay_ms:0";
 }
 
 namespace {
