@@ -63,14 +63,10 @@ void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
     forEachBlob(action, [&](const Value& blob) { blobs.push_back(blob); });
 }
 
-void Prediction::start() {
-    docs_.clear();
-    openedAt_.clear();
-    names_ = NamespaceLog(&confirmed_->log);
-    creations_ = OwnCreations(&confirmed_->creations);
-    moves_.clear();
-    notes_.clear();
-    previewsChangeNames_ = false;
+std::size_t Prediction::fieldsNoted() const {
+    std::size_t noted = 0;
+    for (const auto& [layer, notes] : notes_) noted += notes.fields.size();
+    return noted;
 }
 
 const LayerDoc* Prediction::find(const LayerId& layer) const {

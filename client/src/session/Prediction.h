@@ -42,12 +42,11 @@ public:
         const OwnCreations& creations;  ///< of one's own commits
         const Revision& revision;
     };
-    explicit Prediction(const Confirmed& confirmed) : confirmed_(&confirmed) { start(); }
+    explicit Prediction(const Confirmed& confirmed)
+        : confirmed_(&confirmed), names_(&confirmed.log), creations_(&confirmed.creations) {}
 
-    /// Begins anew on the confirmed layers.
-    void start();
-    /// The docs as they were, for a comparison; start() follows.
-    [[nodiscard]] LayerDocs takeDocs() { return std::move(docs_); }
+    /// Begins anew on the confirmed layers, and returns what it was.
+    [[nodiscard]] Prediction startAnew() { return std::exchange(*this, Prediction(*confirmed_)); }
     [[nodiscard]] const LayerDocs& docs() const { return docs_; }
 
     /// A preview of somebody else; `slot` tells it from others.
@@ -77,6 +76,8 @@ public:
 
     /// nullptr: no such layer.
     [[nodiscard]] const LayerDoc* find(const LayerId& layer) const;
+    /// How many fields of one's own it has noted: destroying it takes so long.
+    [[nodiscard]] std::size_t fieldsNoted() const;
     /// Has the layer a doc of its own here?
     [[nodiscard]] bool predicts(const LayerId& layer) const { return docs_.contains(layer); }
     /// The confirmed revision that the prediction of the layer was begun on; without one the

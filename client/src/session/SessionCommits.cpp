@@ -154,7 +154,7 @@ void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
         disturb();
     } else {  // the views are the confirmed docs again
         checkPrediction();
-        prediction_.start();
+        discard(prediction_.startAnew());
         answered_ = 0;
     }
     if (!gesture_) creations_ = {};

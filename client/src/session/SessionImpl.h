@@ -253,6 +253,7 @@ private:
     // SessionView.cpp
     void settle();
     void disturb();
+    void discard(Prediction old);
     void previewsChanged();
     void rebuild();
     void predictPreviews(Prediction& prediction) const;

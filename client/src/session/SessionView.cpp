@@ -29,9 +29,16 @@ void Session::Impl::settle() {
     flushResets();
 }
 
+// One that has predicted little is destroyed here: to hand it over takes as long.
+void Session::Impl::discard(Prediction old) {
+    constexpr std::size_t kLittle = 256;
+    if (old.fieldsNoted() > kLittle) host_.discard(std::make_shared<Prediction>(std::move(old)));
+}
+
 // The prediction has to be made anew, from the start.
 void Session::Impl::disturb() {
     dirty_ = true;
+    if (rebuild_) discard(std::move(rebuild_->next));
     rebuild_.reset();
 }
 
@@ -51,12 +58,12 @@ void Session::Impl::rebuild() {
         pending.prognosis = rebuild_->next.run(pending.transaction);
     }
     predictGesture(rebuild_->next);
-    const LayerDocs before = prediction_.takeDocs();
-    prediction_ = std::move(rebuild_->next);
+    Prediction before = std::exchange(prediction_, std::move(rebuild_->next));
     dirty_ = rebuild_->outdated;
     rebuild_.reset();
     answered_ = 0;
-    tellEditor(before);
+    tellEditor(before.docs());
+    discard(std::move(before));
 }
 
 void Session::Impl::predictPreviews(Prediction& prediction) const {
@@ -204,21 +211,21 @@ void Session::Impl::freeze() {
     for (auto& [layer, opened] : layers_) opened.joinAnew();
     disturb();
     dirty_ = false;
-    confirmed_.clear();
+    host_.discard(std::make_shared<LayerDocs>(std::exchange(confirmed_, {})));
     log_ = {};
     creations_ = {};
-    prediction_.start();
+    discard(prediction_.startAnew());
 }
 
 void Session::Impl::carryOver() {
     for (const auto& [id, preview] : std::exchange(previews_, {}))
         events_.push_back(event::PreviewChanged{id.first, id.second, true});
-    const LayerDocs before = prediction_.takeDocs();
-    prediction_.start();
+    Prediction before = prediction_.startAnew();
     for (Pending& pending : pending_) pending.carried = prediction_.land(pending.transaction).edits;
     if (gesture_) gesture_->pending.carried = prediction_.land(gesture_->pending.transaction).edits;
     dirty_ = false;
-    tellEditor(before);
+    tellEditor(before.docs());
+    discard(std::move(before));
 
     frozen_.emplace();
     for (auto& [layer, opened] : layers_)
@@ -229,8 +236,9 @@ void Session::Impl::carryOver() {
 void Session::Impl::thaw() {
     for (const auto& [layer, opened] : layers_)
         if (opened.joining && opened.joining->again) return;
+    host_.discard(std::make_shared<LayerDocs>(std::move(frozen_->views)));
     frozen_.reset();
-    prediction_.start();
+    discard(prediction_.startAnew());
     const auto homeless = [this](const Pending& pending) {
         return std::any_of(pending.carried.begin(), pending.carried.end(), [&](const auto& edit) {
             return edit && !confirmed_.contains(edit->layer);
@@ -272,7 +280,8 @@ void Session::Impl::dropClosed() {
         }
         const bool asked = !opened.joining || opened.joining->snapshot.request != 0;
         if (online_ && asked) sendControl(CloseLayer{layer});
-        confirmed_.erase(layer);
+        if (auto closed = confirmed_.extract(layer))
+            host_.discard(std::make_shared<LayerDoc>(std::move(closed.mapped())));
         if (rebuild_ || prediction_.predicts(layer)) disturb();
         entry = layers_.erase(entry);
     }

@@ -434,6 +434,9 @@ public:
     void answered(std::uint64_t sequence) override {
         if (unsent_) unsent_->answered(sequence);
     }
+    void discard(std::shared_ptr<void> garbage) override {
+        worker_.post([garbage = std::move(garbage)]() mutable { garbage.reset(); });
+    }
     bool holdsBlob(const Hash& hash) override { return blobs_.holds(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
         if (lasting)

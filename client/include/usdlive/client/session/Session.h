@@ -60,6 +60,9 @@ public:
     virtual void pending(const PendingWork& /*work*/) {}
     /// It was acknowledged, refused, or given another number: it is pending no longer.
     virtual void answered(std::uint64_t /*sequence*/) {}
+    /// The session is done with it. To destroy it may take milliseconds: where that is too long,
+    /// give it to another thread, which may destroy it.
+    virtual void discard(std::shared_ptr<void> /*garbage*/) {}
 };
 
 /// Where what the editor shall see goes: the stores of its layers. Called from Session::advance()
