@@ -238,6 +238,7 @@ void SimClient::openAndClose() {
     } else if (random_.chance(10)) {
         session_.openLayer({"broken.usda"});
     } else {
+        if (layer == style_.newLayer) session_.createLayer(layer);
         session_.openLayer(layer);
         opened_.insert(layer);
     }
@@ -405,6 +406,12 @@ void SimClient::on(const event::JoinFailed& event) {
     if (event.layer.value == "broken.usda") return;
     opened_.erase(event.layer);
     editor_.erase(event.layer);
+}
+
+void SimClient::on(const event::LayerMade& event) {
+    require(
+        std::ranges::count(session_.welcome()->layers, event.answer.layer, &LayerInfo::layer) == 1,
+        "a layer is created, and is not among those of the project");
 }
 
 // ---- what has to hold

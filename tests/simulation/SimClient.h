@@ -16,7 +16,8 @@ namespace usdlive::simulation {
 /// What a seed decides about the editors.
 struct SimStyle {
     std::vector<LayerId> layers;
-    unsigned editPercent = 30;  ///< of the ticks
+    std::optional<LayerId> newLayer;  ///< one of these, that is not there until a client creates it
+    unsigned editPercent = 30;        ///< of the ticks
     unsigned gesturePercent = 3;
     unsigned openPercent = 4;
     unsigned cutPerMille = 3;
@@ -102,6 +103,7 @@ private:
     void on(const client::event::CheckpointsListed& event);
     void on(const client::event::ServerError& event);
     void on(const client::event::JoinFailed& event);
+    void on(const client::event::LayerMade& event);
     void on(const auto&) {}
     void compareEditor() const;
     void need(const Hash& hash);

@@ -321,11 +321,16 @@ void SimServer::reloadLayer(SessionId session, std::uint64_t request, const Laye
     });
 }
 
-/// The folder takes no new files; clients of the simulation ask for none.
 void SimServer::createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) {
     later(diskUs(), [this, session, request, layer] {
-        project_->layerCreated(session, request, layer,
-                               fail(ErrorCode::SaveFailed, "the folder cannot be written"));
+        Result<void> created;
+        if (files_.contains(layer))
+            created = fail(ErrorCode::LayerExists, "there is such a file");
+        else if (random_.chance(20))
+            created = fail(ErrorCode::SaveFailed, "the folder cannot be written");
+        else
+            files_.emplace(layer, LayerDoc());
+        project_->layerCreated(session, request, layer, created);
     });
 }
 

@@ -110,7 +110,7 @@ private:
     SimClock& clock_;
     SimRandom& random_;
     SimNetwork& network_;
-    const std::map<LayerId, LayerDoc> files_;
+    std::map<LayerId, LayerDoc> files_;
     const server::Project::Options options_;
     std::unique_ptr<server::Project> project_;
     std::uint64_t process_ = 0;

@@ -61,6 +61,10 @@ private:
         const char* const names[] = {"root.usda", "shot/anim.usda", "look.usdc"};
         const auto count = 1 + random_.below(3);
         for (std::size_t index = 0; index < count; ++index) style.layers.push_back({names[index]});
+        if (seed_ % 8 == 3) {
+            style.newLayer = {"new/layer.usda"};
+            style.layers.push_back(*style.newLayer);
+        }
         style.editPercent = unsigned(random_.between(5, 60));
         style.gesturePercent = random_.chance(60) ? unsigned(random_.between(1, 10)) : 0;
         style.openPercent = unsigned(random_.between(1, 8));
@@ -80,7 +84,8 @@ private:
         std::map<LayerId, LayerDoc> files;
         std::uint64_t lastValue = 500'000'000;
         EditScript script(random_, lastValue);
-        for (const LayerId& layer : style_.layers) files[layer] = script.start();
+        for (const LayerId& layer : style_.layers)
+            if (layer != style_.newLayer) files[layer] = script.start();
         server::Project::Options options;
         options.name = "simulation";
         options.leastReplay = 500;
