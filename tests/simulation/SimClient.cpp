@@ -294,7 +294,9 @@ bool SimClient::isSettled() const {
     return session_.isConnected() && session_.pendingTransactions() == 0 && askedFor_.empty() &&
            session_.revision() == server_.store().head().revision &&
            std::all_of(opened_.begin(), opened_.end(), [this](const LayerId& layer) {
-               return session_.isJoined(layer) && editor_.contains(layer);
+               // A layer that is joined anew is shown meanwhile, and not confirmed.
+               return session_.isJoined(layer) && session_.confirmed(layer) &&
+                      editor_.contains(layer);
            });
 }
 

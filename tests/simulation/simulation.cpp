@@ -109,11 +109,13 @@ TEST(Simulation, EverySeedConverges) {
 }
 
 // Each has a test of its own where it had found something in what is simulated: ED7 (8733), M14
-// (9997, 204817), B6 (10921), work lost with a layer that could not be read (412441). The others
-// were the simulation's own faults.
+// (9997, 204817), B6 (10921), work lost with a layer that could not be read (412441), M9 after a
+// transaction that was sent again (500802, 516254), a repair after a preview hid the rest (505224),
+// CF1 (514812). The others were the simulation's own faults.
 TEST(Simulation, SeedsThatFailedOnceConverge) {
     if (options.seeds == 1) GTEST_SKIP() << "another one is asked for";
-    for (const std::uint64_t seed : {3263, 8733, 9997, 10921, 17210, 18278, 204817, 412441})
+    for (const std::uint64_t seed :
+         {3263, 8733, 9997, 10921, 17210, 18278, 204817, 412441, 500802, 505224, 514812, 516254})
         EXPECT_EQ(usdlive::simulation::play(seed).failure, "") << "seed " << seed;
 }
 

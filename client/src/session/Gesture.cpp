@@ -8,6 +8,14 @@ namespace usdlive::client {
 
 namespace {
 
+/// Calls `visit` for every address of the edits.
+void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)>& visit) {
+    for (Edit& edit : edits) {
+        visit(edit.address);
+        if (auto* move = std::get_if<MoveSpec>(&edit.action)) visit(move->parent);
+    }
+}
+
 // A number that no edit of a gesture has.
 constexpr std::uint32_t kNoEdit = ~std::uint32_t(0);
 

@@ -41,12 +41,6 @@ struct Pending {
     std::vector<std::optional<AuthoredEdit>> carried;
 };
 
-/// Calls `visit` for every address of the edits.
-void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)>& visit);
-
-/// Edits that are for what transaction `before` created are for what `after` creates.
-void renameCreations(std::vector<Edit>& edits, std::uint64_t before, std::uint64_t after);
-
 /// Do both set the same register, so that the later is all that is left? False also where the order
 /// of what is in a field is part of its content.
 [[nodiscard]] bool setSameRegister(const EditAction& earlier, const EditAction& later);

@@ -143,21 +143,6 @@ void PendingTransactions::rebase(Pending& pending, Revision base) {
     pending.transaction.base = base;
 }
 
-void PendingTransactions::renumber(Pending& pending) {
-    const std::uint64_t before = pending.transaction.id.sequence, number = nextSequence();
-    numbers_.erase(before);
-    numbers_.insert(number);
-    pending.transaction.id.sequence = number;
-    pending.everSent = false;
-    const auto& edits = pending.transaction.edits;
-    if (std::none_of(edits.begin(), edits.end(), [](const Edit& edit) {
-            return std::holds_alternative<CreateSpec>(edit.action);
-        }))
-        return;
-    for (Pending& other : pending_)
-        if (!other.sent) renameCreations(other.transaction.edits, before, number);
-}
-
 void PendingTransactions::markSent(Pending& pending, std::size_t bytes) {
     pending.sent = pending.everSent = true;
     pending.sentBytes = bytes;

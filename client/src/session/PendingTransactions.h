@@ -15,7 +15,7 @@
 namespace usdlive::client {
 
 /// One's own transactions that the server has not answered, in the order they were made. There may
-/// be a million of them, so nothing here looks at all of them, apart from renumber().
+/// be a million of them, so nothing here looks at all of them.
 class PendingTransactions {
 public:
     /// At most so many are on their way at once: a server recognizes a transaction that is sent
@@ -61,8 +61,6 @@ public:
 
     /// Changes the revision that its addresses are meant as of.
     void rebase(Pending& pending, Revision base);
-    /// Gives it a new number. Creations of edits that were not sent follow.
-    void renumber(Pending& pending);
     void markSent(Pending& pending, std::size_t bytes);
     void markUnsent(Pending& pending);
     /// The connection is gone.

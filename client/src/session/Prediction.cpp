@@ -45,20 +45,6 @@ const std::string* fieldOf(const EditAction& action) {
     return nullptr;
 }
 
-void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)>& visit) {
-    for (Edit& edit : edits) {
-        visit(edit.address);
-        if (auto* move = std::get_if<MoveSpec>(&edit.action)) visit(move->parent);
-    }
-}
-
-void renameCreations(std::vector<Edit>& edits, std::uint64_t before, std::uint64_t after) {
-    forEachAddress(edits, [&](Address& address) {
-        if (address.creation && address.creation->sequence == before)
-            address.creation->sequence = after;
-    });
-}
-
 void collectBlobs(const EditAction& action, std::vector<Value>& blobs) {
     forEachBlob(action, [&](const Value& blob) { blobs.push_back(blob); });
 }

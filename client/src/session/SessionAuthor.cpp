@@ -46,6 +46,7 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         lost.sequence = gesture_->pending.transaction.id.sequence;
         lost.gesture = gesture_->pending.transaction.gesture;
         authorInto(gesture_->pending, std::move(edits), lost, repairs);
+        repair(repairs);
         if (gesture_->pending.prognosis.refused && !frozen_) {  // a preview hides it
             disturb();
             rebuild();
@@ -55,6 +56,7 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         lost.sequence = pending.transaction.id.sequence;
         authorInto(pending, std::move(edits), lost, repairs);
         if (!pending.authored.empty()) pending_.add(std::move(pending));
+        repair(repairs);
     }
     // What comes of the fields of such a spec, the executor says (M13).
     if (std::exchange(createdExisting_, false) && !frozen_) {
@@ -62,9 +64,7 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         rebuild();
     }
     checkPrediction();
-    if (lost.edits.empty()) return;
-    events_.push_back(event::Lost{std::move(lost)});
-    repair(repairs);
+    if (!lost.edits.empty()) events_.push_back(event::Lost{std::move(lost)});
 }
 
 // A client that is offline, or slower than its edits, sends of a value only what it is in the end:
@@ -172,7 +172,8 @@ void Session::Impl::noteRepair(const AuthoredEdit& edit, Repairs& repairs) const
         repairs.resets.insert(edit.layer);
 }
 
-// The editor's layers hold the edits already, also those the model does not.
+// The editor's layers hold the edits already, also those the model does not. Before anything else
+// is told to the editor: the paths are those of what it shows now.
 void Session::Impl::repair(const Repairs& repairs) {
     for (const LayerId& layer : repairs.resets)
         if (const LayerDoc* doc = view(layer)) editor_.reset(layer, *doc);

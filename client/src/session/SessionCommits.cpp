@@ -185,16 +185,14 @@ void Session::Impl::lose(Pending pending, Error reason) {
 }
 
 // A transaction that was refused for what the author can mend unasked: the server has forgotten the
-// moves since its base, or a big value that it named. Its number is spent, so it gets another.
+// moves since its base, or a big value that it named. It keeps its number: with another one, far
+// above those that wait, the server would forget these (M9).
 bool Session::Impl::resubmit(std::uint64_t sequence) {
     Pending* pending = pending_.find(sequence);
     if (!pending || ++pending->attempts > kMaxAttempts) return false;
     for (const Value& blob : pending->blobs) uploads_.forget(blob.hash());
     pending_.markUnsent(*pending);
-    pending_.renumber(*pending);
-    if (gesture_)
-        renameCreations(gesture_->pending.transaction.edits, sequence,
-                        pending->transaction.id.sequence);
+    pending->everSent = false;  // nobody has it
     disturb();
     return true;
 }

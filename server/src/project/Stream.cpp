@@ -115,8 +115,9 @@ void Project::Impl::sendRun(Session& session, const std::vector<StoredCommit>& c
             continue;
         }
         run.push_back(std::move(*frame));
-        // A layer is sent as of this revision: what follows applies to that.
-        if (session.opened.contains(commits[index].revision)) flush(index + 1);
+        // The client begins here, or with a layer as of here: what follows applies to that.
+        const Revision revision = commits[index].revision;
+        if (revision == session.greetedAt || session.opened.contains(revision)) flush(index + 1);
     }
     if (canSend(session)) flush(commits.size());
 }

@@ -53,6 +53,26 @@ TEST_F(SlowReader, CF1GetsOneCommitForMany) {
     EXPECT_EQ(world.host.sent[1].size(), 51u) << "and nobody else noticed";
 }
 
+// Who wants to hear again what became of its own goes on from the revision of the welcome.
+TEST_F(SlowReader, CF1EndsWhereTheClientBegins) {
+    for (int value = 1; value <= 5; ++value) write(value);
+    Hello hello = world.hello(3);
+    hello.features = {"conflation"};
+    hello.resume = {1, 1, world.host.log[0].hash};
+    world.host.congestedSessions = {3};
+    world.connect(3, hello);
+    EXPECT_EQ(world.nextControl<Welcome>(3).revision, 5u);
+    for (int value = 6; value <= 9; ++value) write(value);
+    world.host.congestedSessions.clear();
+    world.project->drained(3);
+    std::vector<std::pair<Revision, Revision>> got;
+    while (!world.silent(3)) {
+        const Commit commit = world.nextFrame<CommitFrame>(3).commit;
+        got.emplace_back(commit.revision, commit.conflated);
+    }
+    EXPECT_EQ(got, (std::vector<std::pair<Revision, Revision>>{{5, 3}, {9, 3}}));
+}
+
 TEST_F(SlowReader, CF1ItsOwnCommitsAndGesturesStayWhole) {
     world.host.congestedSessions = {2};
     write(1);

@@ -58,7 +58,7 @@ public:
     /// with the same sequence number when its content has changed (an open gesture, or what was
     /// written again before it was sent).
     virtual void pending(const PendingWork& /*work*/) {}
-    /// It was acknowledged, refused, or given another number: it is pending no longer.
+    /// It was acknowledged or refused: it is pending no longer.
     virtual void answered(std::uint64_t /*sequence*/) {}
     /// The session is done with it. To destroy it may take milliseconds: where that is too long,
     /// give it to another thread, which may destroy it.
