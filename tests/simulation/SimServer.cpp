@@ -315,7 +315,12 @@ void SimServer::reloadLayer(SessionId session, std::uint64_t request, const Laye
         if (random_.chance(10))
             return project_->layerReloaded(session, request, layer,
                                            fail(ErrorCode::LayerUnreadable, "it does not parse"));
-        const LayerDoc content = replay(layer, random_.below(store().head().revision + 1));
+        LayerDoc content = replay(layer, random_.below(store().head().revision + 1));
+        // A file would bring its big values; here those that were removed are nowhere.
+        bool isWhole = true;
+        forEachBlob(content,
+                    [&](const Value& blob) { isWhole = isWhole && disk.blobs->has(blob.hash()); });
+        if (!isWhole) content = present;
         project_->layerReloaded(session, request, layer,
                                 makeReload(layer, present, content, FileStamp()));
     });
