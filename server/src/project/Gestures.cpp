@@ -22,7 +22,8 @@ void Project::Impl::receivePreview(Session& session, PreviewFrame preview, std::
         return;
     }
     for (const Edit& edit : preview.edits)
-        if (lockObjection(session.user, edit.layer)) return;  // LK1
+        if (lockObjection(session.user, edit.layer)) return;        // LK1
+    if (previewMeetsSpecLock(session.user, preview.edits)) return;  // LK5
     preview.author = session.client;
     const auto frame = std::make_shared<const Bytes>(encodeFrame(preview));
     std::vector<Hash> named;

@@ -463,6 +463,12 @@ private:
     void noteSpecLocks(const LayerId& layer);
     [[nodiscard]] bool mindsSpecLocks(const std::vector<Edit>& edits) const;
     [[nodiscard]] SpecLocks specLocksIn(const LayerId& layer, const LayerDocs& before) const;
+    [[nodiscard]] bool isForeign(const UserName& owner, const UserName& user) const;
+    [[nodiscard]] std::optional<Error> specLockOn(const UserName& user, const Edit& edit,
+                                                  const SpecLocks& locks,
+                                                  const LayerDoc* doc) const;
+    [[nodiscard]] bool previewMeetsSpecLock(const UserName& user,
+                                            const std::vector<Edit>& edits) const;
     [[nodiscard]] std::optional<std::pair<std::size_t, Error>> specLockObjection(
         const UserName& user, const std::vector<ExecutedEdit>& executed,
         const LayerDocs& before) const;

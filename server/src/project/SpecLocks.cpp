@@ -67,15 +67,53 @@ SpecLocks Project::Impl::specLocksIn(const LayerId& layer, const LayerDocs& befo
     return locks;
 }
 
+bool Project::Impl::isForeign(const UserName& owner, const UserName& user) const {
+    return !options_.administrators.contains(user) && owner != user;
+}
+
+/// The lock of somebody else on the spec that an edit is for or, when it takes those below with it,
+/// on one of these. `doc`: the layer before the edit.
+std::optional<Error> Project::Impl::specLockOn(const UserName& user, const Edit& edit,
+                                               const SpecLocks& locks, const LayerDoc* doc) const {
+    const std::string path = withoutVariants(edit.address.path);
+    if (const auto lock = locks.find(path); lock != locks.end() && isForeign(lock->second, user))
+        return lockedError(path, lock->second);
+    if (!takesWithAllBelow(edit.action) || !doc) return std::nullopt;
+    for (auto lock = locks.lower_bound(path); lock != locks.end(); ++lock) {
+        if (!lock->first.starts_with(path)) break;
+        if (specpath::hasPrefix(lock->first, path) && isForeign(lock->second, user) &&
+            doc->has(lock->first))
+            return lockedError(lock->first, lock->second);
+    }
+    return std::nullopt;
+}
+
+/// A preview is not executed here, so its addresses are looked at as they are.
+bool Project::Impl::previewMeetsSpecLock(const UserName& user,
+                                         const std::vector<Edit>& edits) const {
+    if (specLockers_.empty()) return false;
+    std::map<LayerId, SpecLocks> known;
+    return std::any_of(edits.begin(), edits.end(), [&](const Edit& edit) {
+        if (edit.address.creation || edit.address.path == "/") return false;
+        const auto found = docs_.find(edit.layer);
+        const LayerDoc* doc = found == docs_.end() ? nullptr : &found->second;
+        const auto* set = std::get_if<SetField>(&edit.action);
+        const bool isNew = !doc || !doc->has(edit.address.path);
+        if (std::holds_alternative<CreateSpec>(edit.action) || (set && isNew && makesOver(*set)))
+            return false;
+        const auto [entry, added] = known.try_emplace(edit.layer);
+        if (added) entry->second = specLocksIn(edit.layer, {});
+        return specLockOn(user, edit, entry->second, doc).has_value();
+    });
+}
+
 /// Which of the edits somebody else's lock stands against, and why. `before`: the layers that were
 /// edited, as they were.
 std::optional<std::pair<std::size_t, Error>> Project::Impl::specLockObjection(
     const UserName& user, const std::vector<ExecutedEdit>& executed,
     const LayerDocs& before) const {
     std::map<LayerId, SpecLocks> known;
-    const auto foreign = [&](const UserName& owner) {
-        return !options_.administrators.contains(user) && owner != user;
-    };
+    const auto foreign = [&](const UserName& owner) { return isForeign(owner, user); };
     for (std::size_t index = 0; index < executed.size(); ++index) {
         const Edit& edit = executed[index].edit;
         const auto [entry, added] = known.try_emplace(edit.layer);
@@ -84,17 +122,8 @@ std::optional<std::pair<std::size_t, Error>> Project::Impl::specLockObjection(
         if (locks.empty() || edit.address.path == "/" ||
             isHarmless(executed[index], before.at(edit.layer)))
             continue;
-        const std::string path = withoutVariants(edit.address.path);
-        if (const auto lock = locks.find(path); lock != locks.end() && foreign(lock->second))
-            return std::pair(index, lockedError(path, lock->second));
-        if (!takesWithAllBelow(edit.action)) continue;
-        const auto doc = before.find(edit.layer);
-        for (auto lock = locks.lower_bound(path); lock != locks.end(); ++lock) {
-            if (!lock->first.starts_with(path)) break;
-            if (specpath::hasPrefix(lock->first, path) && foreign(lock->second) &&
-                doc != before.end() && doc->second.has(lock->first))
-                return std::pair(index, lockedError(lock->first, lock->second));
-        }
+        if (auto locked = specLockOn(user, edit, locks, &before.at(edit.layer)))
+            return std::pair(index, *std::move(locked));
     }
     // And the locks themselves.
     for (const auto& [layer, doc] : before) {

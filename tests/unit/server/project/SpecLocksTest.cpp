@@ -74,6 +74,22 @@ TEST_F(ProjectSpecLocks, LK5HoldsInEveryLayerOfTheStack) {
     EXPECT_EQ(refusal(2, {create("/A/New"), create("/B/New", kSub)}), "");
 }
 
+TEST_F(ProjectSpecLocks, LK5PreviewsOfALockedSpecAreNotPassedOn) {
+    const auto seen = [&](SessionId author, std::vector<Edit> edits) {
+        world.host.sent.clear();
+        world.receive(author, Frame(PreviewFrame{world.client(author), ++sequences[author],
+                                                 world.project->durableRevision(), edits}));
+        return !world.silent(author == 1 ? 2 : 1);
+    };
+    for (const LayerId& layer : {kRoot, kSub}) {
+        EXPECT_FALSE(seen(2, {set("/A.x", 1, layer)}));
+        EXPECT_FALSE(seen(2, {move("/A", "/B", "C", layer)}));
+        EXPECT_TRUE(seen(1, {set("/A.x", 1, layer)}));
+        EXPECT_TRUE(seen(3, {set("/A.x", 1, layer)})) << "an administrator";
+        EXPECT_TRUE(seen(2, {create("/A/New", layer)}));
+    }
+}
+
 // The locks of a root layer hold in the others, so that it stays loaded.
 TEST_F(ProjectSpecLocks, LK5HoldsWhenNobodyHasTheLayersOpen) {
     world.receive(1, ControlMessage(CloseLayer{kRoot}));
