@@ -53,6 +53,7 @@ static void digest(Digest& out, const WaitingOpen& part) {
     const auto& [session, request] = part;
     out(session, request);
 }
+static void digest(Digest& out, const Subject& part) { out(part.user, part.isAdministrator); }
 static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
 static void digest(Digest& out, const LayerEntry& part) {
     // Nobody notices when a snapshot is taken.

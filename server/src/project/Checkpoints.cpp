@@ -34,7 +34,7 @@ void Project::Impl::createCheckpoint(Session& session, const CreateCheckpoint& r
             request.request);
     const auto now = std::uint64_t(std::max<std::int64_t>(ports_.clock.wallClockMs(), 0));
     readyCheckpoints_.push_back(
-        {session.id, request.request, {request.name, executed_, session.user, now}});
+        {session.id, request.request, {request.name, executed_, session.subject.user, now}});
     storeCheckpoints();
 }
 

@@ -90,8 +90,8 @@ SharedBytes Project::Impl::encodeCommit(const Commit& commit) const {
 /// False, and nothing done, when the commit does not fit into a frame.
 bool Project::Impl::commit(Session& session, Author& author, const Transaction& transaction,
                            Executed executed, std::uint64_t mark) {
-    auto commit =
-        makeCommit(session.user, transaction.id, transaction.gesture, std::move(executed), mark);
+    auto commit = makeCommit(session.subject.user, transaction.id, transaction.gesture,
+                             std::move(executed), mark);
     if (!commit) return false;
     auto& [made, record] = *commit;
     // Its author could not read it.
@@ -112,7 +112,7 @@ void Project::Impl::append(InFlightCommit commit, CommitRecord record) {
     }
     for (const LayerId& layer : commit.layerData) {
         suspects_.insert(layer);
-        noteSpecLocks(layer);
+        access_.noteSpecLocks(layer, docs_);
     }
     unusedBlobs_.named(commit.blobs, commit.revision);
     executed_ = commit.revision;
@@ -338,7 +338,7 @@ void Project::Impl::reloadLost(const Error& error, const std::vector<InFlightCom
     }
     for (const LayerId& layer : changed) {
         docs_.erase(layer);
-        noteSpecLocks(layer);
+        access_.noteSpecLocks(layer, docs_);
         layers_[layer].state = NotLoaded{};
         layers_[layer].changed = std::min(layers_[layer].changed, durable_);
     }

@@ -66,7 +66,7 @@ void Project::Impl::layerCreated(SessionId id, std::uint64_t request, const Laye
     if (layers_.try_emplace(layer).second) tellLayers();
     if (std::holds_alternative<NotLoaded>(layers_[layer].state)) load(layer);
     if (!here) return;
-    ports_.activity.happened({"layer created", session->user, layer});
+    ports_.activity.happened({"layer created", session->subject.user, layer});
     send(*session, LayerCreated{request, layer});
 }
 

@@ -21,9 +21,7 @@ void Project::Impl::receivePreview(Session& session, PreviewFrame preview, std::
             withdraw(session.client, preview.gesture);
         return;
     }
-    for (const Edit& edit : preview.edits)
-        if (lockObjection(session.user, edit.layer)) return;        // LK1
-    if (previewMeetsSpecLock(session.user, preview.edits)) return;  // LK5
+    if (!access_.mayPreview(*this, session.subject, preview.edits)) return;
     preview.author = session.client;
     const auto frame = std::make_shared<const Bytes>(encodeFrame(preview));
     std::vector<Hash> named;

@@ -71,8 +71,8 @@ void Project::Impl::compactHistory(Session& session, const CompactHistory& reque
     const auto refuse = [&](const char* why) {
         sendError(session, {ErrorCode::InvalidArgument, why}, request.request);
     };
-    if (!options_.administrators.empty() && !options_.administrators.contains(session.user))
-        return refuse("only who the server was started with as --admin may replace the history");
+    if (const auto denied = access_.toHistory(session.subject))
+        return sendError(session, *denied, request.request);
     const auto days = request.days ? request.days : options_.historyDays;
     if (!days)
         return refuse(

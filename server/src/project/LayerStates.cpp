@@ -28,6 +28,12 @@ LayerState plain(const LayerState& state) {
 
 }  // namespace
 
+LayerLock Project::Impl::lockAt(const LayerId& layer) const {
+    if (const auto doc = docs_.find(layer); doc != docs_.end()) return lockOf(doc->second);
+    const auto entry = layers_.find(layer);
+    return entry == layers_.end() ? LayerLock() : entry->second.lock;
+}
+
 LayerState Project::Impl::stateOf(const LayerId& layer, const LayerEntry& entry) const {
     LayerState state;
     state.layer = layer;
@@ -43,7 +49,8 @@ LayerState Project::Impl::stateOf(const LayerId& layer, const LayerEntry& entry)
     state.lockedAtMs = std::uint64_t(lock.atMs);
     std::set<UserName> editors;
     for (const auto& [id, session] : sessions_)
-        if (session.isGreeted() && session.open.contains(layer)) editors.insert(session.user);
+        if (session.isGreeted() && session.open.contains(layer))
+            editors.insert(session.subject.user);
     state.editors.assign(editors.begin(), editors.end());
     return state;
 }

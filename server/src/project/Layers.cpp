@@ -128,7 +128,7 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     fileWas(layer, loaded->saved);
     found->second.lock = lockOf(docs_.at(layer));
     noteMutes(layer);
-    noteSpecLocks(layer);
+    access_.noteSpecLocks(layer, docs_);
     if (loaded->import) {
         if (const auto imported = import(layer, std::move(*loaded->import)); !imported) {
             docs_.erase(layer);
@@ -140,7 +140,7 @@ void Project::Impl::layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded
     const auto opens = std::exchange(found->second.opens, {});
     if (!opens.empty() && loaded->import)
         if (const Session* session = find(opens.front().session))
-            ports_.activity.happened({"layer imported", session->user, layer});
+            ports_.activity.happened({"layer imported", session->subject.user, layer});
     for (const WaitingOpen& open : opens) openLoaded(open, layer);
     noteIdle(layer);
     workAll();

@@ -18,7 +18,7 @@ void Project::Impl::showPresence(Session& session, Presence presence) {
     if (!presence.camera.empty() && presence.camera.size() != kMatrix)
         return close(session, {ErrorCode::MalformedControl, "a camera is a matrix of 16 numbers"});
     presence.client = session.client;
-    presence.user = session.user;
+    presence.user = session.subject.user;
     presence.application = session.application;
     session.heard = true;
     if (session.presence == presence) return;

@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include "AccessPolicy.h"
 #include "CommittedNumbers.h"
 #include "KnownBlobs.h"
 #include "NamespaceHistory.h"
@@ -90,7 +91,7 @@ struct Session {
     SessionId id = 0;
     SessionPhase phase;
     ClientId client;
-    UserName user;
+    Subject subject;
     std::string application;
     std::set<std::string> features;  ///< that both have
     std::set<LayerId> open;
@@ -255,7 +256,7 @@ struct InFlightCommit {
     std::uint64_t mark = 0;  ///< of the NamespaceLog before it
 };
 
-class Project::Impl {
+class Project::Impl : private AccessPolicy::Facts {
 public:
     Impl(Options options, Ports ports, StoreState store, const std::vector<LayerFile>& files);
 
@@ -283,6 +284,12 @@ public:
 
     // Unloading.cpp
     void unloadIdle();
+
+    // What the access policy decides by (LayerStates.cpp, Sessions.cpp)
+    [[nodiscard]] const LayerDocs& loadedLayers() const override { return docs_; }
+    [[nodiscard]] LayerLock lockAt(const LayerId& layer) const override;
+    [[nodiscard]] bool isHere(const UserName& user) const override;
+    [[nodiscard]] std::int64_t wallClockMs() const override { return ports_.clock.wallClockMs(); }
 
     // Presence.cpp
     void sweep(std::int64_t nowMs);
@@ -440,8 +447,6 @@ private:
     [[nodiscard]] bool handlesFiles() const;
     [[nodiscard]] std::unordered_set<Hash> namedHere() const;
 
-    void left(const UserName& user);
-
     // LayerStates.cpp
     void tellStatesTo(Session& session);
     [[nodiscard]] LayerState stateOf(const LayerId& layer, const LayerEntry& entry) const;
@@ -449,29 +454,6 @@ private:
     [[nodiscard]] std::set<LayerId> mutedBy(const LayerId& root) const;
     void noteMutes(const LayerId& layer);
     void closeLayer(Session& session, const LayerId& layer);
-
-    // Locks.cpp
-    [[nodiscard]] std::optional<Refused> lockObjection(const Session& session,
-                                                       const Transaction& transaction) const;
-    [[nodiscard]] std::optional<Error> lockObjection(const UserName& user,
-                                                     const LayerId& layer) const;
-    [[nodiscard]] LayerLock lockAt(const LayerId& layer) const;
-    [[nodiscard]] bool holds(const UserName& user, const LayerLock& lock) const;
-    [[nodiscard]] bool isFree(const LayerLock& lock) const;
-
-    // SpecLocks.cpp
-    void noteSpecLocks(const LayerId& layer);
-    [[nodiscard]] bool mindsSpecLocks(const std::vector<Edit>& edits) const;
-    [[nodiscard]] SpecLocks specLocksIn(const LayerId& layer, const LayerDocs& before) const;
-    [[nodiscard]] bool isForeign(const UserName& owner, const UserName& user) const;
-    [[nodiscard]] std::optional<Error> specLockOn(const UserName& user, const Edit& edit,
-                                                  const SpecLocks& locks,
-                                                  const LayerDoc* doc) const;
-    [[nodiscard]] bool previewMeetsSpecLock(const UserName& user,
-                                            const std::vector<Edit>& edits) const;
-    [[nodiscard]] std::optional<std::pair<std::size_t, Error>> specLockObjection(
-        const UserName& user, const std::vector<ExecutedEdit>& executed,
-        const LayerDocs& before) const;
 
     // Presence.cpp
     void showPresence(Session& session, Presence presence);
@@ -531,11 +513,9 @@ private:
     std::map<LayerId, std::set<LayerId>> mutes_;  ///< by root layer, for everybody (MU1)
     std::map<std::uint64_t, IdleLayer> idle_;     ///< by when they were noted
     std::uint64_t lastIdle_ = 0;
-    std::size_t idleBytes_ = 0;      ///< of all of them
-    std::set<LayerId> specLockers_;  ///< root layers that lock specs, as executed
-    std::set<LayerId> suspects_;     ///< whose state may be other than everybody was told
-    std::unordered_map<UserName, std::int64_t> leftMs_;  ///< of users without a session
-    const std::int64_t startedMs_;
+    std::size_t idleBytes_ = 0;   ///< of all of them
+    std::set<LayerId> suspects_;  ///< whose state may be other than everybody was told
+    AccessPolicy access_;
     std::size_t presences_ = 0;  ///< sessions that show where they are
     std::vector<SaveRequest> saves_;
     std::size_t savesUnderWay_ = 0;  ///< that have been begun

@@ -104,7 +104,7 @@ void Project::Impl::continueReload(ReloadRequest& reload) {
             return true;
         }
         if (!std::holds_alternative<Loaded>(state)) return false;
-        if (const auto locked = lockObjection(session.user, layer))
+        if (const auto locked = access_.toLayer(*this, session.subject, layer))
             failed(layer, *locked);
         else
             read(reload, layer, 1);
@@ -155,7 +155,8 @@ void Project::Impl::layerReloaded(SessionId id, std::uint64_t request, const Lay
 /// A commit in the name of who asked for it, but not one of its client's transactions.
 Result<void> Project::Impl::takeFile(const Session& session, const LayerId& layer,
                                      ReloadedLayer reloaded) {
-    if (const auto locked = lockObjection(session.user, layer)) return tl::unexpected(*locked);
+    if (const auto locked = access_.toLayer(*this, session.subject, layer))
+        return tl::unexpected(*locked);
     if (storeClosed_) return fail(ErrorCode::StorageFailed, "the store has failed");
     if (!hasSpace_) return fail(ErrorCode::StorageFull, "the disk of the server is full");
     const LayerDocs before{{layer, docs_.at(layer)}};
@@ -167,9 +168,9 @@ Result<void> Project::Impl::takeFile(const Session& session, const LayerId& laye
         history_.truncate(mark);
         return tl::unexpected(std::move(error));
     };
-    if (const auto locked = specLockObjection(session.user, executed->edits, before))
+    if (const auto locked = access_.toEdits(*this, session.subject, executed->edits, before))
         return undone(locked->second);
-    auto commit = makeCommit(session.user, {}, 0, std::move(*executed), mark);
+    auto commit = makeCommit(session.subject.user, {}, 0, std::move(*executed), mark);
     if (!commit)
         return undone({ErrorCode::TransactionTooLarge,
                        layer.value + " differs from its file by more than one commit can hold"});
@@ -188,9 +189,10 @@ void Project::Impl::sendReloaded(const ReloadRequest& reload) {
     Session* session = find(reload.session);
     if (!session || !session->isGreeted()) return;
     for (const LayerId& layer : reload.outcome.reloaded)
-        ports_.activity.happened({"layer reloaded", session->user, layer});
+        ports_.activity.happened({"layer reloaded", session->subject.user, layer});
     for (const auto& failure : reload.outcome.failed)
-        ports_.activity.happened({"reload refused", session->user, failure.layer, failure.message});
+        ports_.activity.happened(
+            {"reload refused", session->subject.user, failure.layer, failure.message});
     send(*session, reload.outcome);
 }
 

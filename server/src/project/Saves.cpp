@@ -63,7 +63,7 @@ bool Project::Impl::continueSave(SaveRequest& save) {
 /// LK3
 void Project::Impl::leaveLocked(const Session& session, SaveRequest& save) const {
     std::erase_if(save.layers, [&](const LayerId& layer) {
-        const auto locked = lockObjection(session.user, layer);
+        const auto locked = access_.toLayer(*this, session.subject, layer);
         if (locked)
             save.failed.push_back({layer, std::string(errorName(locked->code)), locked->message});
         return locked.has_value();
@@ -85,7 +85,7 @@ void Project::Impl::layersSaved(SessionId id, std::uint64_t request, const SaveO
     --savesUnderWay_;
     LayersSaved message{request, outcome.revision, {}, outcome.failed};
     Session* session = find(id);
-    const UserName user = session ? session->user : UserName();
+    const UserName user = session ? session->subject.user : UserName();
     for (const auto& [layer, file] : outcome.saved) {
         message.saved.push_back(layer);
         fileIs(layer, {outcome.revision, file});

@@ -145,7 +145,7 @@ void Project::Impl::greet(Session& session, const Hello& hello) {
                                "a client's id is 1 to 64 letters, digits, '-' or '_'"});
     supersede(hello.client);
     session.client = hello.client;
-    session.user = hello.user;
+    session.subject = access_.subject(hello.user);
     session.application = hello.application;
     for (std::string& feature : common(hello.features)) session.features.insert(std::move(feature));
     session.phase = CheckingResume{hello, {}, 0};
@@ -282,12 +282,12 @@ void Project::Impl::welcome(Session& session, std::optional<Error> whyNotResumed
     message.layers = layerInfos();
     message.maxFrameBytes = options_.maxFrameBytes;
     message.maxBlobBytes = options_.maxBlobBytes;
-    message.administrator = options_.administrators.contains(session.user);
+    message.administrator = session.subject.isAdministrator;
     message.base = oldest_;
     if (session.features.contains(kPartsFeature))
         message.maxTransactionBytes = options_.maxTransactionBytes;
     send(session, message);
-    ports_.activity.happened({"user joined", session.user, {}, session.application});
+    ports_.activity.happened({"user joined", session.subject.user, {}, session.application});
     tellStatesTo(session);
     tellPresencesTo(session);
 
@@ -332,9 +332,11 @@ void Project::Impl::disconnected(SessionId id) {
     const bool wasShown = found->second.presence.has_value();
     const std::set<LayerId> open = std::move(found->second.open);
     suspects_.insert(open.begin(), open.end());
-    if (!found->second.user.empty()) left(found->second.user);
+    if (!found->second.subject.user.empty())
+        access_.left(found->second.subject.user, wallClockMs());
     if (found->second.greeted)
-        ports_.activity.happened({"user left", found->second.user, {}, found->second.application});
+        ports_.activity.happened(
+            {"user left", found->second.subject.user, {}, found->second.application});
     sessions_.erase(found);
     for (const LayerId& layer : open) noteIdle(layer);
     if (wasShown) presenceLeft(client);
@@ -343,15 +345,10 @@ void Project::Impl::disconnected(SessionId id) {
     forgetAuthor(client);
 }
 
-/// Who has been away for so long that his locks are free is as good as never seen.
-void Project::Impl::left(const UserName& user) {
-    constexpr std::size_t kMostKept = 1'000;
-    const std::int64_t now = ports_.clock.wallClockMs();
-    if (leftMs_.size() >= kMostKept)
-        std::erase_if(leftMs_, [&](const auto& entry) {
-            return now - entry.second >= options_.lockTakeoverMs;
-        });
-    leftMs_[user] = now;
+bool Project::Impl::isHere(const UserName& user) const {
+    return std::ranges::any_of(sessions_, [&](const auto& one) {
+        return one.second.isGreeted() && one.second.subject.user == user;
+    });
 }
 
 std::set<ClientId> Project::Impl::activeClients() const {

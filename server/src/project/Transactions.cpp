@@ -158,7 +158,7 @@ bool Project::Impl::workOff(Session& session, QueuedTransaction& queued) {
         return true;
     }
     if (!std::get<bool>(ready) || !creationsKnown(session, author, queued)) return false;
-    if (const auto locked = lockObjection(session, transaction)) {
+    if (const auto locked = access_.toTransaction(*this, session.subject, transaction)) {
         refuse(session, transaction, *locked);
         return true;
     }
@@ -312,7 +312,7 @@ void Project::Impl::execute(Session& session, Author& author, const QueuedTransa
     if (!session.features.contains(kPartsFeature))
         most = std::min<std::uint64_t>(most, options_.wholeCommitBytes);
     const bool mayNotFit = queued.bytes + (transaction.edits.size() + 1) * kMaxPathBytes > most;
-    const bool mindsLocks = mindsSpecLocks(transaction.edits);
+    const bool mindsLocks = access_.dependsOnEffects(transaction.edits);
     if (mayNotFit || mindsLocks)
         for (const Edit& edit : transaction.edits)
             before.try_emplace(edit.layer, docs_.at(edit.layer));
@@ -328,7 +328,7 @@ void Project::Impl::execute(Session& session, Author& author, const QueuedTransa
                  "the commit would be larger than one may be, or one of its values than a frame"},
                 0};
     const auto locked =
-        mindsLocks ? specLockObjection(session.user, executed.edits, before) : std::nullopt;
+        mindsLocks ? access_.toEdits(*this, session.subject, executed.edits, before) : std::nullopt;
     if (locked)
         why = {locked->second, submittedIndex(executed, locked->first)};
     else if (commit(session, author, transaction, std::move(executed), mark))
@@ -346,7 +346,7 @@ void Project::Impl::refuse(Session& session, const Transaction& transaction,
     ++counters_.refused;
     const LayerId layer =
         refused.edit < transaction.edits.size() ? transaction.edits[refused.edit].layer : LayerId{};
-    ports_.activity.happened({"edits refused", session.user, layer, refused.error.message});
+    ports_.activity.happened({"edits refused", session.subject.user, layer, refused.error.message});
     if (transaction.gesture != 0 && previews_.end(session.client, transaction.gesture))
         withdraw(session.client, transaction.gesture);
     // Of a session that resumes all commits up to its welcome may be its author's.

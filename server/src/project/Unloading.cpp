@@ -29,8 +29,8 @@ void Project::Impl::noteIdle(const LayerId& layer) {
 /// The layers that decide what is locked in others (LK5): of root layers that lock specs, all that
 /// is in their local layer stacks.
 std::set<LayerId> Project::Impl::lockingStacks() const {
-    std::set<LayerId> stacks(specLockers_);
-    std::vector<LayerId> next(specLockers_.begin(), specLockers_.end());
+    std::set<LayerId> stacks(access_.lockingRoots());
+    std::vector<LayerId> next(access_.lockingRoots().begin(), access_.lockingRoots().end());
     while (!next.empty()) {
         const LayerId from = std::move(next.back());
         next.pop_back();
