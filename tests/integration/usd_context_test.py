@@ -12,7 +12,7 @@ import time
 
 import pytest
 from conftest import wait_frames
-from pxr import Sdf, Usd, UsdGeom, UsdUtils
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 import usdlive
 from usdlive.omni import usd as omni_usd
@@ -1032,6 +1032,34 @@ def test_closing_waits_until_what_was_authored_is_confirmed(live, ctx, editor):
     assert asyncio.run(ctx.close_stage_async()) == (True, "")
     ada = editor(server, "ada", "shot.usda")
     assert ada.run("result = stage.GetAttributeAtPath('/Ball.radius').Get()") == 9
+
+
+BIG = 1_000_000  # points: 12 MB, which are encoded beside the frame
+
+
+def write_points(ctx, value):
+    mesh = UsdGeom.Points.Define(ctx.get_stage(), "/Cloud")
+    mesh.GetPointsAttr().Set(Vt.Vec3fArray(BIG, Gf.Vec3f(value)))
+
+
+def test_a_big_array_is_saved(live, ctx, call, project):
+    assert ctx.open_stage(live[1])
+    write_points(ctx, 3)
+    assert call(ctx, "save_stage")[0]
+    saved = Usd.Stage.Open(str(project / "shot.usda"))
+    points = UsdGeom.Points.Get(saved, "/Cloud").GetPointsAttr().Get()
+    assert len(points) == BIG and points[0] == Gf.Vec3f(3)
+    assert ctx.close_stage()
+
+
+def test_closing_waits_for_a_big_array(live, ctx, editor):
+    server, url = live
+    assert ctx.open_stage(url)
+    write_points(ctx, 5)
+    assert ctx.close_stage()
+    ada = editor(server, "ada", "shot.usda")
+    assert ada.run("assert live.wait(lambda: stage.GetAttributeAtPath('/Cloud.points').Get(), 20)\n"
+                   "result = stage.GetAttributeAtPath('/Cloud.points').Get()[0][0]") == 5
 
 
 def test_a_live_stage_whose_server_is_gone(live, ctx, tmp_path):

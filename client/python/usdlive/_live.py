@@ -407,7 +407,8 @@ class Live:
 
     @property
     def pending(self) -> int:
-        """Transactions of one's own that the server has not acknowledged."""
+        """Transactions of one's own that the server has not acknowledged, and a frame of edits whose big arrays
+        are still being encoded."""
         return self._client.pending
 
     @property

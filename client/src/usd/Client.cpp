@@ -426,6 +426,10 @@ public:
     // --- SessionHost ---
 
     void send(SharedBytes frames) override { connection_->send(std::move(frames)); }
+    [[nodiscard]] std::size_t pendingTransactions() const {
+        return session_.pendingTransactions() + (holdsBack_ ? 1 : 0);
+    }
+
     bool takesMore() override { return connection_->queuedBytes() < kMaxQueuedBytes; }
     SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
     void pending(const client::PendingWork& work) override {
@@ -733,7 +737,8 @@ private:
         std::vector<client::Event> heard;
         {
             const pxr::SdfChangeBlock block;
-            if (seal == Seal::Now || bigArraysAreReady()) {
+            holdsBack_ = seal != Seal::Now && !bigArraysAreReady();
+            if (!holdsBack_) {
                 this->seal();
                 hearConnection();
                 result.more = !session_.advance(left(), nowMs());
@@ -1008,6 +1013,7 @@ private:
     /// Of requests that somebody waits for; several, when a handler asks while its caller waits.
     std::map<std::uint64_t, std::optional<Result<client::Event>>> awaited_;
     bool ticking_ = false;
+    bool holdsBack_ = false;  // what was written waits for its arrays
     bool dispatching_ = false;
     mutable std::atomic<std::thread::id> owner_{};  // the first that used it
 };
@@ -1148,7 +1154,7 @@ std::optional<Error> Client::misuse(const std::string& function, bool blocks) co
 }
 bool Client::isConnected() const { return impl_->session().isConnected(); }
 Revision Client::revision() const { return impl_->session().revision(); }
-std::size_t Client::pendingTransactions() const { return impl_->session().pendingTransactions(); }
+std::size_t Client::pendingTransactions() const { return impl_->pendingTransactions(); }
 ClientId Client::id() const { return impl_->session().id(); }
 const std::string& Client::user() const { return impl_->user(); }
 fs::path Client::cacheFolder() const { return impl_->cacheFolder(); }

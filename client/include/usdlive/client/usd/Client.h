@@ -191,6 +191,7 @@ public:
     /// True while tick() writes into layers what others did, or takes back what was refused.
     [[nodiscard]] bool isApplying() const;
     [[nodiscard]] Revision revision() const;
+    /// Not acknowledged by the server. Counts a frame that waits for its big arrays to be encoded.
     [[nodiscard]] std::size_t pendingTransactions() const;
     [[nodiscard]] ClientId id() const;
     [[nodiscard]] const std::string& user() const;  ///< as the others see
