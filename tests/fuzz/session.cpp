@@ -51,6 +51,7 @@ std::vector<Frame> script(const World& world) {
 /// Does all that the project has asked for.
 void serve(World& world) {
     FakeHost& host = world.host;
+    world.answerQuestions();
     while (!host.loading.empty() || !host.appending.empty() || !host.reading.empty() ||
            !host.readingHistory.empty() || !host.blobParts.empty() || !host.saves.empty()) {
         if (!host.loading.empty()) world.load(true);
@@ -64,6 +65,7 @@ void serve(World& world) {
         }
         for (const auto& save : std::exchange(host.saves, {}))
             world.project->layersSaved(save.session, save.request, {});
+        world.answerQuestions();
     }
 }
 

@@ -100,6 +100,21 @@ def test_a_save_can_be_forced_and_a_reload_asked_for_by_command(project, serve):
         assert layer.ExportToString() == before and state(ada).outdated
 
 
+def test_saves_that_are_asked_for_at_once_all_succeed(project, serve):
+    (project / "shot.usda").write_text("#usda 1.0\n")
+    with connect(serve(project), "ada") as ada:
+        layer = ada.open_layer("shot.usda")
+        answers = []
+        ada.add_handler(lambda e: answers.append(e) if isinstance(e, events.Saved) else None)
+        for value in range(5):
+            layer.comment = f"number {value}"
+            for _ in range(3):
+                ada.request_save("shot.usda")
+        wait(lambda: len(answers) == 15, ada)
+        assert [answer.failed for answer in answers] == [()] * 15
+        assert "number 4" in (project / "shot.usda").read_text()
+
+
 def test_a_file_changed_while_no_server_ran_is_seen(project, serve):
     file = project / "shot.usda"
     file.write_text(ANIM)

@@ -79,18 +79,23 @@ void ServedFiles::saveLayers(SessionId session, std::uint64_t request, std::vect
 
 Result<FileStamp> ServedFiles::save(const SaveJob& job) {
     faultPoint("save-before");
+    const auto written = written_.find(job.layer);
+    const bool isNewer =
+        written != written_.end() && written->second.revision >= job.saved.revision;
+    const SavedState known = isNewer ? written->second : job.saved;
     std::vector<Hash> expected;
-    if (job.minds && job.saved.file) expected.push_back(job.saved.file->hash);
-    if (job.minds && job.saved.coming) expected.push_back(job.saved.coming->hash);
+    if (job.minds && known.file) expected.push_back(known.file->hash);
+    if (job.minds && known.coming) expected.push_back(known.coming->hash);
     auto saved = files_.save(job.layer, job.doc, expected, [&](const Hash& hash) {
-        SavedState state = job.saved;
+        SavedState state = known;
         state.coming = SavedState::Coming{job.revision, hash};
         return store_.use([&](CommitStore& store) { return store.setSaved(job.layer, state); });
     });
     faultPoint("save-after");
     if (!saved) return saved;
-    return store_
-        .use([&](CommitStore& store) { return store.setSaved(job.layer, {job.revision, *saved}); })
+    const SavedState state{job.revision, *saved, {}};
+    written_[job.layer] = state;
+    return store_.use([&](CommitStore& store) { return store.setSaved(job.layer, state); })
         .map([&] { return *saved; });
 }
 

@@ -118,14 +118,16 @@ std::map<std::string, bool> layerFlags(const pxr::SdfLayerHandle& root, const st
 bool setLayerFlags(const pxr::SdfLayerHandle& root, const std::string& name,
                    const std::map<std::string, bool>& flags) {
     VtDictionary stored = omniDictionary(root, name);
+    const VtDictionary before = stored;
     std::map<std::string, std::string> keys;
     for (const auto& [path, flag] : stored) keys.emplace(storedLayer(root, path), path);
     for (const auto& [identifier, flag] : flags) {
         if (identifier.empty()) return false;
         const auto known = keys.find(absoluteFrom(root, identifier));
+        if (!flag && known == keys.end()) continue;  // no flag says the same
         stored[known == keys.end() ? relativeTo(root, identifier) : known->second] = VtValue(flag);
     }
-    return setOmniDictionary(root, name, std::move(stored));
+    return stored == before || setOmniDictionary(root, name, std::move(stored));
 }
 
 bool removeLayerFlag(const pxr::SdfLayerHandle& root, const std::string& name,

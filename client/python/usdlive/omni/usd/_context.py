@@ -463,7 +463,8 @@ class UsdContext:
             UsdUtils.StageCache.Get().Erase(opened.stage)
         return True, text
 
-    def _save(self, layers: list[Sdf.Layer] | None) -> Steps[SaveResult]:
+    def _save(self, layers: list[Sdf.Layer] | None, locks_of: list[Sdf.Layer] | None = None) -> Steps[SaveResult]:
+        """`layers`: None for all that need it. `locks_of`: whose own locks are saved, None for all."""
         stage = self._need_stage()
         if self.is_new_stage() and layers is None:
             raise Failure("the stage has no file yet; use save_as_stage")
@@ -473,11 +474,7 @@ class UsdContext:
         with self._telling_of_a_cancel():
             chosen = _saving.unsaved(stage, live) if layers is None else layers
             saved, problems = yield from _saving.save(chosen, live, unsaved_only=layers is None)
-            for layer in _saving.newly_locked(stage, live) if layers is None else ():
-                try:
-                    yield from _saving.save_lock(layer)
-                except OUTSIDE as error:
-                    problems.append(f"the lock of {layer.identifier} is not saved: {reason(error)}")
+            problems += yield from _saving.save_locks(stage, live, locks_of)
         return self._tell_saved(saved, problems)
 
     def _save_as(self, url: str, others: list[Sdf.Layer] | None = None) -> Steps[SaveResult]:
@@ -489,13 +486,15 @@ class UsdContext:
         self._distribute()
         if not root.anonymous and Sdf.Layer.Find(url) == root:
             chosen = _saving.unsaved(stage, None) if others is None else others
-            return (yield from self._save([root, *(layer for layer in chosen if layer != root)]))
+            return (yield from self._save([root, *(layer for layer in chosen if layer != root)], others))
         self._tell_saving()
         self._distribute()
+        named = others
         others = [layer for layer in (_saving.unsaved(stage, None) if others is None else others)
                   if layer != root]
         with self._telling_of_a_cancel():
             saved, problems = yield from _saving.save(others, None)
+            problems += yield from _saving.save_locks(stage, None, named)
             if problems:
                 return self._tell_saved(saved, problems)
             try:
@@ -511,11 +510,12 @@ class UsdContext:
         layers = _saving.find_local(stage, self._opened.live, identifiers)
         if new_root:
             return (yield from self._save_as(new_root, layers))
-        return (yield from self._save(layers))
+        return (yield from self._save(layers, layers))
 
     def _export(self, url: str) -> Steps[Result]:
         stage, url = self._need_stage(), local_path(url)
         _saving.check_new_root(url, stage, anything_used=True)
+        self._distribute()
         yield from _saving.export(stage, url)
         return True, ""
 

@@ -46,6 +46,19 @@ def _lacks_lock(path: str) -> bool:
         return False
 
 
+def save_locks(stage: Usd.Stage, live: LiveStage | None, only: list[Sdf.Layer] | None) -> Steps[list[str]]:
+    """Those that are not in the files of their layers yet; `only`: of these layers. Why some are not saved."""
+    problems = []
+    for layer in newly_locked(stage, live):
+        if only is not None and layer not in only:
+            continue
+        try:
+            yield from save_lock(layer)
+        except OUTSIDE as error:
+            problems.append(f"the lock of {layer.identifier} is not saved: {reason(error)}")
+    return problems
+
+
 def save_lock(layer: Sdf.Layer) -> Steps[None]:
     """Writes the lock into the layer's file, so that the next one who opens it has it. Other edits of a locked
     layer are not saved."""

@@ -2,6 +2,7 @@
 
 #include <boost/asio/strand.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <unordered_map>
 #include <vector>
 
 #include "usdlive/server/app/ProjectStrand.h"
@@ -39,6 +40,9 @@ private:
     WorkerLanes& workers_;
     // In order: of the saves of a layer the last has to win.
     boost::asio::strand<boost::asio::thread_pool::executor_type> saver_;
+    // Of the saver: what it has written last. A save that was asked for before the one before it
+    // was done does not know of that.
+    std::unordered_map<LayerId, SavedState> written_;
     LayerFiles& files_;
     SharedStore& store_;
     Log& log_;

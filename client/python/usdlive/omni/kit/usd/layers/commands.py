@@ -753,5 +753,7 @@ class LockSpecsCommand(_LockSpecs):
 
 class UnlockSpecsCommand(_LockSpecs):
     def change(self) -> None:
-        for spec in self._specs:
-            self.locking.unlock_spec(spec, self._hierarchy)
+        unlocked = [path for spec in self._specs for path in self.locking.unlock_spec(spec, self._hierarchy)]
+        kept = [spec for spec in self._specs if self.locking.is_spec_locked(spec)]
+        if kept and not unlocked:
+            raise CommandFailed(f"{', '.join(kept)} is locked by somebody else")
