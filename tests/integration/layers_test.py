@@ -833,6 +833,26 @@ def test_everybody_unlocks_their_own_specs(two):
                   "stage.GetAttributeAtPath('/A.x').Get()]") == [["/A.z"], 4]
 
 
+def test_unlocking_what_somebody_else_has_locked_fails(two):
+    ada, bo = two
+    bo.run("assert mine.get_specs_locking().lock_spec('/A.z') == ['/A.z']\nframe()")
+    ada.catch_up(bo.flush())
+    ada.run("frame()\nfrom usdlive.omni.kit import commands\nfrom usdlive.omni.kit.usd.layers import commands as _")
+    assert ada.run("result = commands.execute('UnlockSpecs', spec_paths='/A.z', usd_context=context)[0]") is False
+    assert ada.run("result = mine.get_specs_locking().is_spec_locked('/A.z')")
+
+
+def test_a_flag_that_says_nothing_is_no_commit(two):
+    ada, _ = two
+    before = ada.flush()
+    ada.run("root = stage.GetRootLayer()\nother = stage.GetLayerStack(False)[-1].identifier\n"
+            "assert root.identifier != other\n"
+            "layers.LayerUtils.set_layer_lock_status(root, other, False)\n"
+            "layers.LayerUtils.set_layer_global_muteness(root, other, False)\n"
+            "mine.get_layers_state().set_layer_global_muteness(other, False)\nframe()")
+    assert ada.flush() == before
+
+
 def test_what_the_project_has_is_not_taken_back(two):
     """The holder of a lock may edit through a client without these guards; others follow, and do not fight."""
     ada, bo = two

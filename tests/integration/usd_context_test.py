@@ -839,6 +839,14 @@ def test_auto_authoring_distributes_before_a_save(call, authoring, ctx, ball):
     assert "radius = 6" in pathlib.Path(ball).read_text(), "an edit of a locked spec does not reach the disk"
 
 
+def test_auto_authoring_distributes_before_an_export(call, authoring, ctx, ball, tmp_path):
+    get_layers(ctx).get_specs_locking().lock_spec("/Ball", True)
+    ctx.get_stage().GetRootLayer().GetAttributeAtPath("/Ball.radius").default = 9.0
+    target = str(tmp_path / "flat.usda")
+    assert call(ctx, "export_as_stage", target) in ((True,), (True, ""))
+    assert radius(Usd.Stage.Open(target)).Get() != 9, "an edit of a locked spec does not reach the disk"
+
+
 def test_auto_authoring_goes_on_under_another_name(call, authoring, ctx, ball, tmp_path, monkeypatch):
     raised = unraisable(monkeypatch)
     radius(ctx.get_stage()).Set(5.0)
@@ -946,6 +954,17 @@ def test_a_lock_is_in_the_locked_layers_file(ctx, ball, tmp_path):
     assert not get_layers(ctx).get_layers_state().is_layer_outdated(ball)
     get_layers(ctx).get_layers_state().set_layer_lock_state(ball, False)
     assert ctx.save_stage() and "radius = 8" in pathlib.Path(ball).read_text() and not ctx.has_pending_edit()
+
+
+@pytest.mark.parametrize("name", ["root.usda", "another.usda"])
+def test_saving_as_writes_the_locks(name, ctx, ball, tmp_path):
+    root = tmp_path / "root.usda"
+    root.write_text("#usda 1.0\n(\n    subLayers = [@./ball.usda@]\n)\n")
+    assert ctx.open_stage(str(root))
+    get_layers(ctx).get_layers_state().set_layer_lock_state(ball, True)
+    assert ctx.save_as_stage(str(tmp_path / name))
+    assert "locked = 1" in pathlib.Path(ball).read_text()
+    assert not ctx.has_pending_edit()
 
 
 def test_the_layer_one_authored_in_is_restored(ctx, ball, tmp_path):

@@ -1097,6 +1097,7 @@ void Client::endGesture() {
     impl_->session().endGesture();
 }
 std::uint64_t Client::save(std::vector<LayerId> layers, bool force) {
+    impl_->require("save");
     return impl_->save(std::move(layers), force);
 }
 Result<LayersSaved> Client::saveAndWait(std::vector<LayerId> layers, bool force, double timeoutMs) {
@@ -1134,6 +1135,7 @@ std::uint64_t Client::lostWorkCount() const { return impl_->lostWorkCount(); }
 Result<LostWork> Client::lostWork(std::uint64_t index) const { return impl_->lostWork(index); }
 Result<pxr::SdfLayerRefPtr> Client::lostWorkAsLayer(std::uint64_t index,
                                                     const LayerId& layer) const {
+    if (const auto error = impl_->misuse("lostWorkAsLayer", false)) return tl::unexpected(*error);
     return impl_->lostWorkAsLayer(index, layer);
 }
 bool Client::isApplying() const { return impl_->isApplying(); }
@@ -1146,6 +1148,7 @@ Result<client::SentWork> Client::sendUnsent(const ClientId& id, double timeoutMs
     return impl_->sendUnsent(id, timeoutMs);
 }
 Result<pxr::SdfLayerRefPtr> Client::unsentAsLayer(const ClientId& id, const LayerId& layer) {
+    if (const auto error = impl_->misuse("unsentAsLayer", false)) return tl::unexpected(*error);
     return impl_->unsentAsLayer(id, layer);
 }
 Result<void> Client::discardUnsent(const ClientId& id) { return impl_->discardUnsent(id); }

@@ -510,7 +510,7 @@ class UsdContext:
         layers = _saving.find_local(stage, self._opened.live, identifiers)
         if new_root:
             return (yield from self._save_as(new_root, layers))
-        return (yield from self._save(layers, layers))
+        return (yield from self._save(layers, []))
 
     def _export(self, url: str) -> Steps[Result]:
         stage, url = self._need_stage(), local_path(url)
