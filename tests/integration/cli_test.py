@@ -161,6 +161,8 @@ def test_json_of_every_verb_that_prints(served, editor):
     assert read("checkpoint", served.url, "dinner: 1")["name"] == "dinner: 1"
     assert [one["name"] for one in read("checkpoints", served.url)] == ["dinner: 1"]
     assert read("lock", served.url, "sets/hall.usda")[0]["changed"] is True
+    assert read("unlock", served.url, "sets/hall.usda")[0]["changed"] is True
+    assert read("log", served.url, "root.usda", "-n", "1")["edits"]
 
 
 def test_completion_knows_the_verbs_and_their_options():

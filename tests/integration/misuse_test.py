@@ -1,5 +1,8 @@
 """What a newcomer does wrong: each gets a clear error, none ends the process or loses work."""
 
+import os
+import subprocess
+import sys
 import threading
 import time
 
@@ -42,6 +45,7 @@ def test_every_function_of_a_closed_connection_raises(server):
              live.layer_states, live.show_presence, live.hide_presence, live.presences,
              lambda: live.lost_work_as_layer(0, "shot.usda"), live.unsent_work,
              lambda: live.layer_name(stage.GetRootLayer()), lambda: live.wait(lambda: False, 0.1),
+             lambda: live.create_layer("new.usda"), live.skipped_files, lambda: live.gesture().__enter__(),
              lambda: live.connected, lambda: live.revision, lambda: live.pending, lambda: live.id,
              lambda: live.cache_folder]
     for call in calls:
@@ -150,6 +154,28 @@ def test_calls_and_edits_from_another_thread(server):
         assert layer.GetAttributeAtPath("/World.x").default == 0.0 and not layer.GetPrimAtPath("/World/Theirs")
         assert layer.comment == "mine"
     assert "mine" in run("cat", f"{server.url}/shot.usda")
+
+
+def test_a_script_that_ends_without_close_loses_nothing(server, tmp_path):
+    script = ("import sys, usdlive\n"
+              "live = usdlive.connect(sys.argv[1], user='ada')\n"
+              "live.open_layer('shot.usda').comment = 'written at last'\n")
+    done = subprocess.run([sys.executable, "-c", script, server.url], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    with connect(server, "bob") as bob:
+        assert bob.open_layer("shot.usda").comment == "written at last"
+    gone = script + "input('written')\n"
+    with subprocess.Popen([sys.executable, "-c", gone.replace("at last", "offline"), server.url], text=True,
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          env={**os.environ, "XDG_STATE_HOME": str(tmp_path)}) as left:
+        assert left.stdout.read(7) == "written"
+        server.stop()
+        _, said = left.communicate("\n", 60)
+    assert left.returncode == 0 and "were not sent; they are kept in" in said, said
+
+
+def test_the_version_is_that_of_the_program():
+    assert usdlive.__version__ in run("--version")
 
 
 def test_save_returns_when_the_file_is_written(server):
