@@ -8,7 +8,7 @@ namespace usdlive::server {
 
 namespace {
 
-const std::string kFeature = "states";
+const std::string kStatesFeature = "states";
 
 /// That it has another revision is no reason to tell a state: every commit would be.
 bool isSame(LayerState state, const LayerState& other) {
@@ -74,11 +74,11 @@ void Project::Impl::tellStates() {
         return true;
     });
     if (message.layers.empty()) return;
-    tellAll(kFeature, message);
+    tellAll(kStatesFeature, message);
 }
 
 void Project::Impl::tellStatesTo(Session& session) {
-    if (!session.features.contains(kFeature)) return;
+    if (!session.features.contains(kStatesFeature)) return;
     LayerStates message;
     for (const auto& [layer, entry] : layers_)
         if (!entry.told.layer.empty() && !isSame(entry.told, plain(entry.told)))

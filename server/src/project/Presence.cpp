@@ -8,7 +8,7 @@ namespace usdlive::server {
 
 namespace {
 
-const std::string kFeature = "presence";
+const std::string kPresenceFeature = "presence";
 constexpr std::size_t kMaxPresenceBytes = 64 * 1024;
 constexpr std::size_t kMatrix = 16;
 
@@ -46,11 +46,11 @@ void Project::Impl::sweep(std::int64_t nowMs) {
         }
     }
     if (message.shown.empty() && message.gone.empty()) return;
-    tellAll(kFeature, message);
+    tellAll(kPresenceFeature, message);
 }
 
 void Project::Impl::tellPresencesTo(Session& session) {
-    if (!session.features.contains(kFeature)) return;
+    if (!session.features.contains(kPresenceFeature)) return;
     Presences message;
     for (const auto& [id, other] : sessions_)
         if (other.presence && id != session.id) message.shown.push_back(*other.presence);
@@ -60,7 +60,7 @@ void Project::Impl::tellPresencesTo(Session& session) {
 /// Of a session that has ended.
 void Project::Impl::presenceLeft(const ClientId& client) {
     --presences_;
-    tellAll(kFeature, Presences{{}, {client}});
+    tellAll(kPresenceFeature, Presences{{}, {client}});
 }
 
 }  // namespace usdlive::server
