@@ -842,6 +842,21 @@ def test_unlocking_what_somebody_else_has_locked_fails(two):
     assert ada.run("result = mine.get_specs_locking().is_spec_locked('/A.z')")
 
 
+def test_m1_two_who_make_the_first_links_keep_both(two):
+    ada, bo = two
+    ada.run("sub = stage.GetLayerStack(False)[-1].identifier\n"
+            "mine.get_specs_linking().link_spec('/A.x', sub)")
+    bo.run("sub = stage.GetLayerStack(False)[-1].identifier\n"
+           "mine.get_specs_linking().link_spec('/A.y', sub)")
+    bo.run("frame()")
+    ada.run("frame()")
+    bo.flush()
+    bo.catch_up(ada.flush())
+    ada.catch_up(bo.flush())
+    for one in two:
+        assert one.run("frame()\nresult = sorted(mine.get_specs_linking().get_all_spec_links())") == ["/A.x", "/A.y"]
+
+
 def test_a_flag_that_says_nothing_is_no_commit(two):
     ada, _ = two
     before = ada.flush()
