@@ -861,7 +861,7 @@ def test_auto_authoring_goes_on_under_another_name(call, authoring, ctx, ball, t
     assert ctx.save_stage() and "radius = 7" in pathlib.Path(other).read_text() and not raised
 
 
-@pytest.mark.parametrize("end", ["close", "open", "new", "destroy"])
+@pytest.mark.parametrize("end", ["close", "open", "new", "reopen", "attach", "destroy"])
 def test_auto_authoring_ends_quietly(end, context, ball, tmp_path, monkeypatch, capfd):
     raised = unraisable(monkeypatch)
     ctx = omni_usd.create_context("ending")
@@ -874,9 +874,13 @@ def test_auto_authoring_ends_quietly(end, context, ball, tmp_path, monkeypatch, 
         (tmp_path / "next.usda").write_text(BALL)
         assert ctx.open_stage(str(tmp_path / "next.usda"))
         assert get_layers(ctx).get_edit_mode() == 0
+    elif end == "attach":
+        assert ctx.attach_stage(Usd.Stage.CreateInMemory())
+    elif end == "reopen":
+        assert ctx.reopen_stage() and radius(ctx.get_stage()).Get() == 1
     elif end != "destroy":
         assert ctx.close_stage() if end == "close" else ctx.new_stage()
-    assert end == "destroy" or root.GetAttributeAtPath("/Ball.radius").default == 5
+    assert end in ("destroy", "reopen") or root.GetAttributeAtPath("/Ball.radius").default == 5
     assert omni_usd.destroy_context("ending")
     assert not raised and "Exception ignored" not in capfd.readouterr().err
 
@@ -912,6 +916,22 @@ def test_discarded_edits_do_not_come_back(again, ctx, ball):
     assert held.GetAttributeAtPath("/Ball.radius").default == 5, "who holds the layer may still look at it"
     assert ctx.reopen_stage() if again == "reopen_stage" else ctx.open_stage(ball)
     assert radius(ctx.get_stage()).Get() == 1 and not ctx.has_pending_edit()
+    assert ctx.save_stage() and "radius = 1" in pathlib.Path(ball).read_text()
+
+
+@pytest.mark.parametrize("how", ["subLayers = [@./ball.usda@]", "references"])
+@pytest.mark.parametrize("again", ["reopen_stage", "open_stage"])
+def test_discarded_edits_of_layers_below_do_not_come_back(how, again, ctx, ball, tmp_path):
+    root = tmp_path / "root.usda"
+    below = "(\n    prepend references = @./ball.usda@</Ball>\n)\n" if how == "references" else ""
+    head = "" if how == "references" else f"(\n    {how}\n)\n"
+    root.write_text(f'#usda 1.0\n{head}\nover "Ball" {below}{{\n}}\n')
+    assert ctx.open_stage(str(root))
+    held = Sdf.Layer.FindOrOpen(ball)
+    held.GetAttributeAtPath("/Ball.radius").default = 5.0
+    assert ctx.close_stage()
+    assert ctx.reopen_stage() if again == "reopen_stage" else ctx.open_stage(str(root))
+    assert radius(ctx.get_stage()).Get() == 1
     assert ctx.save_stage() and "radius = 1" in pathlib.Path(ball).read_text()
 
 
@@ -971,6 +991,7 @@ def test_the_layer_one_authored_in_is_restored(ctx, ball, tmp_path):
     (tmp_path / "root.usda").write_text(
         "#usda 1.0\n(\n    subLayers = [@./ball.usda@]\n"
         '    customLayerData = {\n        dictionary omni_layer = {\n            string authoring_layer = "./ball.usda"\n'
+        '            dictionary specs_linking = { string[] "/Ball" = ["./ball.usda"] }\n'
         '            dictionary muteness = { bool "./ball.usda" = 1 }\n'
         '            dictionary locked = { bool "./gone.usda" = 1 }\n        }\n    }\n)\n')
     assert ctx.open_stage(str(tmp_path / "root.usda"))
@@ -980,6 +1001,7 @@ def test_the_layer_one_authored_in_is_restored(ctx, ball, tmp_path):
     data = ctx.get_stage().GetRootLayer().customLayerData["omni_layer"]
     assert data["authoring_layer"] == "../../ball.usda" and data["muteness"] == {"../../ball.usda": True}
     assert data["locked"] == {"../../gone.usda": True}
+    assert [str(one) for one in data["specs_linking"]["/Ball"]] == ["../../ball.usda"]
     assert get_layers(ctx).get_layers_state().is_layer_globally_muted(ball)
 
 
