@@ -121,6 +121,7 @@ private:
     std::int64_t blobUs_ = 0;
     server::NamedBlobs named_;
     std::uint64_t rounds_ = 0;     // of collection
+    std::set<Hash> dropped_;       // by one of them
     std::uint64_t questions_ = 0;  // to the store
 };
 

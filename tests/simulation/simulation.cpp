@@ -115,7 +115,7 @@ TEST(Simulation, EverySeedConverges) {
 TEST(Simulation, SeedsThatFailedOnceConverge) {
     if (options.seeds == 1) GTEST_SKIP() << "another one is asked for";
     for (const std::uint64_t seed : {3263, 8733, 9997, 10921, 17210, 18278, 204817, 412441, 500802,
-                                     505224, 514812, 516254, 706356})
+                                     505224, 514812, 516254, 706356, 905787})
         EXPECT_EQ(usdlive::simulation::play(seed).failure, "") << "seed " << seed;
 }
 
