@@ -4,8 +4,10 @@
 //
 // `edits` attributes are written into the delegate, and one update() distributes them over `layers`
 // sublayers. `ratio` is to as many SdfLayer::SetField calls of the same edits in one change block,
-// in the same run. `first` is the frame in which the delegate had nothing of them before. The other
-// line is of queries on a stack of `states` layers, each of a file. Medians of the rounds.
+// in the same run. `first` is the frame in which the delegate had nothing of them before.
+// `recomposed` counts the prims that had to be composed again in all frames after it, of `composed`
+// that the stage has, and `recomposedFirst` those of the first. The other line is of queries on a
+// stack of `states` layers, each of a file. Medians of the rounds.
 #include <pxr/base/gf/vec3d.h>
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
@@ -87,8 +89,15 @@ void measureDistribution(int edits, int count, int rounds) {
     if (!instance.setEditMode(layers::LayerEditMode::AutoAuthoring))
         throw std::runtime_error(instance.lastError().text);
     instance.update(0);
+    // Asks for all prims, so that each one that the frame has thrown away is composed again.
+    const auto composed = [&] {
+        (void)host.usedLayers();
+        return host.composition()->primsComposed();
+    };
     std::vector<float> frames, bare;
     double first = 0;
+    const std::size_t atFirst = composed();
+    std::size_t afterFirst = 0;
     for (int round = 0; round <= rounds; ++round) {
         author(host.editTarget(), paths, round);
         const auto begin = Clock::now();
@@ -96,7 +105,10 @@ void measureDistribution(int edits, int count, int rounds) {
         const double ms = millisecondsSince(begin);
         (void)instance.takeEvents();
         check(all, paths, round);
-        if (round == 0) first = ms;
+        if (round == 0) {
+            first = ms;
+            afterFirst = composed();
+        }
         if (round > 0) frames.push_back(float(ms));
         bare.push_back(float(setBare(bareLayers, paths, round)));
     }
@@ -107,7 +119,10 @@ void measureDistribution(int edits, int count, int rounds) {
                                  {"usPerEdit", frame * 1000 / edits},
                                  {"bareUsPerEdit", ceiling * 1000 / edits},
                                  {"ratio", frame / ceiling},
-                                 {"first", first / ceiling}}
+                                 {"first", first / ceiling},
+                                 {"composed", atFirst},
+                                 {"recomposedFirst", afterFirst - atFirst},
+                                 {"recomposed", composed() - afterFirst}}
               .dump());
 }
 

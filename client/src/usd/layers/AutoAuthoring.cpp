@@ -92,7 +92,6 @@ void AutoAuthoring::keepInPlace() {
         const pxr::SdfChangeBlock block;
         removeFromSession();
         session->InsertSubLayerPath(id, 0);
-        context_.stack.invalidate();
     }
     followTime();
     if (context_.host.editTarget() != delegate()) context_.host.setEditTarget(delegate_);
@@ -104,7 +103,6 @@ void AutoAuthoring::removeFromSession() {
     const std::vector<std::string> paths = session->GetSubLayerPaths();
     for (int i = int(paths.size()) - 1; i >= 0; --i)
         if (paths[std::size_t(i)] == delegate_->GetIdentifier()) session->RemoveSubLayerPath(i);
-    context_.stack.invalidate();
 }
 
 // Who makes it the edit target as a plain layer does not map times; so there is nothing to be
@@ -114,7 +112,6 @@ void AutoAuthoring::followTime() {
     if (delegate_->GetTimeCodesPerSecond() == rate) return;
     const DelegateWrites::Ignoring ignoring(*writes_);
     delegate_->SetTimeCodesPerSecond(rate);
-    context_.stack.invalidate();
 }
 
 void AutoAuthoring::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChangeList& changes) {

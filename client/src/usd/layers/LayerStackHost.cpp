@@ -12,16 +12,17 @@ LayerStackHost::LayerStackHost(pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr ses
 
 LayerStackHost::~LayerStackHost() { pxr::TfNotice::Revoke(changedKey_); }
 
-stage::Composition& LayerStackHost::composition() const {
+stage::Composition* LayerStackHost::composition() const {
     if (!composition_)
-        composition_ = std::make_unique<stage::Composition>(root_, session_, mutedLayers());
-    return *composition_;
+        composition_ = std::make_unique<stage::Composition>(root_, session_, mutedLayers(),
+                                                            stage::Composition::Payloads::All);
+    return composition_.get();
 }
 
 // What other threads tell is of layers that are not used here.
 void LayerStackHost::onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
     if (composition_ && std::this_thread::get_id() == thread_)
-        (void)composition_->follow(notice.GetChangeListVec());
+        composition_->follow(notice.GetChangeListVec());
 }
 
 std::vector<std::string> LayerStackHost::mutedLayers() const {
@@ -33,7 +34,7 @@ void LayerStackHost::muteAndUnmute(const std::vector<std::string>& mute,
     for (const auto& layer : mute)
         if (layer != root_->GetIdentifier()) muted_.insert(layer);
     for (const auto& layer : unmute) muted_.erase(layer);
-    composition_.reset();
+    if (composition_) composition_->setMuted(mutedLayers());
 }
 
 pxr::SdfLayerHandle LayerStackHost::editTarget() const {
@@ -41,24 +42,22 @@ pxr::SdfLayerHandle LayerStackHost::editTarget() const {
 }
 
 bool LayerStackHost::setEditTarget(const pxr::SdfLayerHandle& layer) {
-    if (!layer || !composition().cache().GetLayerStack()->HasLayer(layer)) return false;
+    if (!layer || !composition()->localLayers().HasLayer(layer)) return false;
     editTarget_ = layer;
     return true;
 }
 
 std::vector<pxr::SdfLayerHandle> LayerStackHost::usedLayers() const {
-    const auto used = composition().usedLayers();
+    const auto used = composition()->usedLayers();
     return {used.begin(), used.end()};
 }
 
 std::vector<pxr::TfToken> LayerStackHost::childNames(const pxr::SdfPath& prim) const {
-    composition().includePayloads(prim);
-    return composition().childNames(prim);
+    return composition()->childNames(prim);
 }
 
 std::vector<pxr::TfToken> LayerStackHost::propertyNames(const pxr::SdfPath& prim) const {
-    composition().includePayloads(prim);
-    return composition().propertyNames(prim);
+    return composition()->propertyNames(prim);
 }
 
 }  // namespace usdlive::layers

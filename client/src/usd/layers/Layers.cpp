@@ -261,7 +261,6 @@ private:
     }
 
     void onStructure(bool sublayers) {
-        context_.stack.invalidate();
         authoring.structureChanged();
         if (!sublayers) return;
         state.structureChanged();
@@ -289,7 +288,6 @@ private:
     // Of SdfLayer itself, whose content is gone while it is muted.
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged&) {
         if (isElsewhere()) return;
-        context_.stack.invalidate();
         authoring.structureChanged();
     }
 

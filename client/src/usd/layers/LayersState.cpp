@@ -170,7 +170,7 @@ void LayersState::applyScope(const std::set<std::string>& wanted) {
     stageMuted_ = {now.begin(), now.end()};
     mute.insert(mute.end(), unmute.begin(), unmute.end());
     context_.events.push(LayerEventType::MutenessStateChanged, std::move(mute));
-    context_.stack.invalidate();
+    context_.stack.mutenessChanged();
     structureChanged();
 }
 
@@ -210,7 +210,7 @@ void LayersState::mutenessChanged() {
         for (const auto& id : changed) unwrittenFlags_[id] = now.contains(id);
     (globalScope_ ? globalMuted_ : localMuted_) = now;
     context_.events.push(LayerEventType::MutenessStateChanged, std::move(changed));
-    context_.stack.invalidate();
+    context_.stack.mutenessChanged();
     structureChanged();
 }
 

@@ -5,6 +5,8 @@
 #include <pxr/usd/pcp/node.h>
 #include <pxr/usd/pcp/primIndex.h>
 
+#include <utility>
+
 namespace usdlive::layers {
 
 using pxr::SdfPath;
@@ -23,31 +25,36 @@ bool isLocal(const pxr::PcpNodeRef& node) {
 LocalStack::LocalStack(const StageHost& host) : host_(host) {}
 
 void LocalStack::follow(const pxr::SdfLayerChangeListVec& changes) {
-    if (composition_ && composition_->follow(changes)) listLayers();
+    if (own_) own_->follow(changes);
+}
+
+void LocalStack::mutenessChanged() {
+    if (own_) own_->setMuted(host_.mutedLayers());
 }
 
 stage::Composition& LocalStack::composition() {
-    if (!composition_) {
-        composition_ = std::make_unique<stage::Composition>(host_.rootLayer(), host_.sessionLayer(),
-                                                            host_.mutedLayers());
-        listLayers();
-    }
-    return *composition_;
+    if (auto* hosts = host_.composition()) return *hosts;
+    if (!own_)
+        own_ = std::make_unique<stage::Composition>(host_.rootLayer(), host_.sessionLayer(),
+                                                    host_.mutedLayers(),
+                                                    stage::Composition::Payloads::None);
+    return *own_;
 }
 
-void LocalStack::listLayers() {
-    const auto stack = composition_->cache().GetLayerStack();
-    const std::size_t ofSession = stack->GetSessionLayers().size();
+void LocalStack::listLayers(const pxr::PcpLayerStack& stack) {
+    const std::size_t ofSession = stack.GetSessionLayers().size();
     layers_.clear();
-    for (const auto& layer : stack->GetLayers()) {
-        const auto* offset = stack->GetLayerOffsetForLayer(layers_.size());
+    for (const auto& layer : stack.GetLayers()) {
+        const auto* offset = stack.GetLayerOffsetForLayer(layers_.size());
         layers_.push_back({layer, offset ? *offset : pxr::SdfLayerOffset(), false});
         layers_.back().ofSession = layers_.size() <= ofSession;
     }
 }
 
 const std::vector<LocalStack::Layer>& LocalStack::layers() {
-    (void)composition();
+    auto& composed = composition();
+    if (std::exchange(listed_, composed.localRevision()) != composed.localRevision())
+        listLayers(composed.localLayers());
     return layers_;
 }
 
@@ -58,11 +65,9 @@ const LocalStack::Layer* LocalStack::find(const pxr::SdfLayerHandle& layer) {
 }
 
 double LocalStack::timeCodesPerSecond() {
-    return composition().cache().GetLayerStack()->GetTimeCodesPerSecond();
+    return composition().localLayers().GetTimeCodesPerSecond();
 }
 
-// Without payloads: they are weaker than all that is looked for, and reading them is the stage's
-// decision.
 std::vector<LocalStack::Site> LocalStack::sites(const SdfPath& prim) {
     std::vector<Site> sites;
     const auto* index = composition().primIndex(prim);

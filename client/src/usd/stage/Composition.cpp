@@ -6,6 +6,8 @@
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/primIndex.h>
 
+#include <algorithm>
+
 namespace usdlive::stage {
 
 using pxr::SdfPath;
@@ -21,44 +23,63 @@ pxr::ArResolverContext contextOf(const pxr::SdfLayerHandle& root) {
 }  // namespace
 
 Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
-                         const std::vector<std::string>& muted)
+                         const std::vector<std::string>& muted, Payloads payloads)
     : cache_(std::make_unique<pxr::PcpCache>(
-          pxr::PcpLayerStackIdentifier(root, session, contextOf(root)), "usd", true)) {
+          pxr::PcpLayerStackIdentifier(root, session, contextOf(root)), "usd", true)),
+      muted_(muted),
+      payloads_(payloads) {
     cache_->RequestLayerMuting(muted, {});
     pxr::PcpErrorVector errors;
     (void)cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
 }
 
-bool Composition::follow(const pxr::SdfLayerChangeListVec& changes) {
+void Composition::follow(const pxr::SdfLayerChangeListVec& changes) {
     pxr::PcpChanges follow;
     follow.DidChange(cache_.get(), changes);
-    if (follow.IsEmpty()) return false;
-    const auto& stacks = follow.GetLayerStackChanges();
-    const bool local = stacks.contains(pxr::PcpLayerStackPtr(cache_->GetLayerStack()));
-    follow.Apply();
-    return local;
+    apply(follow);
 }
+
+void Composition::setMuted(const std::vector<std::string>& muted) {
+    const auto without = [](const auto& all, const auto& others) {
+        std::vector<std::string> left;
+        for (const auto& one : all)
+            if (std::ranges::find(others, one) == others.end()) left.push_back(one);
+        return left;
+    };
+    pxr::PcpChanges changes;
+    cache_->RequestLayerMuting(without(muted, muted_), without(muted_, muted), &changes);
+    muted_ = muted;
+    apply(changes);
+}
+
+void Composition::apply(const pxr::PcpChanges& changes) {
+    if (changes.IsEmpty()) return;
+    complete_ = false;
+    if (changes.GetLayerStackChanges().contains(pxr::PcpLayerStackPtr(cache_->GetLayerStack())))
+        ++localRevision_;
+    changes.Apply();
+}
+
+const pxr::PcpLayerStack& Composition::localLayers() const { return *cache_->GetLayerStack(); }
 
 const pxr::PcpPrimIndex* Composition::primIndex(const SdfPath& prim) {
     if (!prim.IsAbsoluteRootOrPrimPath()) return nullptr;
     const auto* index = cache_->FindPrimIndex(prim);
-    if (!index) {
-        pxr::PcpErrorVector errors;
-        index = &cache_->ComputePrimIndex(prim, &errors);
-        ++primsComposed_;
-    }
+    if (!index) index = compose(prim);
     return index->IsValid() ? index : nullptr;
 }
 
-void Composition::includePayloads(const SdfPath& prim) {
-    if (!prim.IsAbsoluteRootOrPrimPath()) return;
-    pxr::SdfPathSet payloads;
-    for (const SdfPath& above : prim.GetPrefixes())
-        if (!cache_->IsPayloadIncluded(above)) payloads.insert(above);
-    if (payloads.empty()) return;
-    pxr::PcpChanges changes;
-    cache_->RequestPayloads(payloads, {}, &changes);
-    changes.Apply();
+// Parents first: Pcp would compose them also, but uncounted and without their payloads.
+const pxr::PcpPrimIndex* Composition::compose(const SdfPath& prim) {
+    if (prim != SdfPath::AbsoluteRootPath()) (void)primIndex(prim.GetParentPath());
+    pxr::PcpErrorVector errors;
+    const auto* index = &cache_->ComputePrimIndex(prim, &errors);
+    ++primsComposed_;
+    const bool loads = payloads_ == Payloads::All && index->HasAnyPayloads();
+    if (!loads || cache_->IsPayloadIncluded(prim)) return index;
+    cache_->RequestPayloads({prim}, {});
+    ++primsComposed_;
+    return &cache_->ComputePrimIndex(prim, &errors);
 }
 
 pxr::TfTokenVector Composition::childNames(const SdfPath& prim) {
@@ -74,12 +95,24 @@ pxr::TfTokenVector Composition::propertyNames(const SdfPath& prim) {
     return names;
 }
 
-pxr::SdfLayerHandleSet Composition::usedLayers() {
+void Composition::composeAll() {
+    const auto count = [&] {
+        std::size_t prims = 0;
+        cache_->ForEachPrimIndex([&](const pxr::PcpPrimIndex&) { ++prims; });
+        return prims;
+    };
+    const std::size_t before = count();
     pxr::PcpErrorVector errors;
     cache_->ComputePrimIndexesInParallel(
         SdfPath::AbsoluteRootPath(), &errors,
         [](const pxr::PcpPrimIndex&, pxr::TfTokenVector*) { return true; },
-        [](const SdfPath&) { return true; });
+        [&](const SdfPath&) { return payloads_ == Payloads::All; });
+    primsComposed_ += count() - before;
+    complete_ = true;
+}
+
+pxr::SdfLayerHandleSet Composition::usedLayers() {
+    if (!complete_) composeAll();
     return cache_->GetUsedLayers();
 }
 

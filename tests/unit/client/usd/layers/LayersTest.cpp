@@ -1,6 +1,8 @@
 #include "usdlive/client/usd/layers/Layers.h"
 
 #include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/variantSetSpec.h>
+#include <pxr/usd/sdf/variantSpec.h>
 
 #include "LayersFixture.h"
 
@@ -48,6 +50,38 @@ TEST_F(LayersTest, ModesChangeAndAreTold) {
     EXPECT_FALSE(find(events, LayerEventType::SublayersChanged)) << "the delegate is not shown";
     EXPECT_TRUE(layers().setEditMode(LayerEditMode::AutoAuthoring));
     EXPECT_TRUE(layers().setEditMode(LayerEditMode::Normal));
+}
+
+// The stage's composition is the only one, and an edit of a value throws nothing of it away.
+TEST_F(LayersTest, AValueThatIsDistributedComposesNothingAgain) {
+    set(weak, "/A.x", 1);
+    set(strong, "/A/B.y", 1);
+    set(strong, "/Far.z", 1);
+    const auto prim = weak->GetPrimAtPath(pxr::SdfPath("/A"));
+    const auto variants = pxr::SdfVariantSetSpec::New(prim, "look");
+    (void)pxr::SdfVariantSpec::New(variants, "red");
+    prim->GetVariantSetNameList().Prepend("look");
+    prim->SetVariantSelection("look", "red");
+    ASSERT_TRUE(layers().setEditMode(LayerEditMode::AutoAuthoring));
+    set(target(), "/A.x", 2);
+    frame();
+    const auto composed = [&] {
+        (void)host().usedLayers();
+        return host().composition()->primsComposed();
+    };
+    const auto before = composed();
+    EXPECT_GE(before, 4u);
+    for (int i = 3; i < 10; ++i) {
+        set(target(), "/A.x", i);
+        (void)layers().state().localLayerIdentifiers(true, true, true);
+        frame();
+        EXPECT_EQ(get(weak, "/A.x"), i);
+        (void)layers().specsLocking().isSpecLocked("/A");
+        (void)layers().specsLinking().specLinks("/A", true);
+    }
+    EXPECT_EQ(composed(), before);
+    weak->GetPrimAtPath(pxr::SdfPath("/A"))->SetVariantSelection("look", "");
+    EXPECT_GT(composed(), before);
 }
 
 TEST(LayersWithoutSession, HaveNoPlaceForTheDelegate) {

@@ -8,6 +8,7 @@
 #include <pxr/usd/pcp/node.h>
 #include <pxr/usd/pcp/primIndex.h>
 #include <pxr/usd/sdf/notice.h>
+#include <pxr/usd/sdf/payload.h>
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/reference.h>
 
@@ -25,17 +26,22 @@ using pxr::TfToken;
 class Followed : public pxr::TfWeakBase {
 public:
     Followed(const SdfLayerRefPtr& root, const SdfLayerRefPtr& session)
-        : composition(root, session, {}),
+        : composition(root, session, {}, Composition::Payloads::All),
           key_(pxr::TfNotice::Register(pxr::TfCreateWeakPtr(this), &Followed::onChanged)) {}
     ~Followed() { pxr::TfNotice::Revoke(key_); }
 
     Composition composition;
-    bool stackChanged = false;
+    // Have the local layers changed since this was last called?
+    bool stackChanged() {
+        const auto now = composition.localRevision();
+        return std::exchange(seen_, now) != now;
+    }
 
 private:
     void onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
-        stackChanged = composition.follow(notice.GetChangeListVec()) || stackChanged;
+        composition.follow(notice.GetChangeListVec());
     }
+    std::uint64_t seen_ = composition.localRevision();
     pxr::TfNotice::Key key_;
 };
 
@@ -84,7 +90,7 @@ TEST_F(CompositionTest, AValueComposesNothingAgain) {
     pxr::SdfCreatePrimInLayer(root, SdfPath("/A/B"));  // a first override, which says nothing
     dump(stage.composition, SdfPath::AbsoluteRootPath(), after);
     EXPECT_EQ(stage.composition.primsComposed(), composed);
-    EXPECT_FALSE(stage.stackChanged);
+    EXPECT_FALSE(stage.stackChanged());
     EXPECT_EQ(before, after);
 }
 
@@ -111,11 +117,56 @@ TEST_F(CompositionTest, SublayersAndTheirOffsetsAreTold) {
     Followed stage(root, session);
     EXPECT_EQ(names(stage.composition, "/"), std::vector<std::string>{"A"});
     root->SetSubLayerOffset(pxr::SdfLayerOffset(5), 0);
-    EXPECT_TRUE(std::exchange(stage.stackChanged, false));
+    EXPECT_TRUE(stage.stackChanged());
     root->RemoveSubLayerPath(0);
-    EXPECT_TRUE(stage.stackChanged);
+    EXPECT_TRUE(stage.stackChanged());
     EXPECT_TRUE(names(stage.composition, "/").empty());
-    EXPECT_FALSE(stage.composition.cache().GetLayerStack()->HasLayer(sub));
+    EXPECT_FALSE(stage.composition.localLayers().HasLayer(sub));
+}
+
+TEST_F(CompositionTest, WhatUsesALayerIsComposedAgainWhenItIsMuted) {
+    define(sub, "/A");
+    define(asset, "/Asset/Part");
+    define(root, "/Far");
+    define(root, "/B");
+    root->GetPrimAtPath(SdfPath("/B"))
+        ->GetReferenceList()
+        .Prepend(pxr::SdfReference(asset->GetIdentifier(), SdfPath("/Asset")));
+    Followed stage(root, session);
+    EXPECT_EQ(names(stage.composition, "/B"), std::vector<std::string>{"Part"});
+    EXPECT_TRUE(names(stage.composition, "/Far").empty());
+    const auto composed = stage.composition.primsComposed();
+    stage.composition.setMuted({asset->GetIdentifier()});
+    EXPECT_TRUE(names(stage.composition, "/B").empty());
+    EXPECT_TRUE(names(stage.composition, "/Far").empty());
+    EXPECT_EQ(stage.composition.primsComposed(), composed + 1);
+    EXPECT_FALSE(stage.stackChanged());
+    stage.composition.setMuted({sub->GetIdentifier()});
+    EXPECT_TRUE(stage.stackChanged());
+    EXPECT_FALSE(stage.composition.localLayers().HasLayer(sub));
+    EXPECT_EQ(names(stage.composition, "/B"), std::vector<std::string>{"Part"});
+    stage.composition.setMuted({});
+    EXPECT_TRUE(stage.stackChanged());
+    EXPECT_TRUE(stage.composition.localLayers().HasLayer(sub));
+    EXPECT_EQ(names(stage.composition, "/").size(), 3u);
+}
+
+TEST_F(CompositionTest, PayloadsAreComposedWhereTheyAreWanted) {
+    define(asset, "/Asset/Part/Inner");
+    define(root, "/A");
+    root->GetPrimAtPath(SdfPath("/A"))
+        ->GetPayloadList()
+        .Prepend(pxr::SdfPayload(asset->GetIdentifier(), SdfPath("/Asset")));
+    Followed stage(root, session);
+    Composition without(root, session, {}, Composition::Payloads::None);
+    EXPECT_EQ(names(stage.composition, "/A/Part"), std::vector<std::string>{"Inner"});
+    EXPECT_TRUE(names(without, "/A").empty());
+    EXPECT_FALSE(without.usedLayers().contains(asset));
+    EXPECT_TRUE(stage.composition.usedLayers().contains(asset));
+    const auto composed = stage.composition.primsComposed();
+    (void)stage.composition.usedLayers();
+    EXPECT_EQ(names(stage.composition, "/A/Part"), std::vector<std::string>{"Inner"});
+    EXPECT_EQ(stage.composition.primsComposed(), composed);
 }
 
 // Whatever is edited, what was kept is what a new composition makes of it.
@@ -162,7 +213,7 @@ TEST_F(CompositionTest, ItIsAsIfItWereComposedAnew) {
         if (pick(3) == 0) continue;
         std::string kept, anew;
         dump(stage.composition, SdfPath::AbsoluteRootPath(), kept);
-        Composition fresh(root, session, {});
+        Composition fresh(root, session, {}, Composition::Payloads::All);
         dump(fresh, SdfPath::AbsoluteRootPath(), anew);
         ASSERT_EQ(kept, anew) << "after step " << step;
     }

@@ -30,9 +30,9 @@ public:
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> usedLayers() const override;
     [[nodiscard]] std::vector<pxr::TfToken> childNames(const pxr::SdfPath& prim) const override;
     [[nodiscard]] std::vector<pxr::TfToken> propertyNames(const pxr::SdfPath& prim) const override;
+    [[nodiscard]] stage::Composition* composition() const override;
 
 private:
-    [[nodiscard]] stage::Composition& composition() const;
     void onChanged(const pxr::SdfNotice::LayersDidChange& notice);
 
     const pxr::SdfLayerRefPtr root_, session_;

@@ -13,8 +13,9 @@
 
 namespace usdlive::layers {
 
-/// A stage's local layer stack as Pcp computes it from root, session and muted layers, and what has
-/// to be known of composition above it. Composed when it is asked for, and kept: see Composition.
+/// A stage's local layer stack, and what has to be known of composition above it. Answers come from
+/// the host's Composition, or from one of its own where the host composes elsewhere: that one is
+/// made when it is first needed, and has no payloads, as reading them is the stage's decision.
 class LocalStack {
 public:
     struct Layer {
@@ -25,10 +26,10 @@ public:
 
     explicit LocalStack(const StageHost& host);
 
-    /// Muteness has changed, or sublayers within a change block that has not ended yet.
-    void invalidate() { composition_.reset(); }
-    /// What SdfNotice::LayersDidChange tells.
+    /// Called for each SdfNotice::LayersDidChange.
     void follow(const pxr::SdfLayerChangeListVec& changes);
+    /// The host leaves out other layers than before.
+    void mutenessChanged();
 
     /// Strong to weak.
     [[nodiscard]] const std::vector<Layer>& layers();
@@ -42,16 +43,17 @@ public:
         /// by another arc.
         const pxr::PcpLayerStack* foreign = nullptr;
     };
-    /// Strong to weak, without payloads. Valid until the next change.
+    /// Strong to weak. Valid until the next change.
     [[nodiscard]] std::vector<Site> sites(const pxr::SdfPath& prim);
 
 private:
     stage::Composition& composition();
-    void listLayers();
+    void listLayers(const pxr::PcpLayerStack& stack);
 
     const StageHost& host_;
-    std::unique_ptr<stage::Composition> composition_;
+    std::unique_ptr<stage::Composition> own_;
     std::vector<Layer> layers_;
+    std::uint64_t listed_ = 0;  // the revision that layers_ is of
 };
 
 }  // namespace usdlive::layers

@@ -7,6 +7,10 @@
 #include <string>
 #include <vector>
 
+namespace usdlive::stage {
+class Composition;
+}
+
 namespace usdlive::layers {
 
 /// The stage that layers are worked with, whoever composes it. Used from one thread, the stage's.
@@ -36,6 +40,9 @@ public:
     [[nodiscard]] virtual std::vector<pxr::TfToken> childNames(const pxr::SdfPath& prim) const = 0;
     [[nodiscard]] virtual std::vector<pxr::TfToken> propertyNames(
         const pxr::SdfPath& prim) const = 0;
+
+    /// What the host composes with, kept up to date by it. Null: it composes elsewhere.
+    [[nodiscard]] virtual stage::Composition* composition() const { return nullptr; }
 };
 
 }  // namespace usdlive::layers
