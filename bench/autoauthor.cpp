@@ -86,8 +86,8 @@ void measureDistribution(int edits, int count, int rounds) {
         root, pxr::SdfLayer::CreateAnonymous("session.usda"));
     auto& host = *owned;
     layers::Layers instance(std::move(owned));
-    if (!instance.setEditMode(layers::LayerEditMode::AutoAuthoring))
-        throw std::runtime_error(instance.lastError().text);
+    if (const auto set = instance.setEditMode(layers::LayerEditMode::AutoAuthoring); !set)
+        throw std::runtime_error(set.error().text);
     instance.update(0);
     // Asks for all prims, so that each one that the frame has thrown away is composed again.
     const auto composed = [&] {

@@ -9,6 +9,7 @@
 #include <pxr/usd/sdf/notice.h>
 
 #include <memory>
+#include <optional>
 #include <tuple>
 #include <utility>
 
@@ -111,9 +112,9 @@ public:
         client_.reset();
     }
 
-    [[nodiscard]] std::string user() const override {
+    [[nodiscard]] UserName user() const override {
         auto* client = get();
-        return client ? client->user() : std::string();
+        return {client ? client->user() : std::string()};
     }
     [[nodiscard]] std::optional<LiveState> state(const pxr::SdfLayerHandle& layer) const override {
         auto* client = get();
@@ -149,12 +150,13 @@ nb::dict toDictionary(const LayerEvent& event) {
     return result;
 }
 
+/// A Layers, and what its last call came to: Kit's API asks for that afterwards.
 class PythonLayers {
 public:
     PythonLayers(nb::object host, const std::string& user, nb::object client)
         : live_(client.is_none() ? nullptr : std::make_unique<PythonLive>(std::move(client))),
           layers_(std::make_unique<PythonHost>(std::move(host)),
-                  {.user = user, .live = live_.get()}) {}
+                  {.user = {user}, .live = live_.get()}) {}
 
     void setClient(nb::object client) {
         auto live = client.is_none() ? nullptr : std::make_unique<PythonLive>(std::move(client));
@@ -174,9 +176,40 @@ public:
         return events;
     }
 
-    nb::tuple lastError() {
-        const auto& error = layers_.lastError();
-        return nb::make_tuple(int(error.type), error.text);
+    /// 0 and an empty text: the last call did what was asked.
+    [[nodiscard]] nb::tuple lastError() const {
+        return error_ ? nb::make_tuple(int(error_->type), error_->text) : nb::make_tuple(0, "");
+    }
+    void note(std::optional<LayerError> error) { error_ = std::move(error); }
+    template <class T>
+    T noted(LayerResult<T> result) {
+        note(result ? std::nullopt : std::optional(result.error()));
+        return result ? std::move(*result) : T();
+    }
+    /// Did it succeed?
+    bool noted(const LayerResult<void>& result) {
+        note(result ? std::nullopt : std::optional(result.error()));
+        return result.has_value();
+    }
+    SpecsLocking::Paths noted(SpecsLocking::Unlocked unlocked) {
+        note(std::move(unlocked.refused));
+        return std::move(unlocked.specs);
+    }
+    /// What went back is noted; otherwise the error stays.
+    void noted(const std::vector<RefusedEdit>& refused) {
+        if (!refused.empty()) note(LayerError{refused.back().type, refused.back().reason});
+    }
+    /// Calls `function` with the path that the text says.
+    template <class Function>
+    SpecsLinking::Paths atPath(const std::string& text, Function function) {
+        if (const auto path = pathFrom(text)) return noted(function(*path));
+        return {};
+    }
+    std::optional<pxr::SdfPath> pathFrom(const std::string& text) {
+        if (pxr::SdfPath::IsValidPathString(text)) return pxr::SdfPath(text);
+        note(LayerError{LayerErrorType::InvalidParam,
+                        "'" + text + "' is not the path of a prim or property"});
+        return std::nullopt;
     }
 
     using Refused = std::tuple<std::string, std::string, std::string>;  // path, field, layer
@@ -185,6 +218,7 @@ public:
         for (const auto& [path, field, layer] : edits)
             if (pxr::SdfPath::IsValidPathString(path))
                 refused.push_back({pxr::SdfPath(path), field, layer, LayerErrorType(type), reason});
+        noted(refused);
         layers_.refuse(std::move(refused));
     }
 
@@ -199,6 +233,7 @@ public:
 private:
     std::unique_ptr<PythonLive> live_;
     Layers layers_;
+    std::optional<LayerError> error_;
 };
 
 /// (identifier, what keeps the layer until the caller has it), or None.
@@ -309,63 +344,93 @@ void bindState(Class& type) {
     const auto query = [&type](const char* name,
                                bool (LayersState::*function)(const std::string&)) {
         type.def(name, [function](P& self, const std::string& id) {
+            self.note(self.state().whyUnknown(id));
             return (self.state().*function)(id);
         });
     };
     query("is_layer_locally_muted", &LayersState::isLayerLocallyMuted);
     query("is_layer_globally_muted", &LayersState::isLayerGloballyMuted);
-    query("is_layer_muted", &LayersState::isLayerMuted);
     query("is_layer_writable", &LayersState::isLayerWritable);
     query("is_layer_readonly_on_disk", &LayersState::isLayerReadonlyOnDisk);
     query("is_layer_savable", &LayersState::isLayerSavable);
     query("is_layer_dirty", &LayersState::isLayerDirty);
     query("is_layer_locked", &LayersState::isLayerLocked);
     query("is_layer_outdated", &LayersState::isLayerOutdated);
-    query("has_local_layer", &LayersState::hasLocalLayer);
-    query("has_used_layer", &LayersState::hasUsedLayer);
-    query("add_auto_reload_layer", &LayersState::addAutoReloadLayer);
-    query("remove_auto_reload_layer", &LayersState::removeAutoReloadLayer);
+    using Outcome = LayersState::Outcome;
+    type.def("is_layer_muted",
+             [](P& self, const std::string& id) { return self.state().isLayerMuted(id); })
+        .def("has_local_layer",
+             [](P& self, const std::string& id) { return self.state().hasLocalLayer(id); })
+        .def("has_used_layer",
+             [](P& self, const std::string& id) { return self.state().hasUsedLayer(id); })
+        .def("add_auto_reload_layer",
+             [](P& self, const std::string& id) {
+                 auto added = self.state().addAutoReloadLayer(id);
+                 const bool changed = added == Outcome::Changed;
+                 self.noted(std::move(added));
+                 return changed;
+             })
+        .def("remove_auto_reload_layer", [](P& self, const std::string& id) {
+            self.note(std::nullopt);
+            return self.state().removeAutoReloadLayer(id) == Outcome::Changed;
+        });
     const nb::call_guard<nb::gil_scoped_release> released;
     type.def("muteness_changed", [](P& self) { self.state().mutenessChanged(); }, released);
     type.def(
             "set_muteness_scope",
-            [](P& self, bool global) { self.state().setMutenessScope(global); }, released)
+            [](P& self, bool global) {
+                self.note(std::nullopt);
+                self.state().setMutenessScope(global);
+            },
+            released)
         .def("is_muteness_global", [](P& self) { return self.state().isMutenessGlobal(); })
         .def(
             "set_layer_global_muteness",
             [](P& self, const std::string& id, bool muted) {
-                return self.state().setLayerGlobalMuteness(id, muted);
+                return self.noted(self.state().setLayerGlobalMuteness(id, muted));
             },
             released)
         .def(
             "set_layer_lock_state",
             [](P& self, const std::string& id, bool locked) {
-                return self.state().setLayerLockState(id, locked);
+                return self.noted(self.state().setLayerLockState(id, locked));
             },
             released)
         .def(
             "set_layer_name",
             [](P& self, const std::string& id, const std::string& name) {
-                return self.state().setLayerName(id, name);
+                return self.noted(self.state().setLayerName(id, name));
             },
             released)
         .def("get_layer_name",
-             [](P& self, const std::string& id) { return self.state().layerName(id); })
+             [](P& self, const std::string& id) {
+                 self.note(self.state().whyUnknown(id));
+                 return self.state().layerName(id);
+             })
         .def("get_layer_owner",
-             [](P& self, const std::string& id) { return self.state().layerOwner(id); })
+             [](P& self, const std::string& id) {
+                 self.note(self.state().whyUnknown(id));
+                 return self.state().layerOwner(id);
+             })
         .def("local_layers",
              [](P& self, bool session, bool anonymous, bool invalid) {
+                 self.note(std::nullopt);
                  return self.state().localLayerIdentifiers(session, anonymous, invalid);
              })
-        .def("dirty_layers", [](P& self) { return self.state().dirtyLayerIdentifiers(); })
+        .def("dirty_layers",
+             [](P& self) {
+                 self.note(std::nullopt);
+                 return self.state().dirtyLayerIdentifiers();
+             })
         .def("outdated_layers",
              [](P& self, int which, bool notAuto) {
+                 self.note(std::nullopt);
                  return self.state().outdatedLayerIdentifiers(Which(which), notAuto);
              })
         .def(
             "reload_outdated_layers",
             [](P& self, int which, bool notAuto) {
-                return self.state().reloadOutdatedLayers(Which(which), notAuto);
+                return self.noted(self.state().reloadOutdatedLayers(Which(which), notAuto));
             },
             released)
         .def("is_auto_reload_layer",
@@ -379,7 +444,9 @@ void bindState(Class& type) {
 
 void bindAuthoring(Class& type) {
     type.def("set_default_layer",
-             [](P& self, const std::string& id) { return self.authoring().setDefaultLayer(id); })
+             [](P& self, const std::string& id) {
+                 return self.noted(self.authoring().setDefaultLayer(id));
+             })
         .def("default_layer", [](P& self) { return self.authoring().defaultLayer(); })
         .def("is_auto_authoring_layer",
              [](P& self, const std::string& id) {
@@ -394,55 +461,80 @@ void bindAuthoring(Class& type) {
 void bindSpecs(Class& type) {
     const nb::call_guard<nb::gil_scoped_release> released;
     using S = const std::string&;
+    using Path = const pxr::SdfPath&;
     type.def(
             "link_spec",
             [](P& self, S path, S layer, bool hierarchy) {
-                return texts(self.linking().linkSpec(path, layer, hierarchy));
+                return texts(self.atPath(path, [&](Path spec) {
+                    return self.linking().linkSpec(spec, layer, hierarchy);
+                }));
             },
             released)
         .def(
             "unlink_spec",
             [](P& self, S path, S layer, bool hierarchy) {
-                return texts(self.linking().unlinkSpec(path, layer, hierarchy));
+                return texts(self.atPath(path, [&](Path spec) {
+                    return self.linking().unlinkSpec(spec, layer, hierarchy);
+                }));
             },
             released)
         .def(
             "unlink_spec_from_all_layers",
             [](P& self, S path, bool hierarchy) {
-                return texts(self.linking().unlinkSpecFromAllLayers(path, hierarchy));
+                return texts(self.atPath(path, [&](Path spec) {
+                    return self.linking().unlinkSpecFromAllLayers(spec, hierarchy);
+                }));
             },
             released)
         .def(
             "unlink_specs_to_layer",
-            [](P& self, S layer) { return texts(self.linking().unlinkSpecsToLayer(layer)); },
+            [](P& self, S layer) {
+                return texts(self.noted(self.linking().unlinkSpecsToLayer(layer)));
+            },
             released)
         .def(
-            "unlink_all_specs", [](P& self) { self.linking().unlinkAllSpecs(); }, released)
+            "unlink_all_specs", [](P& self) { self.noted(self.linking().unlinkAllSpecs()); },
+            released)
         .def("spec_links",
              [](P& self, S path, bool hierarchy) {
-                 return texts(self.linking().specLinks(path, hierarchy));
+                 const auto spec = self.pathFrom(path);
+                 return spec ? texts(self.noted(self.linking().specLinks(*spec, hierarchy)))
+                             : texts(SpecsLinking::Links());
              })
-        .def("links_for_layer",
-             [](P& self, S layer) { return texts(self.linking().linksForLayer(layer)); })
+        .def(
+            "links_for_layer",
+            [](P& self, S layer) { return texts(self.noted(self.linking().linksForLayer(layer))); })
         .def("all_links", [](P& self) { return texts(self.linking().allLinks()); })
         .def("is_spec_linked",
-             [](P& self, S path, S layer) { return self.linking().isSpecLinked(path, layer); })
+             [](P& self, S path, S layer) {
+                 const auto& links = self.linking();
+                 if (!pxr::SdfPath::IsValidPathString(path)) return false;
+                 const pxr::SdfPath spec(path);
+                 return layer.empty() ? links.isSpecLinked(spec)
+                                      : links.isSpecLinkedTo(spec, layer);
+             })
         .def(
             "lock_spec",
             [](P& self, S path, bool hierarchy) {
-                return texts(self.locking().lockSpec(path, hierarchy));
+                return texts(self.atPath(
+                    path, [&](Path spec) { return self.locking().lockSpec(spec, hierarchy); }));
             },
             released)
         .def(
             "unlock_spec",
             [](P& self, S path, bool hierarchy) {
-                return texts(self.locking().unlockSpec(path, hierarchy));
+                return texts(self.atPath(
+                    path, [&](Path spec) { return self.locking().unlockSpec(spec, hierarchy); }));
             },
             released)
         .def(
-            "unlock_all_specs", [](P& self) { self.locking().unlockAllSpecs(); }, released)
+            "unlock_all_specs", [](P& self) { self.noted(self.locking().unlockAllSpecs()); },
+            released)
         .def("all_locked_specs", [](P& self) { return texts(self.locking().allLockedSpecs()); })
-        .def("is_spec_locked", [](P& self, S path) { return self.locking().isSpecLocked(path); });
+        .def("is_spec_locked", [](P& self, S path) {
+            return pxr::SdfPath::IsValidPathString(path) &&
+                   self.locking().isSpecLocked(pxr::SdfPath(path));
+        });
 }
 
 }  // namespace
@@ -454,15 +546,18 @@ void bindLayers(nb::module_& module) {
              nb::arg("user"), nb::arg("client").none())
         .def("set_client", &P::setClient, nb::arg("client").none())
         .def(
-            "update", [](P& self, double nowMs) { self.layers().update(nowMs); }, released)
+            "update", [](P& self, double nowMs) { self.noted(self.layers().update(nowMs)); },
+            released)
         .def(
-            "distribute", [](P& self) { self.layers().distribute(); }, released)
+            "distribute", [](P& self) { self.noted(self.layers().distribute()); }, released)
         .def("take_events", &P::takeEvents)
         .def("last_error", &P::lastError)
         .def("edit_mode", [](P& self) { return int(self.layers().editMode()); })
         .def(
             "set_edit_mode",
-            [](P& self, int mode) { return self.layers().setEditMode(LayerEditMode(mode)); },
+            [](P& self, int mode) {
+                return self.noted(self.layers().setEditMode(LayerEditMode(mode)));
+            },
             released);
     bindState(type);
     bindAuthoring(type);

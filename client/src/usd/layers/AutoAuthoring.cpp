@@ -7,7 +7,6 @@
 
 #include "DelegateWrites.h"
 #include "Distribution.h"
-#include "usdlive/client/usd/layers/OmniLayerData.h"
 
 namespace usdlive::layers {
 
@@ -39,38 +38,32 @@ std::string AutoAuthoring::defaultLayer() {
     return default_->GetIdentifier();
 }
 
-bool AutoAuthoring::setDefaultLayer(const std::string& identifier) {
-    const auto wanted = absoluteFrom(context_.host.rootLayer(), identifier);
-    for (const auto& one : context_.stack.layers()) {
-        if (one.layer->GetIdentifier() != identifier && one.layer->GetIdentifier() != wanted)
-            continue;
-        if (one.ofSession)
-            return context_.fail(LayerErrorType::InvalidParam,
-                                 "new specs cannot go to the session's layer " + identifier);
-        if (one.layer->GetIdentifier() != defaultLayer()) {
-            default_ = one.layer;
-            context_.events.push(LayerEventType::DefaultLayerChanged);
-        }
-        return context_.succeed();
-    }
-    return context_.fail(LayerErrorType::NotFound,
-                         "the stage has no local layer '" + identifier + "'");
+LayerResult<void> AutoAuthoring::setDefaultLayer(const std::string& identifier) {
+    const auto found = context_.stack.named(identifier);
+    if (!found) return tl::unexpected(found.error());
+    if (found->ofSession)
+        return fail(LayerErrorType::InvalidParam,
+                    "new specs cannot go to the session's layer " + identifier);
+    if (found->layer->GetIdentifier() == defaultLayer()) return {};
+    default_ = found->layer;
+    context_.events.push(LayerEventType::DefaultLayerChanged);
+    return {};
 }
 
-bool AutoAuthoring::enable() {
-    if (delegate_) return true;
+LayerResult<void> AutoAuthoring::enable() {
+    if (delegate_) return {};
     if (!context_.host.sessionLayer())
-        return context_.fail(LayerErrorType::InvalidStage,
-                             "a stage without a session layer has no place for the delegate");
+        return fail(LayerErrorType::InvalidStage,
+                    "a stage without a session layer has no place for the delegate");
     delegate_ = pxr::SdfLayer::CreateAnonymous(kTag);
     writes_ = pxr::TfCreateRefPtr(new DelegateWrites);
     delegate_->SetStateDelegate(writes_);
     suspended_ = false;
     stale_.clear();
     keepInPlace();
-    if (delegate() == context_.host.editTarget()) return context_.succeed();
+    if (delegate() == context_.host.editTarget()) return {};
     disable();
-    return context_.fail(LayerErrorType::InvalidStage, "the session layer takes no delegate");
+    return fail(LayerErrorType::InvalidStage, "the session layer takes no delegate");
 }
 
 void AutoAuthoring::disable() {

@@ -455,7 +455,7 @@ void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const 
 // ------------------------------------------------------------------ what goes back
 
 void Distribution::refuse(const SdfPath& path, const std::string& field, const std::string& layer,
-                          const LastError& why) {
+                          const LayerError& why) {
     refused_.push_back({path, field, layer, why.type, why.text});
 }
 
@@ -464,7 +464,7 @@ void Distribution::refuse(const Spec& spec, const Field& field, const Target& ta
     takeBack(spec, field);
 }
 
-void Distribution::refuseLocked(const Spec& spec, const LastError& why) {
+void Distribution::refuseLocked(const Spec& spec, const LayerError& why) {
     const Having all = having(spec.path);
     refuse(spec.path, "", all.empty() ? "" : all.front()->layer->GetIdentifier(), why);
     for (const auto& field : spec.fields) takeBack(spec, field);

@@ -19,10 +19,10 @@ class DistributionRules {
 public:
     virtual ~DistributionRules() = default;
     /// Why the layer takes no edits; nothing: it does.
-    [[nodiscard]] virtual std::optional<LastError> whyNotWritable(
+    [[nodiscard]] virtual std::optional<LayerError> whyNotWritable(
         const pxr::SdfLayerHandle& layer) = 0;
     /// Why the spec takes none.
-    [[nodiscard]] virtual std::optional<LastError> whyLocked(const pxr::SdfPath& spec) = 0;
+    [[nodiscard]] virtual std::optional<LayerError> whyLocked(const pxr::SdfPath& spec) = 0;
     /// The layers that edits of the spec are for; none: the one with the strongest opinion.
     [[nodiscard]] virtual std::vector<pxr::SdfLayerHandle> linkedLayers(
         const pxr::SdfPath& spec) = 0;
@@ -51,7 +51,7 @@ private:
     struct Target {
         pxr::SdfLayerHandle layer;
         pxr::SdfLayerOffset toTarget, toDelegate;
-        std::optional<LastError> closed;
+        std::optional<LayerError> closed;
     };
     struct Place {
         const Target* target = nullptr;
@@ -78,7 +78,7 @@ private:
     void planField(const Spec& spec, const Field& field, const Having& having);
     void planKeys(const Spec& spec, const Field& field, const Having& having);
     void carryOut(const Planned& planned);
-    void refuseLocked(const Spec& spec, const LastError& why);
+    void refuseLocked(const Spec& spec, const LayerError& why);
     void distributeRelocates();
     void planLinks(const Spec& spec, const std::vector<pxr::SdfLayerHandle>& links);
     void keepBareOver(const Spec& spec);
@@ -105,7 +105,7 @@ private:
     void refreshKeys(const pxr::SdfPath& path, const pxr::TfToken& field, const Having& having);
     void refuse(const Spec& spec, const Field& field, const Target& target);
     void refuse(const pxr::SdfPath& path, const std::string& field, const std::string& layer,
-                const LastError& why);
+                const LayerError& why);
     void takeBack(const Spec& spec, const Field& field);
     void dropEmpty(const pxr::SdfPath& path);
 

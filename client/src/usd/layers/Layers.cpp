@@ -75,8 +75,7 @@ public:
           state(withLive(context_, options.live)),
           authoring(context_, *this),
           linking(context_),
-          locking(context_,
-                  options.user.empty() ? client::systemUser().value : std::move(options.user)),
+          locking(context_, options.user.empty() ? client::systemUser() : std::move(options.user)),
           editTarget_(host_->editTarget()) {
         (void)context_.events.take();
         const auto self = pxr::TfCreateWeakPtr(this);
@@ -91,10 +90,10 @@ public:
 
     // --- DistributionRules
 
-    [[nodiscard]] std::optional<LastError> whyNotWritable(const SdfLayerHandle& layer) override {
+    [[nodiscard]] std::optional<LayerError> whyNotWritable(const SdfLayerHandle& layer) override {
         return state.whyNotWritable(layer);
     }
-    [[nodiscard]] std::optional<LastError> whyLocked(const SdfPath& spec) override {
+    [[nodiscard]] std::optional<LayerError> whyLocked(const SdfPath& spec) override {
         return locking.whyLocked(spec);
     }
     [[nodiscard]] std::vector<SdfLayerHandle> linkedLayers(const SdfPath& spec) override {
@@ -104,9 +103,8 @@ public:
 
     // --- modes
 
-    bool setEditMode(LayerEditMode mode) {
-        context_.succeed();
-        if (mode == mode_) return true;
+    LayerResult<void> setEditMode(LayerEditMode mode) {
+        if (mode == mode_) return {};
         const bool wasDelegating = mode_ != LayerEditMode::Normal;
         const bool delegates = mode != LayerEditMode::Normal;
         if (wasDelegating) {
@@ -114,33 +112,35 @@ public:
             authoring.resume();
             distribute();
         }
-        if (delegates && !authoring.enable()) return false;
+        if (delegates)
+            if (auto enabled = authoring.enable(); !enabled) return enabled;
         if (wasDelegating && !delegates) authoring.disable();
         mode_ = mode;
         state.hide(delegates ? authoring.delegate()->GetIdentifier() : std::string());
         context_.events.push(LayerEventType::EditModeChanged);
         followEditTarget();
-        return context_.succeed();
+        return {};
     }
 
     // --- the frame
 
-    void update(double nowMs) {
+    std::vector<RefusedEdit> update(double nowMs) {
         state.watch(nowMs);
         authoring.keepInPlace();
         followEditTarget();
-        distribute();
+        return distribute();
     }
 
     void refuse(std::vector<RefusedEdit> edits) {
-        if (!edits.empty()) tell(std::move(edits));
+        if (!edits.empty()) tell(edits);
     }
 
-    void distributeAll() {
+    std::vector<RefusedEdit> distributeAll() {
         const bool suspended = authoring.isSuspended();
         authoring.resume();
-        distribute();
+        auto refused = distribute();
         if (suspended) authoring.suspend();
+        return refused;
     }
 
     std::vector<LayerEvent> takeEvents() { return context_.events.take(); }
@@ -155,7 +155,7 @@ private:
         return context;
     }
 
-    void distribute() {
+    std::vector<RefusedEdit> distribute() {
         std::vector<RefusedEdit> refused;
         {
             // What the block tells at its end is our own: nothing of it is news to the delegate.
@@ -167,18 +167,18 @@ private:
                            std::make_move_iterator(more.end()));
         }
         distributing_ = false;
-        if (!refused.empty()) tell(std::move(refused));
+        if (!refused.empty()) tell(refused);
+        return refused;
     }
 
-    void tell(std::vector<RefusedEdit> refused) {
+    void tell(const std::vector<RefusedEdit>& refused) {
         LayerEvent event;
         event.type = LayerEventType::EditsRefused;
         for (const auto& edit : refused) event.paths.push_back(edit.path);
         context_.events.push(std::move(event));
-        context_.fail(refused.back().type, refused.back().reason);
-        for (auto& edit : refused) {
+        for (const auto& edit : refused) {
             if (this->refused.size() == kMaxRefusedEdits) this->refused.pop_front();
-            this->refused.push_back(std::move(edit));
+            this->refused.push_back(edit);
         }
     }
 
@@ -322,12 +322,11 @@ AutoAuthoring& Layers::autoAuthoring() { return impl_->authoring; }
 SpecsLinking& Layers::specsLinking() { return impl_->linking; }
 SpecsLocking& Layers::specsLocking() { return impl_->locking; }
 StageHost& Layers::host() { return impl_->context().host; }
-const LastError& Layers::lastError() const { return impl_->context().error; }
 LayerEditMode Layers::editMode() const { return impl_->mode(); }
-bool Layers::setEditMode(LayerEditMode mode) { return impl_->setEditMode(mode); }
-void Layers::update(double nowMs) { impl_->update(nowMs); }
+LayerResult<void> Layers::setEditMode(LayerEditMode mode) { return impl_->setEditMode(mode); }
+std::vector<RefusedEdit> Layers::update(double nowMs) { return impl_->update(nowMs); }
 void Layers::refuse(std::vector<RefusedEdit> edits) { impl_->refuse(std::move(edits)); }
-void Layers::distribute() { impl_->distributeAll(); }
+std::vector<RefusedEdit> Layers::distribute() { return impl_->distributeAll(); }
 std::vector<LayerEvent> Layers::takeEvents() { return impl_->takeEvents(); }
 const std::deque<RefusedEdit>& Layers::refusedEdits() const { return impl_->refused; }
 void Layers::setLive(LiveLayers* live) { impl_->setLive(live); }

@@ -51,15 +51,10 @@ LayersState::Known* LayersState::find(const std::string& id) {
     return found == known_.end() ? nullptr : &found->second;
 }
 
-LayersState::Known* LayersState::require(const std::string& id) {
-    auto* known = find(id);
-    if (known)
-        context_.succeed();
-    else if (id.empty())
-        context_.fail(LayerErrorType::InvalidParam, "no layer is named");
-    else
-        context_.fail(LayerErrorType::NotFound, "the stage does not use a layer " + id);
-    return known;
+std::optional<LayerError> LayersState::whyUnknown(const std::string& id) {
+    if (find(id)) return std::nullopt;
+    if (id.empty()) return LayerError{LayerErrorType::InvalidParam, "no layer is named"};
+    return LayerError{LayerErrorType::NotFound, "the stage does not use a layer " + id};
 }
 
 void LayersState::learnSublayers(const pxr::SdfLayerHandle& layer, bool session,
@@ -175,7 +170,6 @@ void LayersState::applyScope(const std::set<std::string>& wanted) {
 }
 
 void LayersState::setMutenessScope(bool global) {
-    context_.succeed();
     if (globalScope_ == global) return;
     followMuteness();
     globalScope_ = global;
@@ -219,29 +213,23 @@ bool LayersState::isLayerMuted(const std::string& id) {
     return stageMuted_.contains(id);
 }
 
-bool LayersState::isLayerLocallyMuted(const std::string& id) {
-    require(id);
-    return localMuted_.contains(id);
-}
+bool LayersState::isLayerLocallyMuted(const std::string& id) { return localMuted_.contains(id); }
 
-bool LayersState::isLayerGloballyMuted(const std::string& id) {
-    require(id);
-    return globalMuted_.contains(id);
-}
+bool LayersState::isLayerGloballyMuted(const std::string& id) { return globalMuted_.contains(id); }
 
-bool LayersState::setLayerGlobalMuteness(const std::string& id, bool muted) {
-    if (!require(id)) return false;
+LayerResult<void> LayersState::setLayerGlobalMuteness(const std::string& id, bool muted) {
+    if (auto unknown = whyUnknown(id)) return tl::unexpected(std::move(*unknown));
     if (isRoot(id) || isSession(id))
-        return context_.fail(LayerErrorType::InvalidParam, id + " cannot be muted");
+        return fail(LayerErrorType::InvalidParam, id + " cannot be muted");
     if (!setLayerFlags(context_.host.rootLayer(), kMuteness, {{id, muted}}))
-        return context_.fail(LayerErrorType::ReadOnly,
-                             "the root layer, in which muteness is kept, takes no edits");
+        return fail(LayerErrorType::ReadOnly,
+                    "the root layer, in which muteness is kept, takes no edits");
     learnFlags();
     if (globalScope_)
         applyScope(globalMuted_);
     else
         context_.events.push(LayerEventType::MutenessStateChanged, {id});
-    return true;
+    return {};
 }
 
 void LayersState::learnFlags() {
@@ -267,20 +255,18 @@ bool LayersState::isLocked(const std::string& id, const Known& known) const {
 }
 
 bool LayersState::isLayerLocked(const std::string& id) {
-    auto* known = require(id);
-    if (!known) return false;
-    return known->local && isLocked(id, *known);
+    const auto* known = find(id);
+    return known && known->local && isLocked(id, *known);
 }
 
-bool LayersState::setLayerLockState(const std::string& id, bool locked) {
-    auto* known = require(id);
-    if (!known) return false;
-    if (isRoot(id))
-        return context_.fail(LayerErrorType::InvalidParam, "the root layer cannot be locked");
+LayerResult<void> LayersState::setLayerLockState(const std::string& id, bool locked) {
+    if (auto unknown = whyUnknown(id)) return tl::unexpected(std::move(*unknown));
+    auto* known = find(id);
+    if (isRoot(id)) return fail(LayerErrorType::InvalidParam, "the root layer cannot be locked");
     if (!known->local || known->session)
-        return context_.fail(LayerErrorType::InvalidParam,
-                             id + " is no sublayer of the stage; it cannot be locked");
-    if (isLayerLocked(id) == locked) return true;
+        return fail(LayerErrorType::InvalidParam,
+                    id + " is no sublayer of the stage; it cannot be locked");
+    if (isLayerLocked(id) == locked) return {};
     const pxr::SdfLayerHandle layer = known->layer;
     // A layer that is the root of another stage keeps that one's map where its own lock would
     // stand; then the lock is in our root layer alone.
@@ -292,12 +278,11 @@ bool LayersState::setLayerLockState(const std::string& id, bool locked) {
         kept = setOmniValue(layer, kLocked, pxr::VtValue(locked));
     kept = setLayerFlags(context_.host.rootLayer(), kLocked, {{id, locked}}) || kept;
     if (!kept)
-        return context_.fail(LayerErrorType::ReadOnly,
-                             "neither " + id + " nor the root layer takes edits");
+        return fail(LayerErrorType::ReadOnly, "neither " + id + " nor the root layer takes edits");
     learnFlags();
     if ((known = find(id))) known->ownLock = ownLockOf(layer);
     tellLocks();
-    return context_.succeed();
+    return {};
 }
 
 void LayersState::tellLocks() {
@@ -331,33 +316,33 @@ void LayersState::dataChanged(const pxr::SdfLayerHandle& layer) {
 
 // ------------------------------------------------------------------ writable
 
-std::optional<LastError> LayersState::whyNotWritable(const pxr::SdfLayerHandle& layer) {
-    if (!layer) return LastError{LayerErrorType::NotFound, "there is no such layer"};
+std::optional<LayerError> LayersState::whyNotWritable(const pxr::SdfLayerHandle& layer) {
+    if (!layer) return LayerError{LayerErrorType::NotFound, "there is no such layer"};
     const std::string& id = layer->GetIdentifier();
     const auto* known = find(id);
-    if (stageMuted_.contains(id)) return LastError{LayerErrorType::ReadOnly, id + " is muted"};
+    if (stageMuted_.contains(id)) return LayerError{LayerErrorType::ReadOnly, id + " is muted"};
     if (known && known->local && isLocked(id, *known)) {
         const auto live = context_.live ? context_.live->state(layer) : std::nullopt;
         const bool named = live && !live->lockHolder.empty();
-        return LastError{LayerErrorType::ReadOnly,
-                         id + " is locked" + (named ? " by " + live->lockHolder : "")};
+        return LayerError{LayerErrorType::ReadOnly,
+                          id + " is locked" + (named ? " by " + live->lockHolder.value : "")};
     }
     if (!layer->PermissionToEdit())
-        return LastError{LayerErrorType::ReadOnly, id + " may not be edited"};
+        return LayerError{LayerErrorType::ReadOnly, id + " may not be edited"};
     if (known && known->readOnly)
-        return LastError{LayerErrorType::ReadOnly, "the file of " + id + " is read-only"};
+        return LayerError{LayerErrorType::ReadOnly, "the file of " + id + " is read-only"};
     return std::nullopt;
 }
 
 bool LayersState::isLayerWritable(const std::string& id) {
-    const auto* known = require(id);
+    const auto* known = find(id);
     if (!known || known->readOnly || stageMuted_.contains(id)) return false;
     if (known->local && isLocked(id, *known)) return false;
     return known->layer && known->layer->PermissionToEdit();
 }
 
 bool LayersState::isLayerReadonlyOnDisk(const std::string& id) {
-    const auto* known = require(id);
+    const auto* known = find(id);
     return known && known->readOnly;
 }
 
@@ -368,7 +353,7 @@ bool LayersState::isLayerSavable(const std::string& id) {
 }
 
 bool LayersState::isLayerDirty(const std::string& id) {
-    const auto* known = require(id);
+    const auto* known = find(id);
     if (!known || !known->layer || known->layer->IsAnonymous()) return false;
     const auto live = context_.live ? context_.live->state(known->layer) : std::nullopt;
     return live ? live->dirty : known->layer->IsDirty();
@@ -379,7 +364,6 @@ std::vector<std::string> LayersState::dirtyLayerIdentifiers() {
     std::vector<std::string> dirty;
     for (const auto& id : used_)
         if (isLayerDirty(id)) dirty.push_back(id);
-    context_.succeed();
     return dirty;
 }
 
@@ -392,18 +376,19 @@ void LayersState::dirtinessChanged(const pxr::SdfLayerHandle& layer) {
 
 // ------------------------------------------------------------------ names
 
-bool LayersState::setLayerName(const std::string& id, const std::string& name) {
-    const auto* known = require(id);
-    if (!known || !known->layer) return false;
+LayerResult<void> LayersState::setLayerName(const std::string& id, const std::string& name) {
+    if (auto unknown = whyUnknown(id)) return tl::unexpected(std::move(*unknown));
+    const auto* known = find(id);
+    if (!known->layer) return fail(LayerErrorType::NotFound, id + " is not loaded");
     if (!LayerUtils::setCustomLayerName(known->layer, name))
-        return context_.fail(LayerErrorType::ReadOnly, id + " may not be edited");
-    return true;
+        return fail(LayerErrorType::ReadOnly, id + " may not be edited");
+    return {};
 }
 
 std::string LayersState::layerName(const std::string& id) {
     if (isRoot(id)) return "Root Layer";
     if (isSession(id)) return "Session Layer";
-    const auto* known = require(id);
+    const auto* known = find(id);
     if (known && known->layer) {
         const auto custom = LayerUtils::customLayerName(known->layer);
         if (!custom.empty()) return custom;
@@ -413,7 +398,7 @@ std::string LayersState::layerName(const std::string& id) {
 }
 
 std::string LayersState::layerOwner(const std::string& id) {
-    const auto* known = require(id);
+    const auto* known = find(id);
     if (!known) return {};
     const auto live = context_.live ? context_.live->state(known->layer) : std::nullopt;
     return live ? live->owner : known->owner;
@@ -424,7 +409,6 @@ std::string LayersState::layerOwner(const std::string& id) {
 std::vector<std::string> LayersState::localLayerIdentifiers(bool session, bool anonymous,
                                                             bool invalid) {
     if (!structureKnown_) learnStructure();
-    context_.succeed();
     std::vector<std::string> ids;
     for (const auto& id : order_) {
         if (!session && known_[id].session) continue;
@@ -449,13 +433,12 @@ bool LayersState::hasUsedLayer(const std::string& id) {
 // ------------------------------------------------------------------ files
 
 bool LayersState::isLayerOutdated(const std::string& id) {
-    const auto* known = require(id);
+    const auto* known = find(id);
     return known && known->outdated;
 }
 
 std::vector<std::string> LayersState::outdatedLayerIdentifiers(Which which, bool notAuto) {
     if (!structureKnown_) learnStructure();
-    context_.succeed();
     std::vector<std::string> ids;
     for (const auto& id : used_) {
         const auto& known = known_[id];
@@ -465,13 +448,13 @@ std::vector<std::string> LayersState::outdatedLayerIdentifiers(Which which, bool
     return ids;
 }
 
-bool LayersState::reloadOutdatedLayers(Which which, bool notAuto) {
+LayerResult<void> LayersState::reloadOutdatedLayers(Which which, bool notAuto) {
     const auto ids = outdatedLayerIdentifiers(which, notAuto);
-    if (ids.empty()) return true;
+    if (ids.empty()) return {};
     const bool read = reload(ids);
     context_.events.push(LayerEventType::OutdateStateChanged, ids);
-    if (read) return true;
-    return context_.fail(LayerErrorType::NotFound, "not all outdated layers can be read");
+    if (read) return {};
+    return fail(LayerErrorType::NotFound, "not all outdated layers can be read");
 }
 
 /// Of a live layer the server is asked, which says when it is no longer outdated.
@@ -564,14 +547,16 @@ void LayersState::setAutoReload(AutoReload kinds) {
     reloadWhatReloadsItself();
 }
 
-bool LayersState::addAutoReloadLayer(const std::string& id) {
+LayerResult<LayersState::Outcome> LayersState::addAutoReloadLayer(const std::string& id) {
     if (!usedKnown_) learnUsed();
-    const auto* known = require(id);
-    if (!known || !known->used) return false;
-    if (!autoReload_.insert(id).second) return false;
+    if (auto unknown = whyUnknown(id)) return tl::unexpected(std::move(*unknown));
+    const auto* known = find(id);
+    if (!known->used)
+        return fail(LayerErrorType::NotFound, "the stage does not use the layer " + id + " now");
+    if (!autoReload_.insert(id).second) return Outcome::Unchanged;
     context_.events.push({LayerEventType::AutoReloadLayersChanged, id, {}, {}, {}});
     if (known->outdated) reloadWhatReloadsItself();
-    return true;
+    return Outcome::Changed;
 }
 
 /// Files are with the next look, which is soon.
@@ -585,11 +570,10 @@ void LayersState::reloadWhatReloadsItself() {
     if (!live.empty()) reload(live);
 }
 
-bool LayersState::removeAutoReloadLayer(const std::string& id) {
-    context_.succeed();
-    if (autoReload_.erase(id) == 0) return false;
+LayersState::Outcome LayersState::removeAutoReloadLayer(const std::string& id) {
+    if (autoReload_.erase(id) == 0) return Outcome::Unchanged;
     context_.events.push({LayerEventType::AutoReloadLayersChanged, id, {}, {}, {}});
-    return true;
+    return Outcome::Changed;
 }
 
 std::vector<std::string> LayersState::autoReloadLayers() const {

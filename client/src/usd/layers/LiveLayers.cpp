@@ -4,7 +4,7 @@
 
 namespace usdlive::layers {
 
-std::string ClientLayers::user() const { return client_.user(); }
+UserName ClientLayers::user() const { return {client_.user()}; }
 
 std::optional<LiveState> ClientLayers::state(const pxr::SdfLayerHandle& layer) const {
     const auto id = layer ? client_.layerId(layer) : std::nullopt;
@@ -14,7 +14,7 @@ std::optional<LiveState> ClientLayers::state(const pxr::SdfLayerHandle& layer) c
     const auto found = states.find(*id);
     if (found == states.end()) return live;
     live.dirty = found->second.dirty;
-    live.lockHolder = found->second.holder.value;
+    live.lockHolder = found->second.holder;
     live.outdated = found->second.outdated;
     live.writable = found->second.writable;
     live.owner = found->second.owner;

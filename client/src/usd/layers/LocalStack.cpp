@@ -7,6 +7,8 @@
 
 #include <utility>
 
+#include "usdlive/client/usd/layers/OmniLayerData.h"
+
 namespace usdlive::layers {
 
 using pxr::SdfPath;
@@ -62,6 +64,14 @@ const LocalStack::Layer* LocalStack::find(const pxr::SdfLayerHandle& layer) {
     for (const auto& one : layers())
         if (one.layer == layer) return &one;
     return nullptr;
+}
+
+LayerResult<LocalStack::Layer> LocalStack::named(const std::string& identifier) {
+    const auto wanted = absoluteFrom(host_.rootLayer(), identifier);
+    for (const auto& one : layers())
+        if (one.layer->GetIdentifier() == identifier || one.layer->GetIdentifier() == wanted)
+            return one;
+    return fail(LayerErrorType::NotFound, "the stage has no local layer '" + identifier + "'");
 }
 
 double LocalStack::timeCodesPerSecond() {

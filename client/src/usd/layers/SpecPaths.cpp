@@ -30,23 +30,21 @@ void collect(const StageHost& host, const SdfPath& prim, bool hierarchy,
         collect(host, prim.AppendChild(name), true, specs);
 }
 
-}  // namespace
-
-std::optional<SdfPath> specPath(const StageHost& host, const std::string& text) {
-    if (!SdfPath::IsValidPathString(text)) return std::nullopt;
-    const SdfPath path(text);
-    if (!path.IsAbsolutePath() || path.ContainsPrimVariantSelection()) return std::nullopt;
-    if (path.IsPrimPropertyPath()) {
-        const SdfPath prim = path.GetPrimPath();
-        if (!hasPrim(host, prim) || !contains(host.propertyNames(prim), path.GetNameToken()))
-            return std::nullopt;
-        return path;
-    }
-    if (!path.IsAbsoluteRootOrPrimPath() || !hasPrim(host, path)) return std::nullopt;
-    return path;
+bool hasSpec(const StageHost& host, const SdfPath& path) {
+    if (!path.IsAbsolutePath() || path.ContainsPrimVariantSelection()) return false;
+    if (path.IsAbsoluteRootOrPrimPath()) return hasPrim(host, path);
+    const SdfPath prim = path.GetPrimPath();
+    return path.IsPrimPropertyPath() && hasPrim(host, prim) &&
+           contains(host.propertyNames(prim), path.GetNameToken());
 }
 
-std::vector<SdfPath> specsOf(const StageHost& host, const SdfPath& path, bool hierarchy) {
+}  // namespace
+
+LayerResult<std::vector<SdfPath>> specsOf(const StageHost& host, const SdfPath& path,
+                                          bool hierarchy) {
+    if (!hasSpec(host, path))
+        return fail(LayerErrorType::InvalidParam,
+                    "the stage has no prim or property at '" + path.GetString() + "'");
     std::vector<SdfPath> specs;
     if (path.IsPropertyPath())
         specs.push_back(path);

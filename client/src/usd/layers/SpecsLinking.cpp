@@ -17,85 +17,79 @@ namespace {
 const std::string kLinks = "specs_linking";
 using Names = pxr::VtArray<std::string>;
 
-LastError noSpec(const std::string& path) {
-    return {LayerErrorType::InvalidParam, "the stage has no prim or property at '" + path + "'"};
-}
-
 }  // namespace
 
 SpecsLinking::SpecsLinking(LayersContext& context) : context_(context) { dataChanged(); }
 
-std::string SpecsLinking::localLayer(const std::string& layer) {
-    const auto wanted = absoluteFrom(context_.host.rootLayer(), layer);
-    for (const auto& one : context_.stack.layers())
-        if (one.layer->GetIdentifier() == wanted || one.layer->GetIdentifier() == layer)
-            return one.layer->GetIdentifier();
-    context_.fail(LayerErrorType::NotFound, "the stage has no local layer '" + layer + "'");
-    return {};
+LayerResult<std::string> SpecsLinking::localLayer(const std::string& layer) const {
+    return context_.stack.named(layer).map(
+        [](const LocalStack::Layer& found) { return found.layer->GetIdentifier(); });
 }
 
 template <class Edit>
-SpecsLinking::Paths SpecsLinking::changeLinks(const std::string& path, const std::string& layer,
-                                              bool hierarchy, Edit edit) {
-    const auto spec = specPath(context_.host, path);
-    if (!spec) return context_.error = noSpec(path), Paths();
+LayerResult<SpecsLinking::Paths> SpecsLinking::changeLinks(const SdfPath& path,
+                                                           const std::string& layer, bool hierarchy,
+                                                           Edit edit) {
+    const auto specs = specsOf(context_.host, path, hierarchy);
+    if (!specs) return tl::unexpected(specs.error());
     const auto target = localLayer(layer);
-    if (target.empty()) return {};
+    if (!target) return tl::unexpected(target.error());
     Table changed = links_;
-    for (const auto& one : specsOf(context_.host, *spec, hierarchy)) edit(changed, one, target);
+    for (const auto& one : *specs) edit(changed, one, *target);
     return change(std::move(changed));
 }
 
-SpecsLinking::Paths SpecsLinking::linkSpec(const std::string& path, const std::string& layer,
-                                           bool hierarchy) {
+LayerResult<SpecsLinking::Paths> SpecsLinking::linkSpec(const SdfPath& path,
+                                                        const std::string& layer, bool hierarchy) {
     return changeLinks(path, layer, hierarchy, [](Table& links, const auto& spec, const auto& to) {
         links[spec].insert(to);
     });
 }
 
-SpecsLinking::Paths SpecsLinking::unlinkSpec(const std::string& path, const std::string& layer,
-                                             bool hierarchy) {
+LayerResult<SpecsLinking::Paths> SpecsLinking::unlinkSpec(const SdfPath& path,
+                                                          const std::string& layer,
+                                                          bool hierarchy) {
     return changeLinks(path, layer, hierarchy, [](Table& links, const auto& spec, const auto& to) {
         if (const auto found = links.find(spec); found != links.end()) found->second.erase(to);
     });
 }
 
-SpecsLinking::Paths SpecsLinking::unlinkSpecFromAllLayers(const std::string& path, bool hierarchy) {
-    const auto spec = specPath(context_.host, path);
-    if (!spec) return context_.error = noSpec(path), Paths();
+LayerResult<SpecsLinking::Paths> SpecsLinking::unlinkSpecFromAllLayers(const SdfPath& path,
+                                                                       bool hierarchy) {
+    const auto specs = specsOf(context_.host, path, hierarchy);
+    if (!specs) return tl::unexpected(specs.error());
     Table changed = links_;
-    for (const auto& one : specsOf(context_.host, *spec, hierarchy)) changed.erase(one);
+    for (const auto& one : *specs) changed.erase(one);
     return change(std::move(changed));
 }
 
-SpecsLinking::Paths SpecsLinking::unlinkSpecsToLayer(const std::string& layer) {
+LayerResult<SpecsLinking::Paths> SpecsLinking::unlinkSpecsToLayer(const std::string& layer) {
     const auto target = localLayer(layer);
-    if (target.empty()) return {};
+    if (!target) return tl::unexpected(target.error());
     Table changed = links_;
-    for (auto& [spec, layers] : changed) layers.erase(target);
+    for (auto& [spec, layers] : changed) layers.erase(*target);
     return change(std::move(changed));
 }
 
-void SpecsLinking::unlinkAllSpecs() { change({}); }
+LayerResult<SpecsLinking::Paths> SpecsLinking::unlinkAllSpecs() { return change({}); }
 
-SpecsLinking::Links SpecsLinking::specLinks(const std::string& path, bool hierarchy) {
-    const auto spec = specPath(context_.host, path);
-    if (!spec) return context_.error = noSpec(path), Links();
-    context_.succeed();
+LayerResult<SpecsLinking::Links> SpecsLinking::specLinks(const SdfPath& path,
+                                                         bool hierarchy) const {
+    const auto specs = specsOf(context_.host, path, hierarchy);
+    if (!specs) return tl::unexpected(specs.error());
     Links links;
-    for (const auto& one : specsOf(context_.host, *spec, hierarchy))
+    for (const auto& one : *specs)
         if (const auto found = links_.find(one); found != links_.end())
             links[one] = {found->second.begin(), found->second.end()};
     return links;
 }
 
-SpecsLinking::Paths SpecsLinking::linksForLayer(const std::string& layer) {
+LayerResult<SpecsLinking::Paths> SpecsLinking::linksForLayer(const std::string& layer) const {
     const auto target = localLayer(layer);
+    if (!target) return tl::unexpected(target.error());
     Paths paths;
-    if (target.empty()) return paths;
-    context_.succeed();
     for (const auto& [spec, layers] : links_)
-        if (layers.contains(target)) paths.push_back(spec);
+        if (layers.contains(*target)) paths.push_back(spec);
     return paths;
 }
 
@@ -105,12 +99,13 @@ SpecsLinking::Links SpecsLinking::allLinks() const {
     return links;
 }
 
-bool SpecsLinking::isSpecLinked(const std::string& path, const std::string& layer) {
-    const auto found = SdfPath::IsValidPathString(path) ? links_.find(SdfPath(path)) : links_.end();
+bool SpecsLinking::isSpecLinked(const SdfPath& path) const { return links_.contains(path); }
+
+bool SpecsLinking::isSpecLinkedTo(const SdfPath& path, const std::string& layer) const {
+    const auto found = links_.find(path);
     if (found == links_.end()) return false;
-    if (layer.empty()) return true;
     const auto target = localLayer(layer);
-    return !target.empty() && found->second.contains(target);
+    return target && found->second.contains(*target);
 }
 
 std::vector<pxr::SdfLayerHandle> SpecsLinking::layersFor(const SdfPath& spec) const {
@@ -123,9 +118,8 @@ std::vector<pxr::SdfLayerHandle> SpecsLinking::layersFor(const SdfPath& spec) co
     return layers;
 }
 
-SpecsLinking::Paths SpecsLinking::change(Table changed) {
+LayerResult<SpecsLinking::Paths> SpecsLinking::change(Table changed) {
     std::erase_if(changed, [](const auto& entry) { return entry.second.empty(); });
-    context_.succeed();
     const Table before = links_;
     Paths paths;
     for (const auto& [spec, layers] : changed)
@@ -133,7 +127,7 @@ SpecsLinking::Paths SpecsLinking::change(Table changed) {
             paths.push_back(spec);
     for (const auto& [spec, layers] : before)
         if (!changed.contains(spec)) paths.push_back(spec);
-    if (paths.empty()) return {};
+    if (paths.empty()) return paths;
     const auto root = context_.host.rootLayer();
     pxr::VtDictionary stored;
     for (const auto& [spec, layers] : changed) {
@@ -144,9 +138,8 @@ SpecsLinking::Paths SpecsLinking::change(Table changed) {
     links_ = std::move(changed);
     if (!setOmniDictionary(root, kLinks, std::move(stored))) {
         links_ = before;
-        context_.fail(LayerErrorType::ReadOnly,
-                      "the root layer, in which links are kept, takes no edits");
-        return {};
+        return fail(LayerErrorType::ReadOnly,
+                    "the root layer, in which links are kept, takes no edits");
     }
     tell(before);
     std::ranges::sort(paths);

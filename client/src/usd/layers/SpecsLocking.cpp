@@ -73,7 +73,7 @@ bool copySpec(const SdfLayerHandle& from, const SdfLayerHandle& to, const SdfPat
 
 }  // namespace
 
-SpecsLocking::SpecsLocking(LayersContext& context, std::string user)
+SpecsLocking::SpecsLocking(LayersContext& context, UserName user)
     : context_(context), user_(std::move(user)) {
     dataChanged();
     admit();
@@ -83,55 +83,46 @@ SpecsLocking::~SpecsLocking() = default;
 
 // ------------------------------------------------------------------ locks
 
-SpecsLocking::Paths SpecsLocking::lockSpec(const std::string& path, bool hierarchy) {
-    const auto spec = specPath(context_.host, path);
-    if (!spec) {
-        context_.fail(LayerErrorType::InvalidParam,
-                      "the stage has no prim or property at '" + path + "'");
-        return {};
-    }
+LayerResult<SpecsLocking::Paths> SpecsLocking::lockSpec(const SdfPath& path, bool hierarchy) {
+    const auto specs = specsOf(context_.host, path, hierarchy);
+    if (!specs) return tl::unexpected(specs.error());
     Table changed = all();
-    const std::string owner = context_.live ? context_.live->user() : user_;
-    for (const auto& one : specsOf(context_.host, *spec, hierarchy)) changed.emplace(one, owner);
+    const UserName owner = context_.live ? context_.live->user() : user_;
+    for (const auto& one : *specs) changed.emplace(one, owner);
     return change(std::move(changed));
 }
 
-// Also what is gone from the stage can be unlocked.
-SpecsLocking::Paths SpecsLocking::unlockSpec(const std::string& path, bool hierarchy) {
-    if (!SdfPath::IsValidPathString(path) || !SdfPath(path).IsAbsolutePath()) {
-        context_.fail(LayerErrorType::InvalidParam, "'" + path + "' is no path of a spec");
-        return {};
-    }
-    const SdfPath spec(path);
+SpecsLocking::Unlocked SpecsLocking::unlockSpec(const SdfPath& path, bool hierarchy) {
+    if (!path.IsAbsolutePath())
+        return {{},
+                LayerError{LayerErrorType::InvalidParam,
+                           "'" + path.GetString() + "' is no path of a spec"}};
     return unlock([&](const SdfPath& lock) {
-        if (lock == spec) return true;
-        if (hierarchy) return lock.HasPrefix(spec);
-        return lock.IsPropertyPath() && lock.GetPrimPath() == spec;
+        if (lock == path) return true;
+        if (hierarchy) return lock.HasPrefix(path);
+        return lock.IsPropertyPath() && lock.GetPrimPath() == path;
     });
 }
 
 // One lock of somebody else would make the server refuse all of it.
 template <class Chosen>
-SpecsLocking::Paths SpecsLocking::unlock(Chosen chosen) {
+SpecsLocking::Unlocked SpecsLocking::unlock(Chosen chosen) {
     Table changed = all();
-    std::optional<std::pair<SdfPath, std::string>> held;
+    std::optional<LayerError> held;
     std::erase_if(changed, [&](const auto& lock) {
         if (!chosen(lock.first)) return false;
-        if (isForeign(lock.second)) {
-            held = lock;
-            return false;
-        }
-        return true;
+        if (!isForeign(lock.second)) return true;
+        held = LayerError{LayerErrorType::ReadOnly,
+                          lock.first.GetString() + " is locked by " + lock.second.value +
+                              ". Only they or an administrator of the server can unlock it"};
+        return false;
     });
-    Paths paths = change(std::move(changed));
-    if (held)
-        context_.fail(LayerErrorType::ReadOnly,
-                      held->first.GetString() + " is locked by " + held->second +
-                          ". Only they or an administrator of the server can unlock it");
-    return paths;
+    auto unlocked = change(std::move(changed));
+    if (!unlocked) return {{}, held ? std::move(held) : std::move(unlocked.error())};
+    return {std::move(*unlocked), std::move(held)};
 }
 
-bool SpecsLocking::isForeign(const std::string& owner) const {
+bool SpecsLocking::isForeign(const UserName& owner) const {
     return !owner.empty() && context_.live && owner != context_.live->user() &&
            context_.live->state(context_.host.rootLayer());
 }
@@ -142,8 +133,8 @@ SpecsLocking::Table SpecsLocking::all() const {
     return locks;
 }
 
-void SpecsLocking::unlockAllSpecs() {
-    unlock([](const SdfPath&) { return true; });
+SpecsLocking::Unlocked SpecsLocking::unlockAllSpecs() {
+    return unlock([](const SdfPath&) { return true; });
 }
 
 SpecsLocking::Paths SpecsLocking::allLockedSpecs() const {
@@ -152,21 +143,19 @@ SpecsLocking::Paths SpecsLocking::allLockedSpecs() const {
     return paths;
 }
 
-bool SpecsLocking::isSpecLocked(const std::string& path) const {
-    if (!SdfPath::IsValidPathString(path)) return false;
-    const SdfPath spec(path);
-    return locks_.contains(spec) || incoming_.contains(spec);
+bool SpecsLocking::isSpecLocked(const SdfPath& path) const {
+    return locks_.contains(path) || incoming_.contains(path);
 }
 
-std::optional<LastError> SpecsLocking::whyLocked(const SdfPath& spec) const {
+std::optional<LayerError> SpecsLocking::whyLocked(const SdfPath& spec) const {
     if (locks_.empty()) return std::nullopt;
     const SdfPath path = spec.StripAllVariantSelections();
     auto found = locks_.find(path);
     if (found == locks_.end())
         if (const auto addition = additionAt(path)) found = locks_.find(addition->GetParentPath());
     if (found == locks_.end()) return std::nullopt;
-    const auto by = found->second.empty() ? std::string() : " by " + found->second;
-    return LastError{LayerErrorType::ReadOnly, found->first.GetString() + " is locked" + by};
+    const auto by = found->second.empty() ? std::string() : " by " + found->second.value;
+    return LayerError{LayerErrorType::ReadOnly, found->first.GetString() + " is locked" + by};
 }
 
 std::optional<SdfPath> SpecsLocking::additionAt(const SdfPath& path) const {
@@ -209,35 +198,30 @@ bool SpecsLocking::takesChildren(const SdfPath& prim) const {
     return answer->second;
 }
 
-SpecsLocking::Paths SpecsLocking::change(Table changed) {
-    context_.succeed();
+LayerResult<SpecsLocking::Paths> SpecsLocking::change(Table changed) {
     Paths paths;
     const Table before = all();
     for (const auto& [path, owner] : changed)
         if (!before.contains(path)) paths.push_back(path);
     for (const auto& [path, owner] : before)
         if (!changed.contains(path)) paths.push_back(path);
-    if (paths.empty()) return {};
+    if (paths.empty()) return paths;
     const auto root =
         context_.live ? context_.live->state(context_.host.rootLayer()) : std::nullopt;
-    if (root && isForeign(root->lockHolder)) {
-        context_.fail(
-            LayerErrorType::ReadOnly,
-            "the root layer, in which locks of specs are kept, is locked by " + root->lockHolder);
-        return {};
-    }
+    if (root && isForeign(root->lockHolder))
+        return fail(LayerErrorType::ReadOnly,
+                    "the root layer, in which locks of specs are kept, is locked by " +
+                        root->lockHolder.value);
     pxr::VtDictionary stored;
-    for (const auto& [path, owner] : changed) stored[path.GetString()] = pxr::VtValue(owner);
+    for (const auto& [path, owner] : changed) stored[path.GetString()] = pxr::VtValue(owner.value);
     const pxr::SdfChangeBlock block;
     settleAll();  // under the locks it was written under
     changing_ = true;
     const bool kept = setOmniDictionary(context_.host.rootLayer(), kLocks, std::move(stored));
     changing_ = false;
-    if (!kept) {
-        context_.fail(LayerErrorType::ReadOnly,
-                      "the root layer, in which locks of specs are kept, takes no edits");
-        return {};
-    }
+    if (!kept)
+        return fail(LayerErrorType::ReadOnly,
+                    "the root layer, in which locks of specs are kept, takes no edits");
     follow(std::move(changed));
     admit();
     return paths;
@@ -248,7 +232,7 @@ void SpecsLocking::dataChanged() {
     Table stored;
     for (const auto& [path, owner] : omniDictionary(context_.host.rootLayer(), kLocks))
         if (SdfPath::IsValidPathString(path))
-            stored[SdfPath(path)] = owner.GetWithDefault<std::string>();
+            stored[SdfPath(path)] = UserName{owner.GetWithDefault<std::string>()};
     follow(std::move(stored));
 }
 
@@ -414,8 +398,8 @@ void SpecsLocking::removeAdditions(const SdfLayerHandle& layer, const std::set<S
 void SpecsLocking::refuse(const SdfLayerHandle& layer, const SdfPath& path) {
     auto why = whyLocked(path);
     if (!why)
-        why = LastError{LayerErrorType::ReadOnly,
-                        "something below " + path.GetString() + " is locked"};
+        why = LayerError{LayerErrorType::ReadOnly,
+                         "something below " + path.GetString() + " is locked"};
     refused_.push_back({path, "", layer->GetIdentifier(), why->type, why->text});
 }
 

@@ -67,10 +67,10 @@ TEST_F(AutoAuthoringTest, NewSpecsGoToTheDefaultLayer) {
     EXPECT_TRUE(layers().autoAuthoring().setDefaultLayer(weak->GetIdentifier()));
     const auto events = frameEvents();
     EXPECT_TRUE(find(events, LayerEventType::DefaultLayerChanged));
-    EXPECT_FALSE(layers().autoAuthoring().setDefaultLayer(session->GetIdentifier()));
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam);
-    EXPECT_FALSE(layers().autoAuthoring().setDefaultLayer("nowhere.usda"));
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::NotFound);
+    EXPECT_EQ(refusal(layers().autoAuthoring().setDefaultLayer(session->GetIdentifier())),
+              LayerErrorType::InvalidParam);
+    EXPECT_EQ(refusal(layers().autoAuthoring().setDefaultLayer("nowhere.usda")),
+              LayerErrorType::NotFound);
     for (int i = 0; i < 1000; ++i) define(delegate, "/P" + std::to_string(i));
     frame();
     EXPECT_EQ(weak->GetRootPrims().size(), 1000u);
@@ -256,11 +256,13 @@ TEST_F(AutoAuthoringTest, WhatIsClosedGetsNothingAndSaysWhy) {
     EXPECT_EQ(edit.layer, weak->GetIdentifier());
     EXPECT_EQ(edit.type, LayerErrorType::ReadOnly);
     EXPECT_NE(edit.reason.find("locked"), std::string::npos);
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::ReadOnly);
 
     root->SetPermissionToEdit(false);
     define(delegate, "/New");
-    frame();
+    const auto went = layers().distribute();
+    ASSERT_EQ(went.size(), 1u) << "and of this call alone";
+    EXPECT_EQ(went.front().path, SdfPath("/New"));
+    EXPECT_EQ(went.front().type, LayerErrorType::ReadOnly);
     EXPECT_EQ(layers().refusedEdits().size(), 2u + 0u);
     EXPECT_FALSE(has(delegate, "/New"));
     root->SetPermissionToEdit(true);

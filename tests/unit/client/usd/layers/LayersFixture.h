@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,7 +32,7 @@ protected:
         if (!layers_) {
             auto host = std::make_unique<LayerStackHost>(root, session);
             host_ = host.get();
-            layers_ = std::make_unique<Layers>(std::move(host), Layers::Options{"ada", nullptr});
+            layers_ = std::make_unique<Layers>(std::move(host), Layers::Options{{"ada"}, nullptr});
         }
         return *layers_;
     }
@@ -52,6 +53,12 @@ protected:
     }
 
     pxr::SdfLayerHandle target() { return host().editTarget(); }
+
+    /// The type of what was refused; nothing was.
+    template <class T>
+    static std::optional<LayerErrorType> refusal(const LayerResult<T>& result) {
+        return result ? std::nullopt : std::optional(result.error().type);
+    }
 
     static void define(const pxr::SdfLayerHandle& layer, const std::string& path) {
         pxr::SdfCreatePrimInLayer(layer, pxr::SdfPath(path))->SetSpecifier(pxr::SdfSpecifierDef);

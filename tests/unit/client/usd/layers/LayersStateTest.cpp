@@ -50,8 +50,8 @@ TEST_F(LayersStateTest, EachScopeOfMutenessKeepsItsOwnFlags) {
     EXPECT_TRUE(layerFlags(root, "muteness").at(strongId()));
     state().setMutenessScope(false);
     EXPECT_TRUE(isMuted(strongId()));
-    EXPECT_FALSE(state().setLayerGlobalMuteness(root->GetIdentifier(), true));
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam);
+    EXPECT_EQ(refusal(state().setLayerGlobalMuteness(root->GetIdentifier(), true)),
+              LayerErrorType::InvalidParam);
 }
 
 TEST_F(LayersStateTest, GlobalMutenessOfAnotherEditorIsFollowedWithTheFrame) {
@@ -86,15 +86,19 @@ TEST_F(LayersStateTest, ALockStandsInTheLayerAndInTheRootsMap) {
 }
 
 TEST_F(LayersStateTest, WhatCannotBeLockedStaysAsItIs) {
-    EXPECT_FALSE(state().setLayerLockState(root->GetIdentifier(), true));
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam);
-    EXPECT_FALSE(state().setLayerLockState(session->GetIdentifier(), true));
-    EXPECT_FALSE(state().setLayerLockState("nowhere.usda", true));
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::NotFound);
-    EXPECT_FALSE(state().setLayerLockState("", true));
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam);
+    const auto lock = [this](const std::string& id) {
+        return refusal(state().setLayerLockState(id, true));
+    };
+    EXPECT_EQ(lock(root->GetIdentifier()), LayerErrorType::InvalidParam);
+    EXPECT_EQ(lock(session->GetIdentifier()), LayerErrorType::InvalidParam);
+    EXPECT_EQ(lock("nowhere.usda"), LayerErrorType::NotFound);
+    EXPECT_EQ(lock(""), LayerErrorType::InvalidParam);
     EXPECT_FALSE(omniValue(root, "locked").IsHolding<bool>());
-    EXPECT_FALSE(layers().lastError().text.empty());
+    const auto unknown = state().whyUnknown("nowhere.usda");
+    ASSERT_TRUE(unknown);
+    EXPECT_NE(unknown->text.find("nowhere.usda"), std::string::npos);
+    EXPECT_FALSE(state().whyUnknown(strongId()));
+    EXPECT_FALSE(state().isLayerLocked("nowhere.usda"));
 }
 
 TEST_F(LayersStateTest, TheRootOfAnotherStageKeepsItsMap) {
@@ -171,8 +175,8 @@ TEST(LayersStateFiles, FilesAreWatched) {
     EXPECT_EQ(sub->GetComment(), "edited elsewhere");
     EXPECT_FALSE(state.isLayerOutdated(id));
 
-    EXPECT_TRUE(state.addAutoReloadLayer(id));
-    EXPECT_FALSE(state.addAutoReloadLayer(id));
+    EXPECT_EQ(state.addAutoReloadLayer(id), LayersState::Outcome::Changed);
+    EXPECT_EQ(state.addAutoReloadLayer(id), LayersState::Outcome::Unchanged);
     EXPECT_FALSE(state.addAutoReloadLayer("nowhere.usda"));
     (void)look();
     std::ofstream(folder / "sub.usda") << "#usda 1.0\n(\n    \"once more\"\n)\n";

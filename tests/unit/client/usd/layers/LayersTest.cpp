@@ -76,8 +76,8 @@ TEST_F(LayersTest, AValueThatIsDistributedComposesNothingAgain) {
         (void)layers().state().localLayerIdentifiers(true, true, true);
         frame();
         EXPECT_EQ(get(weak, "/A.x"), i);
-        (void)layers().specsLocking().isSpecLocked("/A");
-        (void)layers().specsLinking().specLinks("/A", true);
+        (void)layers().specsLocking().isSpecLocked(pxr::SdfPath("/A"));
+        (void)layers().specsLinking().specLinks(pxr::SdfPath("/A"), true);
     }
     EXPECT_EQ(composed(), before);
     weak->GetPrimAtPath(pxr::SdfPath("/A"))->SetVariantSelection("look", "");
@@ -86,8 +86,9 @@ TEST_F(LayersTest, AValueThatIsDistributedComposesNothingAgain) {
 
 TEST(LayersWithoutSession, HaveNoPlaceForTheDelegate) {
     Layers layers(std::make_unique<LayerStackHost>(pxr::SdfLayer::CreateAnonymous("root.usda")));
-    EXPECT_FALSE(layers.setEditMode(LayerEditMode::AutoAuthoring));
-    EXPECT_EQ(layers.lastError().type, LayerErrorType::InvalidStage);
+    const auto set = layers.setEditMode(LayerEditMode::AutoAuthoring);
+    ASSERT_FALSE(set);
+    EXPECT_EQ(set.error().type, LayerErrorType::InvalidStage);
     EXPECT_EQ(layers.editMode(), LayerEditMode::Normal);
 }
 

@@ -18,33 +18,44 @@ protected:
 
 TEST_F(SpecsLinkingTest, APrimIsLinkedWithItsPropertiesAndAHierarchyWithAllBelow) {
     const auto& layer = strong->GetIdentifier();
-    EXPECT_EQ(links().linkSpec("/A", layer, false), (Paths{SdfPath("/A"), SdfPath("/A.x")}));
-    EXPECT_EQ(links().linkSpec("/A", layer, false), Paths()) << "nothing changed";
-    EXPECT_EQ(links().linkSpec("/", layer, false), Paths());
-    EXPECT_EQ(links().linkSpec("/", layer, true), (Paths{SdfPath("/A/B"), SdfPath("/A/B.y")}));
-    EXPECT_TRUE(links().isSpecLinked("/A/B.y", ""));
-    EXPECT_TRUE(links().isSpecLinked("/A/B.y", layer));
-    EXPECT_FALSE(links().isSpecLinked("/A/B.y", weak->GetIdentifier()));
-    EXPECT_EQ(links().unlinkSpec("/A/B", layer, false).size(), 2u);
-    EXPECT_EQ(links().linksForLayer(layer).size(), 2u);
-    EXPECT_EQ(links().unlinkSpecsToLayer(layer).size(), 2u);
+    EXPECT_EQ(links().linkSpec(SdfPath("/A"), layer, false),
+              (Paths{SdfPath("/A"), SdfPath("/A.x")}));
+    EXPECT_EQ(links().linkSpec(SdfPath("/A"), layer, false), Paths()) << "nothing changed";
+    EXPECT_EQ(links().linkSpec(SdfPath("/"), layer, false), Paths());
+    EXPECT_EQ(links().linkSpec(SdfPath("/"), layer, true),
+              (Paths{SdfPath("/A/B"), SdfPath("/A/B.y")}));
+    EXPECT_TRUE(links().isSpecLinked(SdfPath("/A/B.y")));
+    EXPECT_TRUE(links().isSpecLinkedTo(SdfPath("/A/B.y"), layer));
+    EXPECT_FALSE(links().isSpecLinkedTo(SdfPath("/A/B.y"), weak->GetIdentifier()));
+    EXPECT_EQ(links().unlinkSpec(SdfPath("/A/B"), layer, false)->size(), 2u);
+    EXPECT_EQ(links().linksForLayer(layer)->size(), 2u);
+    EXPECT_EQ(links().unlinkSpecsToLayer(layer)->size(), 2u);
     EXPECT_TRUE(links().allLinks().empty());
 }
 
 TEST_F(SpecsLinkingTest, WhatIsNotThereIsNotLinked) {
-    for (const char* path : {"", "A", "/Nothing", "/A.nothing", "/A{v=x}", "not a path"}) {
-        EXPECT_TRUE(links().linkSpec(path, strong->GetIdentifier(), true).empty()) << path;
-        EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam) << path;
+    for (const char* text : {"", "A", "/Nothing", "/A.nothing", "/A{v=x}"}) {
+        const SdfPath path = *text ? SdfPath(text) : SdfPath();
+        EXPECT_EQ(refusal(links().linkSpec(path, strong->GetIdentifier(), true)),
+                  LayerErrorType::InvalidParam)
+            << text;
+        EXPECT_EQ(refusal(links().specLinks(path, true)), LayerErrorType::InvalidParam) << text;
     }
-    EXPECT_TRUE(links().linkSpec("/A", "nowhere.usda", false).empty());
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::NotFound);
+    EXPECT_EQ(refusal(links().linkSpec(SdfPath("/A"), "nowhere.usda", false)),
+              LayerErrorType::NotFound);
+    EXPECT_EQ(refusal(links().linksForLayer("nowhere.usda")), LayerErrorType::NotFound);
+    root->SetPermissionToEdit(false);
+    EXPECT_EQ(refusal(links().linkSpec(SdfPath("/A"), strong->GetIdentifier(), false)),
+              LayerErrorType::ReadOnly);
+    EXPECT_FALSE(links().isSpecLinked(SdfPath("/A")));
+    root->SetPermissionToEdit(true);
     EXPECT_FALSE(find(frameEvents(), LayerEventType::SpecsLinkingChanged));
 }
 
 TEST_F(SpecsLinkingTest, EditsGoToAllLinkedLayersAndAPropertysOwnLinksCount) {
     ASSERT_TRUE(layers().setEditMode(LayerEditMode::SpecsLinking));
-    links().linkSpec("/A", root->GetIdentifier(), false);
-    links().linkSpec("/A", strong->GetIdentifier(), false);
+    links().linkSpec(SdfPath("/A"), root->GetIdentifier(), false);
+    links().linkSpec(SdfPath("/A"), strong->GetIdentifier(), false);
     set(target(), "/A.x", 5);
     set(target(), "/A.added", 6);
     set(target(), "/A/B.y", 7);
@@ -54,8 +65,9 @@ TEST_F(SpecsLinkingTest, EditsGoToAllLinkedLayersAndAPropertysOwnLinksCount) {
     EXPECT_EQ(get(weak, "/A.x"), 1);
     EXPECT_EQ(get(strong, "/A.added"), 6) << "as its prim";
     EXPECT_EQ(get(weak, "/A/B.y"), 7) << "not linked: the strongest opinion";
-    EXPECT_EQ(links().unlinkSpecFromAllLayers("/A.x", false), Paths{SdfPath("/A.x")});
-    EXPECT_EQ(links().linkSpec("/A.x", root->GetIdentifier(), false), Paths{SdfPath("/A.x")});
+    EXPECT_EQ(links().unlinkSpecFromAllLayers(SdfPath("/A.x"), false), Paths{SdfPath("/A.x")});
+    EXPECT_EQ(links().linkSpec(SdfPath("/A.x"), root->GetIdentifier(), false),
+              Paths{SdfPath("/A.x")});
     set(target(), "/A.x", 8);
     frame();
     EXPECT_EQ(get(root, "/A.x"), 8);
@@ -63,7 +75,7 @@ TEST_F(SpecsLinkingTest, EditsGoToAllLinkedLayersAndAPropertysOwnLinksCount) {
 }
 
 TEST_F(SpecsLinkingTest, LinksAreFoundAgainAndFollowTheRootLayer) {
-    links().linkSpec("/A.x", strong->GetIdentifier(), false);
+    links().linkSpec(SdfPath("/A.x"), strong->GetIdentifier(), false);
     const auto events = frameEvents();
     const auto* event = find(events, LayerEventType::SpecsLinkingChanged);
     ASSERT_TRUE(event);
@@ -73,7 +85,7 @@ TEST_F(SpecsLinkingTest, LinksAreFoundAgainAndFollowTheRootLayer) {
     EXPECT_EQ(links().allLinks().at(SdfPath("/A.x")), std::vector{strong->GetIdentifier()});
     (void)frameEvents();
     root->SetCustomLayerData({});  // as another editor's edit arrives
-    EXPECT_FALSE(links().isSpecLinked("/A.x", ""));
+    EXPECT_FALSE(links().isSpecLinked(SdfPath("/A.x")));
     EXPECT_TRUE(find(frameEvents(), LayerEventType::SpecsLinkingChanged));
 }
 

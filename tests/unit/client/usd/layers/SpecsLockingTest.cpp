@@ -20,9 +20,9 @@ protected:
 };
 
 TEST_F(SpecsLockingTest, ALockedSpecGoesBackInEveryLayer) {
-    EXPECT_EQ(locks().lockSpec("/A", false), (Paths{SdfPath("/A"), SdfPath("/A.x")}));
-    EXPECT_TRUE(locks().isSpecLocked("/A.x"));
-    EXPECT_FALSE(locks().isSpecLocked("/A/B"));
+    EXPECT_EQ(locks().lockSpec(SdfPath("/A"), false), (Paths{SdfPath("/A"), SdfPath("/A.x")}));
+    EXPECT_TRUE(locks().isSpecLocked(SdfPath("/A.x")));
+    EXPECT_FALSE(locks().isSpecLocked(SdfPath("/A/B")));
     const auto before = weak->GetPrimAtPath(SdfPath("/A"));
     for (const auto& layer : {session, root, strong, weak}) set(layer, "/A.x", 9);
     before->GetReferenceList().Prepend(pxr::SdfReference("a.usda"));
@@ -40,7 +40,7 @@ TEST_F(SpecsLockingTest, ALockedSpecGoesBackInEveryLayer) {
 }
 
 TEST_F(SpecsLockingTest, ARemovedPrimComesBackWithAllThatItHadLast) {
-    locks().lockSpec("/A", false);
+    locks().lockSpec(SdfPath("/A"), false);
     set(weak, "/A/B.y", 3);
     set(weak, "/A/C.z", 4);
     frame();
@@ -52,9 +52,10 @@ TEST_F(SpecsLockingTest, ARemovedPrimComesBackWithAllThatItHadLast) {
 }
 
 TEST_F(SpecsLockingTest, WhatIsUnlockedCanBeEdited) {
-    locks().lockSpec("/", true);
+    locks().lockSpec(SdfPath("/"), true);
     EXPECT_EQ(locks().allLockedSpecs().size(), 4u);
-    EXPECT_EQ(locks().unlockSpec("/A/B", false), (Paths{SdfPath("/A/B"), SdfPath("/A/B.y")}));
+    EXPECT_EQ(locks().unlockSpec(SdfPath("/A/B"), false).specs,
+              (Paths{SdfPath("/A/B"), SdfPath("/A/B.y")}));
     set(weak, "/A/B.y", 5);
     set(weak, "/A.x", 5);
     frame();
@@ -64,25 +65,27 @@ TEST_F(SpecsLockingTest, WhatIsUnlockedCanBeEdited) {
     set(weak, "/A.x", 6);
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 6);
-    EXPECT_TRUE(locks().lockSpec("/Nothing", false).empty());
-    EXPECT_EQ(layers().lastError().type, LayerErrorType::InvalidParam);
-    EXPECT_TRUE(locks().unlockSpec("no path", false).empty());
+    EXPECT_EQ(refusal(locks().lockSpec(SdfPath("/Nothing"), false)), LayerErrorType::InvalidParam);
+    const auto unlocked = locks().unlockSpec(SdfPath("relative"), false);
+    EXPECT_TRUE(unlocked.specs.empty());
+    ASSERT_TRUE(unlocked.refused);
+    EXPECT_EQ(unlocked.refused->type, LayerErrorType::InvalidParam);
 }
 
 TEST_F(SpecsLockingTest, WhatWasWrittenBeforeALockStays) {
     set(weak, "/A.x", 7);
-    locks().lockSpec("/A.x", false);
+    locks().lockSpec(SdfPath("/A.x"), false);
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 7);
 }
 
 TEST_F(SpecsLockingTest, LocksAreFoundAgainAndFollowTheRootLayer) {
-    locks().lockSpec("/A.x", false);
+    locks().lockSpec(SdfPath("/A.x"), false);
     const auto events = frameEvents();
     ASSERT_TRUE(find(events, LayerEventType::SpecsLockingChanged));
     EXPECT_EQ(find(events, LayerEventType::SpecsLockingChanged)->paths, Paths{SdfPath("/A.x")});
     closeStage();
-    EXPECT_TRUE(locks().isSpecLocked("/A.x"));
+    EXPECT_TRUE(locks().isSpecLocked(SdfPath("/A.x")));
     set(weak, "/A.x", 9);
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 1);
@@ -90,12 +93,12 @@ TEST_F(SpecsLockingTest, LocksAreFoundAgainAndFollowTheRootLayer) {
     set(weak, "/A.x", 9);  // unlocked and edited by another one, at once
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 9);
-    EXPECT_FALSE(locks().isSpecLocked("/A.x"));
+    EXPECT_FALSE(locks().isSpecLocked(SdfPath("/A.x")));
 }
 
 TEST_F(SpecsLockingTest, TheDelegatesEditsOfALockedSpecGoBackToo) {
     ASSERT_TRUE(layers().setEditMode(LayerEditMode::AutoAuthoring));
-    locks().lockSpec("/A", false);
+    locks().lockSpec(SdfPath("/A"), false);
     set(target(), "/A.x", 9);
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 1);
@@ -104,7 +107,7 @@ TEST_F(SpecsLockingTest, TheDelegatesEditsOfALockedSpecGoBackToo) {
 }
 
 TEST_F(SpecsLockingTest, ALockedPrimTakesNothingNew) {
-    locks().lockSpec("/A", false);
+    locks().lockSpec(SdfPath("/A"), false);
     set(strong, "/A.new", 1);
     set(root, "/A.x", 9);
     frame();
@@ -117,7 +120,7 @@ TEST_F(SpecsLockingTest, ALockedPrimTakesNothingNew) {
 
 TEST_F(SpecsLockingTest, ManyAdditionsGoBackInOneFrame) {
     for (int i = 0; i < 2000; ++i) define(weak, "/A/Old" + std::to_string(i));
-    locks().lockSpec("/A", true);
+    locks().lockSpec(SdfPath("/A"), true);
     for (int i = 0; i < 2000; ++i) define(strong, "/A/New" + std::to_string(i) + "/Below");
     frame();
     EXPECT_FALSE(has(strong, "/A/New0"));
@@ -126,7 +129,7 @@ TEST_F(SpecsLockingTest, ManyAdditionsGoBackInOneFrame) {
 }
 
 TEST_F(SpecsLockingTest, ALockedPrimThatWasRenamedGoesBackWithWhatWasWrittenIntoIt) {
-    locks().lockSpec("/A", true);
+    locks().lockSpec(SdfPath("/A"), true);
     pxr::SdfBatchNamespaceEdit edits;
     edits.Add(SdfPath("/A"), SdfPath("/Z"));
     ASSERT_TRUE(weak->Apply(edits));

@@ -26,7 +26,7 @@ public:
     [[nodiscard]] bool isEnabled() const { return bool(delegate_); }
     /// Where new specs go; the root layer at first. A layer that is not local, or of the session,
     /// is not taken.
-    bool setDefaultLayer(const std::string& identifier);
+    LayerResult<void> setDefaultLayer(const std::string& identifier);
     [[nodiscard]] std::string defaultLayer();
     [[nodiscard]] bool isAutoAuthoringLayer(const std::string& identifier) const;
     /// Edits stay in the delegate until resume().
@@ -36,8 +36,8 @@ public:
 
     // --- called by Layers
 
-    /// False and an error: the stage has no session layer to put the delegate into.
-    bool enable();
+    /// Fails for a stage without a session layer, which is where the delegate goes.
+    LayerResult<void> enable();
     /// What is in the delegate is distributed first; the default layer becomes the edit target.
     void disable();
     [[nodiscard]] pxr::SdfLayerHandle delegate() const { return delegate_; }

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <tl/expected.hpp>
 #include <utility>
 #include <vector>
 
@@ -14,8 +15,7 @@ namespace usdlive::layers {
 enum class LayerEditMode { Normal, AutoAuthoring, SpecsLinking };
 
 enum class LayerErrorType {
-    Success,
-    ReadOnly,
+    ReadOnly = 1,  ///< 0 is Kit's Success; here a result without an error says so
     NotFound,
     AlreadyExists,
     InvalidStage,
@@ -72,11 +72,19 @@ struct LayerEvent {
     Entries entries;                  ///< SpecsLinkingChanged: layer, paths
 };
 
-/// The result of the last call of a context's API, as errno is.
-struct LastError {
-    LayerErrorType type = LayerErrorType::Success;
-    std::string text;
+/// Why a call was refused: nothing was changed.
+struct LayerError {
+    LayerErrorType type{};
+    std::string text;  ///< one sentence that names what and where; never empty
 };
+
+template <class T>
+using LayerResult = tl::expected<T, LayerError>;
+
+/// `return fail(LayerErrorType::NotFound, "the stage does not use a layer " + id);`
+[[nodiscard]] inline tl::unexpected<LayerError> fail(LayerErrorType type, std::string text) {
+    return tl::unexpected(LayerError{type, std::move(text)});
+}
 
 /// An edit of the delegate layer that was taken back.
 struct RefusedEdit {

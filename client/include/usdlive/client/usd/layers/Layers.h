@@ -17,12 +17,11 @@ namespace usdlive::layers {
 /// locks of specs, and what happens to them.
 ///
 /// Used from the stage's thread. Once per frame, after what is live has been brought in: update(),
-/// and then takeEvents(). Nothing throws; results that stand for a failure leave a reason in
-/// lastError().
+/// and then takeEvents().
 class Layers {
 public:
     struct Options {
-        std::string user;            ///< who locks specs; empty: the system's user name
+        UserName user;               ///< who locks specs; empty: the system's user name
         LiveLayers* live = nullptr;  ///< outlives this
     };
     explicit Layers(std::unique_ptr<StageHost> host);
@@ -34,16 +33,17 @@ public:
     [[nodiscard]] SpecsLinking& specsLinking();
     [[nodiscard]] SpecsLocking& specsLocking();
     [[nodiscard]] StageHost& host();
-    [[nodiscard]] const LastError& lastError() const;
 
     [[nodiscard]] LayerEditMode editMode() const;
-    bool setEditMode(LayerEditMode mode);
+    /// Fails for a stage that has no place for the delegate; the mode stays.
+    LayerResult<void> setEditMode(LayerEditMode mode);
 
-    /// `nowMs`: of any steady clock.
-    void update(double nowMs);
+    /// `nowMs`: of any steady clock. Returns the edits that went back.
+    std::vector<RefusedEdit> update(double nowMs);
     /// Brings edits of the delegate to their layers and takes back edits of locked specs now, also
-    /// while auto authoring is suspended: before something is saved, sent or left.
-    void distribute();
+    /// while auto authoring is suspended: before something is saved, sent or left. Returns the
+    /// edits that went back.
+    std::vector<RefusedEdit> distribute();
     /// What happened since the last call, in order.
     [[nodiscard]] std::vector<LayerEvent> takeEvents();
     /// Tells of edits that somebody else did not take, a server, with those that went back here.

@@ -17,14 +17,17 @@
 
 namespace usdlive::layers {
 
-/// States of the layers of a stage, by identifier. Names and results are Kit's; what went wrong is
-/// in the context's error.
+/// States of the layers of a stage, by identifier. Names are Kit's.
 ///
-/// Queries look at what is in memory, never at files; files are looked at by watch().
+/// Queries look at what is in memory, never at files; files are looked at by watch(). Of a layer
+/// that the stage does not use they say false or nothing; whyUnknown() tells that apart.
 class LayersState {
 public:
     explicit LayersState(LayersContext& context);
     ~LayersState();
+
+    /// Why queries know nothing of the layer. Nothing: the stage uses it.
+    [[nodiscard]] std::optional<LayerError> whyUnknown(const std::string& id);
 
     void setMutenessScope(bool global);
     [[nodiscard]] bool isMutenessGlobal() const { return globalScope_; }
@@ -33,17 +36,17 @@ public:
     /// As the stage is now, whatever the scope.
     [[nodiscard]] bool isLayerMuted(const std::string& id);
     /// Writes the flag; in global scope the stage follows.
-    bool setLayerGlobalMuteness(const std::string& id, bool muted);
+    LayerResult<void> setLayerGlobalMuteness(const std::string& id, bool muted);
 
     [[nodiscard]] bool isLayerWritable(const std::string& id);
     [[nodiscard]] bool isLayerReadonlyOnDisk(const std::string& id);
     [[nodiscard]] bool isLayerSavable(const std::string& id);
     [[nodiscard]] bool isLayerDirty(const std::string& id);
 
-    bool setLayerLockState(const std::string& id, bool locked);
+    LayerResult<void> setLayerLockState(const std::string& id, bool locked);
     [[nodiscard]] bool isLayerLocked(const std::string& id);
 
-    bool setLayerName(const std::string& id, const std::string& name);
+    LayerResult<void> setLayerName(const std::string& id, const std::string& name);
     [[nodiscard]] std::string layerName(const std::string& id);
     [[nodiscard]] std::string layerOwner(const std::string& id);
 
@@ -53,7 +56,7 @@ public:
     [[nodiscard]] std::vector<std::string> dirtyLayerIdentifiers();
     enum class Which { All, Sublayers, NonSublayers };
     [[nodiscard]] std::vector<std::string> outdatedLayerIdentifiers(Which which, bool notAuto);
-    bool reloadOutdatedLayers(Which which, bool notAuto);
+    LayerResult<void> reloadOutdatedLayers(Which which, bool notAuto);
 
     [[nodiscard]] bool hasLocalLayer(const std::string& id);
     [[nodiscard]] bool hasUsedLayer(const std::string& id);
@@ -69,13 +72,14 @@ public:
     void setAutoReload(AutoReload kinds);
     /// By itself or by its kind.
     [[nodiscard]] bool isAutoReloadLayer(const std::string& id);
-    bool addAutoReloadLayer(const std::string& id);
-    bool removeAutoReloadLayer(const std::string& id);
+    enum class Outcome { Changed, Unchanged };
+    LayerResult<Outcome> addAutoReloadLayer(const std::string& id);
+    Outcome removeAutoReloadLayer(const std::string& id);
     /// The single ones.
     [[nodiscard]] std::vector<std::string> autoReloadLayers() const;
 
     /// Why edits must not go there; nothing: they may.
-    [[nodiscard]] std::optional<LastError> whyNotWritable(const pxr::SdfLayerHandle& layer);
+    [[nodiscard]] std::optional<LayerError> whyNotWritable(const pxr::SdfLayerHandle& layer);
 
     // --- called by Layers
 
@@ -111,7 +115,6 @@ private:
     };
 
     [[nodiscard]] Known* find(const std::string& id);
-    Known* require(const std::string& id);
     void learnStructure();
     void learnSublayers(const pxr::SdfLayerHandle& layer, bool session,
                         std::set<std::string>& visited);

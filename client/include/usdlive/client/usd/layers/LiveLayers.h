@@ -5,6 +5,8 @@
 #include <optional>
 #include <string>
 
+#include "usdlive/common/core/Id.h"
+
 namespace usdlive {
 class Client;
 }
@@ -13,11 +15,11 @@ namespace usdlive::layers {
 
 /// What a layer that is live knows beside its content; told by whoever makes it live.
 struct LiveState {
-    bool dirty = false;      ///< differs from its file
-    std::string lockHolder;  ///< empty: nobody, or nobody who is named
-    bool outdated = false;   ///< its file, at the server, was changed by somebody else
-    bool writable = true;    ///< as far as the server's files go
-    std::string owner;       ///< of the server's file
+    bool dirty = false;     ///< differs from its file
+    UserName lockHolder;    ///< empty: nobody, or nobody who is named
+    bool outdated = false;  ///< its file, at the server, was changed by somebody else
+    bool writable = true;   ///< as far as the server's files go
+    std::string owner;      ///< of the server's file
 };
 
 /// Where states and locks of live layers come from.
@@ -25,7 +27,7 @@ class LiveLayers {
 public:
     virtual ~LiveLayers() = default;
     /// In whose name the connection locks.
-    [[nodiscard]] virtual std::string user() const = 0;
+    [[nodiscard]] virtual UserName user() const = 0;
     /// Nothing: the layer is not live.
     [[nodiscard]] virtual std::optional<LiveState> state(
         const pxr::SdfLayerHandle& layer) const = 0;
@@ -41,7 +43,7 @@ public:
 class ClientLayers final : public LiveLayers {
 public:
     explicit ClientLayers(Client& client) : client_(client) {}
-    [[nodiscard]] std::string user() const override;
+    [[nodiscard]] UserName user() const override;
     [[nodiscard]] std::optional<LiveState> state(const pxr::SdfLayerHandle& layer) const override;
     bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) override;
     [[nodiscard]] bool isApplying() const override;

@@ -6,8 +6,10 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
+#include "usdlive/client/usd/layers/LayerTypes.h"
 #include "usdlive/client/usd/layers/StageHost.h"
 #include "usdlive/client/usd/stage/Composition.h"
 
@@ -34,6 +36,8 @@ public:
     /// Strong to weak.
     [[nodiscard]] const std::vector<Layer>& layers();
     [[nodiscard]] const Layer* find(const pxr::SdfLayerHandle& layer);
+    /// By its identifier, or by a path as the root layer would name it.
+    [[nodiscard]] LayerResult<Layer> named(const std::string& identifier);
     [[nodiscard]] double timeCodesPerSecond();
 
     /// A place where the composed prim has opinions.

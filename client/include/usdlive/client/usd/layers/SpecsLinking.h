@@ -13,8 +13,8 @@ namespace usdlive::layers {
 /// customLayerData, `omni_layer:specs_linking` {spec path: [layers]}, so that links are shared live
 /// and survive.
 ///
-/// Functions that change links return the specs whose links really changed; none and an error for a
-/// path or layer that the stage does not have.
+/// Functions that change links return the specs whose links really changed. They fail for a path or
+/// layer that the stage does not have, and where the root layer takes no edits.
 class SpecsLinking {
 public:
     using Paths = std::vector<pxr::SdfPath>;
@@ -22,17 +22,19 @@ public:
 
     explicit SpecsLinking(LayersContext& context);
 
-    Paths linkSpec(const std::string& path, const std::string& layer, bool hierarchy);
-    Paths unlinkSpec(const std::string& path, const std::string& layer, bool hierarchy);
-    Paths unlinkSpecFromAllLayers(const std::string& path, bool hierarchy);
-    Paths unlinkSpecsToLayer(const std::string& layer);
-    void unlinkAllSpecs();
+    LayerResult<Paths> linkSpec(const pxr::SdfPath& path, const std::string& layer, bool hierarchy);
+    LayerResult<Paths> unlinkSpec(const pxr::SdfPath& path, const std::string& layer,
+                                  bool hierarchy);
+    LayerResult<Paths> unlinkSpecFromAllLayers(const pxr::SdfPath& path, bool hierarchy);
+    LayerResult<Paths> unlinkSpecsToLayer(const std::string& layer);
+    LayerResult<Paths> unlinkAllSpecs();
 
-    [[nodiscard]] Links specLinks(const std::string& path, bool hierarchy);
-    [[nodiscard]] Paths linksForLayer(const std::string& layer);
+    [[nodiscard]] LayerResult<Links> specLinks(const pxr::SdfPath& path, bool hierarchy) const;
+    [[nodiscard]] LayerResult<Paths> linksForLayer(const std::string& layer) const;
     [[nodiscard]] Links allLinks() const;
-    /// To any layer when none is named.
-    [[nodiscard]] bool isSpecLinked(const std::string& path, const std::string& layer);
+    /// To any layer.
+    [[nodiscard]] bool isSpecLinked(const pxr::SdfPath& path) const;
+    [[nodiscard]] bool isSpecLinkedTo(const pxr::SdfPath& path, const std::string& layer) const;
 
     /// Where edits of the spec go: its own links, else those of its prim. None: it is not linked.
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layersFor(const pxr::SdfPath& spec) const;
@@ -43,10 +45,11 @@ public:
 private:
     using Table = std::map<pxr::SdfPath, std::set<std::string>>;
 
-    [[nodiscard]] std::string localLayer(const std::string& layer);
+    [[nodiscard]] LayerResult<std::string> localLayer(const std::string& layer) const;
     template <class Edit>
-    Paths changeLinks(const std::string& path, const std::string& layer, bool hierarchy, Edit edit);
-    Paths change(Table changed);
+    LayerResult<Paths> changeLinks(const pxr::SdfPath& path, const std::string& layer,
+                                   bool hierarchy, Edit edit);
+    LayerResult<Paths> change(Table changed);
     void tell(const Table& before);
 
     LayersContext& context_;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "usdlive/client/usd/layers/LayersContext.h"
+#include "usdlive/common/core/Id.h"
 
 namespace usdlive::layers {
 
@@ -25,19 +26,26 @@ class SpecsLocking {
 public:
     using Paths = std::vector<pxr::SdfPath>;
 
-    SpecsLocking(LayersContext& context, std::string user);
+    SpecsLocking(LayersContext& context, UserName user);
     ~SpecsLocking();
 
-    /// The specs that were locked (unlocked) by this; none and an error for a path that is not
-    /// there. In a live project a lock of somebody else stays, and the error names its holder.
-    Paths lockSpec(const std::string& path, bool hierarchy);
-    Paths unlockSpec(const std::string& path, bool hierarchy);
-    void unlockAllSpecs();
+    /// Returns the specs that were not locked before.
+    LayerResult<Paths> lockSpec(const pxr::SdfPath& path, bool hierarchy);
+
+    struct Unlocked {
+        Paths specs;
+        /// Why not all was unlocked. In a live project a lock of somebody else stays, and this
+        /// names its holder.
+        std::optional<LayerError> refused;
+    };
+    /// Specs that are not in the stage can be unlocked, too.
+    Unlocked unlockSpec(const pxr::SdfPath& path, bool hierarchy);
+    Unlocked unlockAllSpecs();
     [[nodiscard]] Paths allLockedSpecs() const;
-    [[nodiscard]] bool isSpecLocked(const std::string& path) const;
+    [[nodiscard]] bool isSpecLocked(const pxr::SdfPath& path) const;
 
     /// Why the spec takes no edits; nothing: it does.
-    [[nodiscard]] std::optional<LastError> whyLocked(const pxr::SdfPath& spec) const;
+    [[nodiscard]] std::optional<LayerError> whyLocked(const pxr::SdfPath& spec) const;
 
     // --- called by Layers
 
@@ -49,7 +57,7 @@ public:
     [[nodiscard]] std::vector<RefusedEdit> update(const pxr::SdfLayerHandle& delegate);
 
 private:
-    using Table = std::map<pxr::SdfPath, std::string>;
+    using Table = std::map<pxr::SdfPath, UserName>;
     struct Shadow {
         pxr::SdfLayerRefPtr content;  // what locked specs, and all below locked prims, should be
         std::set<pxr::SdfPath> changed;
@@ -59,14 +67,14 @@ private:
     };
 
     [[nodiscard]] Table all() const;
-    [[nodiscard]] bool isForeign(const std::string& owner) const;
+    [[nodiscard]] bool isForeign(const UserName& owner) const;
     template <class Chosen>
-    Paths unlock(Chosen chosen);
+    Unlocked unlock(Chosen chosen);
     /// The prim or property at or above `path` that a locked prim did not have when it was locked.
     [[nodiscard]] std::optional<pxr::SdfPath> additionAt(const pxr::SdfPath& path) const;
     [[nodiscard]] bool hadSpec(const pxr::SdfPath& path) const;
     [[nodiscard]] bool takesChildren(const pxr::SdfPath& prim) const;
-    Paths change(Table changed);
+    LayerResult<Paths> change(Table changed);
     void follow(Table locks);
     void admit();
     void settleAll();
@@ -87,7 +95,7 @@ private:
     void removeStray(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
 
     LayersContext& context_;
-    const std::string user_;
+    const UserName user_;
     Table locks_;
     Table incoming_;  // in force when what was written before them is settled
     std::map<std::string, Shadow> shadows_;  // by the layer's identifier
