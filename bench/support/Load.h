@@ -32,8 +32,9 @@ public:
 /// made by writeLayer(). Only the first connection opens it: commits come to all (SE1).
 class UsdliveDialect final : public Dialect {
 public:
-    UsdliveDialect(int edits, int fields) : edits_(edits), fields_(fields) {}
-    [[nodiscard]] std::string path() const override { return "/live"; }
+    UsdliveDialect(int edits, int fields, std::string path = "/live")
+        : edits_(edits), fields_(fields), path_(std::move(path)) {}
+    [[nodiscard]] std::string path() const override { return path_; }
     [[nodiscard]] Bytes greeting(int connection) override;
     [[nodiscard]] Bytes submission(int writer, std::uint64_t sequence) override;
     bool read(ByteView frame, std::vector<Delivery>& deliveries) override;
@@ -41,6 +42,7 @@ public:
 private:
     const int edits_;
     const int fields_;
+    const std::string path_;
     bool greeted_ = false;        // the first connection was
     std::uint64_t revision_ = 0;  // the newest that anybody has
     int next_ = 0;                // field to be set

@@ -5,7 +5,7 @@
 #include <boost/asio/post.hpp>
 #include <iostream>
 
-#include "usdlive/server/transport/WebSocketServer.h"
+#include "usdlive/server/transport/HttpServer.h"
 
 namespace {
 
@@ -27,7 +27,7 @@ public:
     void closed(SessionId) override {}
     void drained(SessionId) override {}
 
-    WebSocketServer* server = nullptr;
+    WebSocketTransport* server = nullptr;
 
 private:
     boost::asio::io_context& network_;
@@ -43,13 +43,15 @@ int main() {
     boost::asio::io_context network(1);
     Echo echo(network);
     NoLog log;
-    const auto server = createWebSocketServer(
-        network, {}, echo, {}, [](const std::function<void()>& job) { job(); }, log);
+    const auto sessions = createWebSocketTransport(
+        network, {}, echo, [](const std::function<void()>& job) { job(); }, log);
+    const auto server =
+        createHttpServer(network, {}, [&](auto) -> HttpRoute { return sessions.get(); }, log);
     if (!server) {
         std::cerr << server.error().message << '\n';
         return 1;
     }
-    echo.server = server->get();
+    echo.server = sessions.get();
     std::cout << (*server)->port() << std::endl;
     network.run();
 }

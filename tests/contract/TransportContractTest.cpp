@@ -16,7 +16,7 @@
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/server/transport/DdsServer.h"
-#include "usdlive/server/transport/WebSocketServer.h"
+#include "usdlive/server/transport/HttpServer.h"
 
 using namespace usdlive;
 using namespace usdlive::server;
@@ -60,11 +60,13 @@ public:
     explicit World(Kind kind, std::size_t slowReaderBytes = 16ull << 20) : kind_(kind) {
         const Background background = [this](auto job) { asio::post(workers_, std::move(job)); };
         if (kind == Kind::WebSocket) {
-            WebSocketServerOptions options;
+            WebSocketOptions options;
             options.slowReaderBytes = slowReaderBytes;
-            auto made = createWebSocketServer(io_, options, *this, {}, background, log_);
-            address_ = {"127.0.0.1", (*made)->port(), ""};
-            transport_ = std::move(*made);
+            const auto sessions = createWebSocketTransport(io_, options, *this, background, log_);
+            http_ = std::move(*createHttpServer(
+                io_, {}, [sessions](auto) -> HttpRoute { return sessions.get(); }, log_));
+            address_ = {"127.0.0.1", http_->port(), ""};
+            transport_ = sessions;
         } else {
             std::random_device device;
             settings_.domain = device() % 90;
@@ -89,7 +91,10 @@ public:
     }
 
     ~World() override {
-        call([this] { transport_.reset(); });
+        call([this] {
+            http_.reset();
+            transport_.reset();
+        });
         work_.reset();
         io_.stop();
         thread_.join();
@@ -140,7 +145,8 @@ private:
     asio::thread_pool workers_{1};
     dds::DomainSettings settings_;
     client::ServerAddress address_;
-    std::unique_ptr<Transport> transport_;
+    std::unique_ptr<HttpServer> http_;
+    std::shared_ptr<Transport> transport_;
     std::thread thread_;
 };
 

@@ -8,7 +8,7 @@
 
 #include "Fuzz.h"
 #include "usdlive/common/protocol/Frame.h"
-#include "usdlive/server/transport/WebSocketServer.h"
+#include "usdlive/server/transport/HttpServer.h"
 
 using namespace usdlive;
 using namespace usdlive::server;
@@ -27,22 +27,28 @@ struct NoLog final : Log {
 class World final : public SessionHandler {
 public:
     World() {
-        HttpRoutes routes;
-        routes["/healthz"] = [] { return HttpReply{"application/json", "{}"}; };
-        WebSocketServerOptions options;
+        WebSocketOptions options;
         options.maxMessageBytes = 4096;
-        options.allowedOrigins = {"https://friend"};
         auto background = [this](std::function<void()> job) { asio::post(io, std::move(job)); };
-        server = std::move(
-            *createWebSocketServer(io, options, *this, std::move(routes), background, log));
+        sessions = createWebSocketTransport(io, options, *this, background, log);
+        HttpServerOptions httpOptions;
+        httpOptions.allowedOrigins = {"https://friend"};
+        const auto router = [this](std::string_view path) -> HttpRoute {
+            if (path == "/live") return sessions.get();
+            if (path == "/healthz")
+                return HttpPage(
+                    [](const HttpAnswer& answer) { answer({"application/json", "{}"}); });
+            return HttpReply{"text/plain", "there is nothing here\n", 404};
+        };
+        server = std::move(*createHttpServer(io, httpOptions, router, log));
     }
 
     void opened(SessionId) override { ++open; }
     void received(SessionId session, ByteView message) override {
         require(open > 0, "a message comes from a session");
         if (const auto frames = splitMessage(message); !frames)
-            return server->close(session, frames.error());
-        server->send(session, std::make_shared<const Bytes>(message.begin(), message.end()));
+            return sessions->close(session, frames.error());
+        sessions->send(session, std::make_shared<const Bytes>(message.begin(), message.end()));
     }
     void closed(SessionId) override { --open; }
     void drained(SessionId) override {}
@@ -50,7 +56,8 @@ public:
     asio::io_context io;
     NoLog log;
     int open = 0;
-    std::unique_ptr<WebSocketServer> server;
+    std::shared_ptr<WebSocketTransport> sessions;
+    std::unique_ptr<HttpServer> server;
 };
 
 /// All that has arrived.

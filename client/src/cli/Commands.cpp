@@ -33,6 +33,7 @@ namespace event = client::event;
 
 constexpr double kTimeoutMs = 10'000;
 constexpr std::chrono::milliseconds kLookAround{1'000};
+constexpr std::chrono::milliseconds kProjectsTime{10'000};
 constexpr std::size_t kEditsShown = 8;  // of one commit
 constexpr Revision kLogPage = 1000;
 
@@ -262,7 +263,7 @@ private:
     std::deque<Waiting> waiting_;
 };
 
-Result<void> listProjects(bool json) {
+Result<void> listDdsProjects(bool json) {
     const auto settings = client::ddsSettings();
     if (!settings) return tl::unexpected(settings.error());
     const auto projects = client::listDdsProjects(*settings, kLookAround);
@@ -280,6 +281,41 @@ Result<void> listProjects(bool json) {
         else
             std::cout << address.url() << "\t" << project.url << "\trevision " << project.revision
                       << "\n";
+    }
+    if (json) std::cout << line(all);
+    return {};
+}
+
+Result<void> listProjects(const client::ServerAddress& server, const client::ListedProjects& found,
+                          bool json) {
+    Json all = Json::array();
+    std::size_t longest = 0;
+    const auto urlOf = [&](const client::ListedProject& project) {
+        client::ServerAddress address = server;
+        address.project = project.name;
+        return address.url();
+    };
+    for (const auto& project : found.all) longest = std::max(longest, urlOf(project).size());
+    for (const auto& project : found.all) {
+        const std::string url = urlOf(project);
+        if (json) {
+            Json one{{"project", project.name},
+                     {"url", url},
+                     {"status", project.status},
+                     {"revision", project.revision},
+                     {"sessions", project.sessions}};
+            if (!project.reason.empty()) one["reason"] = project.reason;
+            all.push_back(std::move(one));
+            continue;
+        }
+        std::cout << url << std::string(longest - url.size() + 2, ' ');
+        if (project.status == "ok")
+            std::cout << "revision " << project.revision << ", " << project.sessions
+                      << (project.sessions == 1 ? " session" : " sessions");
+        else
+            std::cout << withoutControls(project.status +
+                                         (project.reason.empty() ? "" : ": " + project.reason));
+        std::cout << "\n";
     }
     if (json) std::cout << line(all);
     return {};
@@ -434,7 +470,11 @@ Result<void> waitForStates(Link& link) {
 
 Result<void> list(const ListOptions& options) {
     const client::ServerAddress& server = options.target.server;
-    if (server.dds && server.project.empty()) return listProjects(options.json);
+    if (server.dds && server.project.empty()) return listDdsProjects(options.json);
+    if (!server.dds && server.project.empty() && !options.skipped) {
+        const auto projects = client::listProjects(server, kProjectsTime);
+        if (projects && projects->areSeveral) return listProjects(server, *projects, options.json);
+    }
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
     if (options.skipped) return listSkipped(**link, options.json);

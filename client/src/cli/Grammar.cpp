@@ -12,7 +12,8 @@ namespace {
 
 constexpr auto kUrl =
     "URL is ws://HOST:PORT, HOST:PORT or dds://PROJECT; without it USDLIVE_URL, else\n"
-    "ws://127.0.0.1:7447. A layer may stand in the URL: ws://HOST:PORT/LAYER.";
+    "ws://127.0.0.1:7447. A server of several projects needs ws://HOST:PORT/PROJECT.\n"
+    "The URL may name a layer: ws://HOST:PORT/LAYER.";
 
 /// Says in the help which words follow a verb.
 class VerbFormatter final : public CLI::Formatter {
@@ -322,6 +323,7 @@ std::unique_ptr<CLI::App> createGrammar(Command& chosen) {
         "  usdlive ls                   the layers of the server on this machine\n"
         "  usdlive cat shot.usda        a layer as text, as it is now\n"
         "  usdlive lock HOST:7447 shot.usda\n"
+        "  usdlive ls ws://HOST:7447    the projects of a server that has several\n"
         "  usdlive ls dds://            the projects that are served over DDS\n",
         "usdlive");
     app->require_subcommand(1);

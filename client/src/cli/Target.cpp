@@ -6,6 +6,12 @@
 
 namespace usdlive::cli {
 
+namespace {
+
+constexpr std::chrono::seconds kFindTime{5};
+
+}  // namespace
+
 std::string defaultServer() {
     const char* url = std::getenv("USDLIVE_URL");
     return url && *url ? url : "ws://127.0.0.1:7447";
@@ -15,6 +21,7 @@ Result<Target> parseTarget(const std::vector<std::string>& words) {
     const bool named = !words.empty() && words.front().find(':') != std::string::npos;
     auto server = client::parseServerAddress(named ? words.front() : defaultServer());
     if (!server) return tl::unexpected(server.error());
+    *server = client::findProject(std::move(*server), kFindTime);
     Target target{std::move(*server), {}};
     if (!target.server.layer.empty()) target.layers.push_back({target.server.layer});
     for (std::size_t i = named ? 1 : 0; i < words.size(); ++i) {

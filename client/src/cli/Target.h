@@ -17,7 +17,8 @@ struct Target {
 
 /// Reads `[URL] [LAYER...]`. The first word is the server if it has a colon, which no layer's name
 /// has; without one the server is USDLIVE_URL, else ws://127.0.0.1:7447. A layer in the URL is the
-/// first layer. InvalidArgument says which word is wrong.
+/// first layer. A path of several parts in the URL asks the server whether the first names one of
+/// its projects. InvalidArgument says which word is wrong.
 [[nodiscard]] Result<Target> parseTarget(const std::vector<std::string>& words);
 
 /// The server that is meant where none is named.

@@ -22,17 +22,7 @@ std::string shortened(std::string_view text) {
     return std::string(text.substr(0, end)) + "...";
 }
 
-// Nothing in it does anything to a terminal.
-std::string withoutControls(std::string_view text) {
-    std::string out;
-    for (const char c : text)
-        if (c == '\n')
-            out += "\\n";
-        else
-            out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
-    return out;
-}
-
+/// Short enough for a line, and without control characters.
 std::string printable(std::string_view text) { return withoutControls(shortened(text)); }
 
 std::string inQuotes(std::string_view text, char quote) { return quote + printable(text) + quote; }
@@ -198,6 +188,16 @@ std::string counted(std::size_t count, const std::string& what) {
 }
 
 }  // namespace
+
+std::string withoutControls(std::string_view text) {
+    std::string out;
+    for (const char c : text)
+        if (c == '\n')
+            out += "\\n";
+        else
+            out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? '?' : c;
+    return out;
+}
 
 std::string describe(const FieldValue& value) { return value.visit(Contents{}); }
 

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <string>
+#include <string_view>
 
 #include "Terminal.h"
 #include "usdlive/client/session/Session.h"
@@ -11,6 +12,9 @@
 #include "usdlive/common/protocol/Control.h"
 
 namespace usdlive::cli {
+
+/// The text on one line, with control characters escaped.
+[[nodiscard]] std::string withoutControls(std::string_view text);
 
 /// A value in a few words for a person: `(1, 2, 3)`, `"hello"`, `float3[1024]`. One line, no
 /// control characters.

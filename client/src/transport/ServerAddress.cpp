@@ -4,6 +4,7 @@
 
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/core/PercentEncoding.h"
 
 namespace usdlive::client {
 
@@ -12,7 +13,7 @@ namespace {
 constexpr std::array<std::string_view, 2> kSchemes{"ws://", "usdlive://"};
 constexpr std::string_view kDds = "dds://";
 constexpr std::string_view kHint =
-    "expected ws://HOST:PORT, HOST:PORT, dds://PROJECT, or one with /LAYER";
+    "expected ws://HOST:PORT, ws://HOST:PORT/PROJECT, HOST:PORT, dds://PROJECT, or one with /LAYER";
 
 tl::unexpected<Error> badAddress(const std::string& text, const std::string& what) {
     return fail(ErrorCode::InvalidArgument, "'" + text + "' is not the address of a server: " +
@@ -30,47 +31,6 @@ std::optional<std::uint16_t> parsePort(std::string_view text) {
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
     if (error != std::errc{} || end != text.data() + text.size() || port == 0) return std::nullopt;
     return port;
-}
-
-std::optional<int> hexDigit(char c) {
-    if (c >= '0' && c <= '9') return c - '0';
-    if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-    if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-    return std::nullopt;
-}
-
-// A layer's name may be given as it is or percent-encoded, as a browser copies it.
-std::optional<std::string> percentDecoded(std::string_view text) {
-    std::string decoded;
-    for (std::size_t i = 0; i < text.size(); ++i) {
-        if (text[i] != '%') {
-            decoded += text[i];
-            continue;
-        }
-        if (i + 2 >= text.size()) return std::nullopt;
-        const auto high = hexDigit(text[i + 1]);
-        const auto low = hexDigit(text[i + 2]);
-        if (!high || !low) return std::nullopt;
-        decoded += char(*high * 16 + *low);
-        i += 2;
-    }
-    return decoded;
-}
-
-std::string percentEncoded(std::string_view text) {
-    constexpr std::string_view kDigits = "0123456789ABCDEF";
-    std::string encoded;
-    for (const char c : text) {
-        const auto byte = static_cast<unsigned char>(c);
-        if (c == '%' || c == '?' || c == '#' || byte <= ' ' || byte == 0x7f) {
-            encoded += '%';
-            encoded += kDigits[byte >> 4];
-            encoded += kDigits[byte & 15];
-        } else {
-            encoded += c;
-        }
-    }
-    return encoded;
 }
 
 struct HostAndPort {
@@ -113,6 +73,22 @@ Result<ServerAddress> withLayer(ServerAddress address, std::string_view rest, st
     return address;
 }
 
+/// Reads the path of a WebSocket's URL: a project, a layer, or both. The first of several parts is
+/// read as part of the layer; see findProject().
+Result<ServerAddress> withPath(ServerAddress address, std::string_view rest, std::size_t slash,
+                               const std::string& text) {
+    std::string_view path = slash == std::string_view::npos ? "" : rest.substr(slash + 1);
+    if (path.ends_with('/')) path.remove_suffix(1);
+    const auto decoded = percentDecoded(path);
+    if (!decoded) return badAddress(text, "a % is not followed by two hexadecimal digits");
+    if (path.empty() || path.find('/') != std::string_view::npos || parseLayerId(*decoded))
+        return withLayer(std::move(address), rest, slash, text);
+    if (*decoded == "." || *decoded == ".." || decoded->find('/') != std::string::npos)
+        return badAddress(text, "it names no project");
+    address.project = *decoded;
+    return address;
+}
+
 Result<ServerAddress> parseDds(const std::string& text) {
     const std::string_view rest = std::string_view(text).substr(kDds.size());
     const auto slash = rest.find('/');
@@ -135,6 +111,7 @@ std::string ServerAddress::url() const {
     }
     const bool bracketed = host.find(':') != std::string::npos;
     std::string text = "ws://" + (bracketed ? "[" + host + "]" : host) + ":" + std::to_string(port);
+    if (!project.empty()) text += "/" + percentEncoded(project);
     if (!layer.empty()) text += "/" + percentEncoded(layer);
     return text;
 }
@@ -156,7 +133,7 @@ Result<ServerAddress> parseServerAddress(const std::string& text) {
         if (!port) return badAddress(text, "the port has to be a number from 1 to 65535");
         address.port = *port;
     }
-    return withLayer(std::move(address), *rest, slash, text);
+    return withPath(std::move(address), *rest, slash, text);
 }
 
 Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address) {

@@ -16,6 +16,7 @@
 
 #include "MailboxConnection.h"
 #include "RetryDelay.h"
+#include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/protocol/Frame.h"
 
 namespace usdlive::client {
@@ -168,13 +169,25 @@ private:
         stream.binary(true);
 
         websocket::response_type response;
-        const auto host = where().substr(std::string_view("ws://").size());
-        const auto [error] = co_await stream.async_handshake(response, host, "/live", kTuple);
+        ServerAddress server = address_;
+        server.project.clear();
+        server.layer.clear();
+        const auto host = server.url().substr(std::string_view("ws://").size());
+        const std::string target =
+            (address_.project.empty() ? "" : "/" + percentEncoded(address_.project)) + "/live";
+        const auto [error] = co_await stream.async_handshake(response, host, target, kTuple);
         if (error == websocket::error::upgrade_declined)
-            co_return Error{ErrorCode::NotConnected, "no usdlive server at " + where() + ": HTTP " +
-                                                         std::to_string(response.result_int())};
+            co_return Error{ErrorCode::NotConnected, declined(response)};
         if (error) co_return describe("no usdlive server at", error);
         co_return std::nullopt;
+    }
+
+    [[nodiscard]] std::string declined(const websocket::response_type& response) const {
+        if (response[http::field::server] == "usdlive" && !response.body().empty())
+            return "cannot connect to " + where() + ": " +
+                   response.body().substr(0, response.body().find('\n'));
+        return "no usdlive server at " + where() + ": HTTP " +
+               std::to_string(response.result_int());
     }
 
     asio::awaitable<Error> read(Line& line) {

@@ -64,6 +64,10 @@ MetricFamily histogram(const char* name, const char* help, const prometheus::His
 
 }  // namespace
 
+struct MetricFamilies {
+    std::vector<MetricFamily> all;
+};
+
 struct Metrics::Histograms {
     prometheus::Histogram appendSeconds{{50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3, 10e-3,
                                          20e-3, 50e-3, 100e-3, 200e-3, 500e-3, 1, 5}};
@@ -78,7 +82,7 @@ void Metrics::appended(std::size_t commits, std::chrono::nanoseconds time) {
     histograms_->appendCommits.Observe(double(commits));
 }
 
-std::string Metrics::page(const Figures& figures) const {
+std::shared_ptr<const MetricFamilies> Metrics::collect(const Figures& figures) const {
     const auto& [project, transports, sessions, revision, appendQueue, free, hasSpace, removed] =
         figures;
     const auto total = [&](const char* name, const char* help, auto member) {
@@ -88,13 +92,11 @@ std::string Metrics::page(const Figures& figures) const {
         return ofTransports(name, help, MetricType::Gauge, figures.transports, member);
     };
     using Of = TransportCounters;
-    const std::vector<MetricFamily> families{
+    return std::make_shared<const MetricFamilies>(MetricFamilies{{
         gauge("usdlive_sessions", "Sessions that are open", sessions),
-        now("usdlive_connections", "Connections; those of HTTP are of the WebSocket's",
-            &Of::connections),
-        total("usdlive_connections_total", "Connections accepted", &Of::accepted),
-        total("usdlive_turned_away_total", "Connections hung up on, being too many",
-              &Of::turnedAway),
+        now("usdlive_connections", "Connections of sessions", &Of::connections),
+        total("usdlive_connections_total", "Sessions accepted", &Of::accepted),
+        total("usdlive_turned_away_total", "Sessions turned away, being too many", &Of::turnedAway),
         total("usdlive_slow_readers_total", "Sessions cut because they did not read",
               &Of::slowReaders),
         ignoredSamples(transports),
@@ -128,8 +130,31 @@ std::string Metrics::page(const Figures& figures) const {
         histogram("usdlive_append_seconds", "Time of one group's append and sync",
                   histograms_->appendSeconds),
         histogram("usdlive_append_commits", "Commits in one group", histograms_->appendCommits),
+    }});
+}
+
+std::string metricsPage(const HttpCounters& http, const MetricsOfProjects& projects) {
+    std::vector<MetricFamily> all{
+        gauge("usdlive_http_connections", "Connections that are open, sessions among them",
+              http.connections),
+        counter("usdlive_http_connections_total", "Connections accepted", http.accepted),
+        counter("usdlive_http_turned_away_total", "Connections hung up on, being too many",
+                http.turnedAway),
     };
-    return prometheus::TextSerializer().Serialize(families);
+    const std::size_t own = all.size();
+    for (const auto& [project, metrics] : projects) {
+        // Every project has the same families, in the same order.
+        for (std::size_t index = 0; index < metrics->all.size(); ++index) {
+            const MetricFamily& family = metrics->all[index];
+            if (own + index == all.size())
+                all.push_back({family.name, family.help, family.type, {}});
+            for (ClientMetric metric : family.metric) {
+                if (!project.empty()) metric.label.push_back({"project", project});
+                all[own + index].metric.push_back(std::move(metric));
+            }
+        }
+    }
+    return prometheus::TextSerializer().Serialize(all);
 }
 
 }  // namespace usdlive::server

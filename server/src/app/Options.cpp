@@ -20,6 +20,7 @@ constexpr const char* kFooter = R"(
 Examples:
   usdlive serve shots/s010                    serve a folder on this machine
   usdlive serve shots/s010 --port 0           on any free port, which it prints
+  usdlive serve --projects shots              serve each folder in shots as a project
   usdlive serve shots/s010 --config live.json {"port": 8000, "log-format": "json"}
 
 Editors connect to the URL it prints. GET /healthz and /metrics on the same port answer over HTTP.
@@ -169,9 +170,16 @@ void addLogOptions(CLI::App& app, ServerOptions& options) {
 
 void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
     app.option_defaults()->always_capture_default();
-    app.add_option("DIR", options.folder, "The folder whose .usd, .usda and .usdc files are served")
-        ->required()
-        ->type_name("");
+    app.add_option("DIR", options.folders,
+                   "The folder whose .usd, .usda and .usdc files are served:\n"
+                   "a project. Several are served at ws://HOST:PORT/NAME")
+        ->type_name("")
+        ->default_str("");
+    app.add_option("--projects", options.projectsFolder,
+                   "Serve each folder in this one as a project, also those\n"
+                   "that come later")
+        ->type_name("FOLDER")
+        ->default_str("");
     addNetworkOptions(app, options);
     addDdsOptions(app, options);
     addStorageOptions(app, options);
@@ -258,6 +266,8 @@ std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv)
     } catch (const CLI::Error& error) {
         return wrong(config + ": " + error.what());
     }
+    if (options.folders.empty() && options.projectsFolder.empty())
+        return wrong("name the folder to serve, or --projects FOLDER");
     return options;
 }
 

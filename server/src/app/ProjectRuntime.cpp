@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
-#include <nlohmann/json.hpp>
 #include <utility>
 
 namespace usdlive::server {
@@ -94,8 +93,7 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
     return {};
 }
 
-void ProjectRuntime::serve(std::vector<Transport*> transports) {
-    transports_.set(std::move(transports));
+void ProjectRuntime::serve() {
     scanFilesIn(kScanPause);
     forgetClientsIn(kForgetPause);
     collector_.start([this](const std::vector<Hash>& unnamed, Revision upTo, std::int64_t nowMs) {
@@ -123,16 +121,13 @@ void ProjectRuntime::stop(std::function<void()> done) {
     });
 }
 
-HttpReply ProjectRuntime::health() {
-    nlohmann::json answer{{"status", hasSpace_ ? "ok" : "storageFull"},
-                          {"project", folder_.filename().string()},
-                          {"revision", durableRevision()}};
-    if (!strand_.project()) answer["status"] = "starting";
-    return {"application/json",
-            answer.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"};
+ProjectHealth ProjectRuntime::health() const {
+    const Project* project = strand_.project();
+    if (!project) return {"starting"};
+    return {hasSpace_ ? "ok" : "storageFull", project->durableRevision(), project->sessionCount()};
 }
 
-HttpReply ProjectRuntime::metricsPage() {
+std::shared_ptr<const MetricFamilies> ProjectRuntime::metrics() const {
     Figures figures;
     for (const Transport* transport : transports_.all())
         figures.transports.emplace_back(transport->name(), transport->counters());
@@ -146,7 +141,7 @@ HttpReply ProjectRuntime::metricsPage() {
         figures.sessions = project->sessionCount();
         figures.durableRevision = project->durableRevision();
     }
-    return {"text/plain; version=0.0.4", metrics_.page(figures)};
+    return metrics_.collect(figures);
 }
 
 void ProjectRuntime::opened(SessionId session) {

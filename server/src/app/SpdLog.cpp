@@ -47,7 +47,7 @@ std::string rendered(std::string_view text, LogFormat format) {
     return format == LogFormat::Text && isPlain(text) ? std::string(text) : quoted(text);
 }
 
-std::string rendered(const LogField& field, LogFormat format) {
+std::string valueOf(const LogField& field, LogFormat format) {
     if (const auto* number = std::get_if<std::int64_t>(&field.value))
         return std::to_string(*number);
     return rendered(std::get<std::string_view>(field.value), format);
@@ -55,8 +55,9 @@ std::string rendered(const LogField& field, LogFormat format) {
 
 class SpdLog final : public Log {
 public:
-    SpdLog(const std::string& level, LogFormat format)
+    SpdLog(const std::string& level, LogFormat format, const std::string& project)
         : format_(format), logger_("usdlive", std::make_shared<spdlog::sinks::stderr_sink_mt>()) {
+        if (!project.empty()) tail_ = rendered({"project", project});
         logger_.set_level(spdlog::level::from_str(level));
         logger_.flush_on(spdlog::level::trace);
         logger_.set_pattern(format == LogFormat::Json
@@ -70,15 +71,18 @@ public:
         if (!logger_.should_log(spdLevel)) return;
         std::string line =
             format_ == LogFormat::Json ? "\"event\":" + quoted(event) : std::string(event);
-        for (const LogField& field : fields) {
-            line += format_ == LogFormat::Json ? "," + quoted(field.name) + ":"
-                                               : " " + std::string(field.name) + "=";
-            line += rendered(field, format_);
-        }
+        for (const LogField& field : fields) line += rendered(field);
+        line += tail_;
         logger_.log(spdLevel, spdlog::string_view_t(line.data(), line.size()));
     }
 
 private:
+    std::string rendered(const LogField& field) const {
+        const std::string name = format_ == LogFormat::Json ? "," + quoted(field.name) + ":"
+                                                            : " " + std::string(field.name) + "=";
+        return name + valueOf(field, format_);
+    }
+
     static spdlog::level::level_enum toSpd(LogLevel level) {
         switch (level) {
             case LogLevel::Debug:
@@ -94,13 +98,15 @@ private:
     }
 
     const LogFormat format_;
+    std::string tail_;  // of each line
     spdlog::logger logger_;
 };
 
 }  // namespace
 
-std::unique_ptr<Log> createSpdLog(const std::string& level, LogFormat format) {
-    return std::make_unique<SpdLog>(level, format);
+std::unique_ptr<Log> createSpdLog(const std::string& level, LogFormat format,
+                                  const std::string& project) {
+    return std::make_unique<SpdLog>(level, format, project);
 }
 
 }  // namespace usdlive::server

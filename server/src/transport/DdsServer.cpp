@@ -14,6 +14,7 @@
 
 #include "DdsNews.h"
 #include "DdsSession.h"
+#include "WhileAlive.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/dds/Topics.h"
 
@@ -94,15 +95,6 @@ private:
     std::atomic<bool> leaving_ = false;
     std::thread thread_;
 };
-
-/// A handler that does nothing once the server, whose `life` it is, has gone.
-template <class Function>
-auto whileAlive(const std::shared_ptr<int>& life, Function function) {
-    return
-        [alive = std::weak_ptr(life), function = std::move(function)](auto... arguments) mutable {
-            if (!alive.expired()) function(arguments...);
-        };
-}
 
 class Server final : public Transport, public DdsHub {
 public:

@@ -6,6 +6,7 @@
 
 #include "ErrorFrame.h"
 #include "FrameSources.h"
+#include "QueueLimit.h"
 #include "usdlive/common/dds/Topics.h"
 
 namespace usdlive::server {
@@ -43,6 +44,7 @@ public:
           client_(first.client),
           connection_(first.connection),
           participant_(first.participant),
+          limit_(hub.options.slowReaderBytes),
           submits_(hub.options.maxMessageBytes),
           sources_(std::make_shared<FrameSources>(hub.io, hub.background, beside())) {
         const auto partition = dds::partitionOf(hub.server, client_);
@@ -83,7 +85,7 @@ public:
 
     void send(SharedBytes frames) override {
         if (state_ != State::Open) return;
-        if (replies_.queuedBytes() > hub_.options.slowReaderBytes)
+        if (!limit_.admit(replies_.queuedBytes(), frames->size()))
             return tooSlow("more is waiting to be read than a connection may have");
         push(std::move(frames), {lastCommit_});
     }
@@ -98,7 +100,7 @@ public:
 
     void sendCommit(SharedBytes frame, Revision revision) override {
         if (state_ != State::Open) return;
-        if (replies_.queuedBytes() > hub_.options.slowReaderBytes)
+        if (!limit_.admit(replies_.queuedBytes(), frame->size()))
             return tooSlow("more is waiting to be read than a connection may have");
         push(std::move(frame), {lastCommit_, false, revision + 1});
         live_ = true;
@@ -364,6 +366,7 @@ private:
     State state_ = State::Open;
     std::shared_ptr<Writers> writers_;
 
+    QueueLimit limit_;
     dds::SegmentReceiver submits_;
     bool reading_ = true;
     bool answer_ = false;  // it waits for a sign of life

@@ -1,6 +1,7 @@
 #include "HttpConnection.h"
 
 #include <array>
+#include <boost/asio/post.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http/parser.hpp>
 #include <boost/beast/http/read.hpp>
@@ -22,9 +23,11 @@ namespace http = beast::http;
 using std::chrono::steady_clock;
 
 constexpr std::size_t kHeaderBytes = 8 * 1024;
-constexpr std::string_view kSessionPath = "/live";
 // For answers to leave and for the peer to close after them.
 constexpr std::chrono::seconds kAnswerTime{5};
+
+constexpr unsigned kBadRequest = 400, kForbidden = 403, kNotAllowed = 405, kUpgradeRequired = 426,
+                   kHeadersTooLarge = 431, kInternal = 500, kUnavailable = 503;
 
 using Request = http::request<http::empty_body>;
 using Response = http::response<http::string_body>;
@@ -39,9 +42,10 @@ std::string_view pathOf(const Request& request) {
 
 class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection> {
 public:
-    Connection(Hub& hub, Socket socket)
+    Connection(HttpHub& hub, Socket socket, std::shared_ptr<void> slot)
         : hub_(hub),
           socket_(std::move(socket)),
+          slot_(std::move(slot)),
           buffer_(2 * kHeaderBytes),
           deadline_(steady_clock::now() + hub.options.headerTime) {
         parser_.header_limit(kHeaderBytes);
@@ -55,7 +59,10 @@ public:
     }
 
     void sweep(TimePoint now) override {
-        if (now >= deadline_) cut();
+        if (now < deadline_) return;
+        if (std::exchange(waits_, false))
+            return answer({"text/plain", "the server is busy; try again\n", kUnavailable});
+        cut();
     }
 
     void cut() override {
@@ -72,45 +79,57 @@ private:
     void onHeader(beast::error_code error) {
         if (done_) return;
         if (error == http::error::header_limit || error == http::error::buffer_overflow)
-            return answer(http::status::request_header_fields_too_large, "headers too large\n");
+            return answer({"text/plain", "headers too large\n", kHeadersTooLarge});
         if (error.category() == http::make_error_code(http::error::bad_method).category() &&
             error != http::error::end_of_stream && error != http::error::partial_message)
-            return answer(http::status::bad_request, "not HTTP: " + error.message() + "\n");
+            return answer({"text/plain", "not HTTP: " + error.message() + "\n", kBadRequest});
         if (error) return finish();
         route(parser_.get());
     }
 
     void route(const Request& request) {
         const std::string_view path = pathOf(request);
-        const auto route = hub_.routes.find(path);
-        if (path != kSessionPath && route == hub_.routes.end())
-            return answer(http::status::not_found, "there is nothing here\n");
-        if (request.method() != http::verb::get)
-            return answer(http::status::method_not_allowed, "only GET\n");
-        if (path == kSessionPath) return session(request);
         try {
-            HttpReply reply = route->second();
-            answer(http::status::ok, std::move(reply.body), reply.contentType);
+            const HttpRoute route = hub_.router(path);
+            if (const auto* refusal = std::get_if<HttpReply>(&route)) return answer(*refusal);
+            if (request.method() != http::verb::get)
+                return answer({"text/plain", "only GET\n", kNotAllowed});
+            if (const auto* page = std::get_if<HttpPage>(&route)) return get(*page);
+            session(request, *std::get<WebSocketTransport*>(route));
         } catch (const std::exception& fault) {
             hub_.log.write(LogLevel::Error, "http route failed",
                            {{"path", path}, {"error", fault.what()}});
-            answer(http::status::internal_server_error, "the server met a fault of its own\n");
+            answer({"text/plain", "the server met a fault of its own\n", kInternal});
         }
     }
 
-    void session(const Request& request) {
+    void get(const HttpPage& page) {
+        waits_ = true;
+        deadline_ = steady_clock::now() + hub_.options.answerTime;
+        page([io = &hub_.io, weak = weak_from_this()](HttpReply reply) {
+            asio::post(*io, [weak, reply = std::move(reply)]() mutable {
+                const auto self = weak.lock();
+                if (self && !self->done_ && std::exchange(self->waits_, false))
+                    self->answer(std::move(reply));
+            });
+        });
+    }
+
+    void session(const Request& request, WebSocketTransport& transport) {
         // A client waits for the answer before it goes on: more bytes are not WebSocket.
         if (!beast::websocket::is_upgrade(request) || buffer_.size() != 0)
-            return answer(http::status::upgrade_required, "this is a WebSocket endpoint\n");
+            return answer({"text/plain", "this is a WebSocket endpoint\n", kUpgradeRequired});
         if (!originAllowed(request)) {
             hub_.log.write(LogLevel::Warning, "origin refused",
                            {{"origin", view(request[http::field::origin])}});
-            return answer(http::status::forbidden,
-                          "pages of this origin may not connect; see --allow-origin\n");
+            return answer({"text/plain",
+                           "pages of this origin may not connect; see --allow-origin\n",
+                           kForbidden});
         }
         done_ = true;
-        hub_.upgrade(*this, std::move(socket_),
-                     std::make_unique<Upgrade>(Upgrade{parser_.release()}));
+        transport.take(std::make_unique<Upgrade>(
+            Upgrade{parser_.release(), std::move(socket_), std::move(slot_)}));
+        hub_.finished(*this);
     }
 
     bool originAllowed(const Request& request) const {
@@ -121,9 +140,11 @@ private:
         return false;
     }
 
-    void answer(http::status status, std::string body, const std::string& type = "text/plain") {
+    void answer(HttpReply reply) {
+        const auto status = http::status(reply.status);
         response_.result(status);
-        response_.set(http::field::content_type, type);
+        response_.set(http::field::server, "usdlive");
+        response_.set(http::field::content_type, reply.contentType);
         response_.set(http::field::cache_control, "no-store");
         if (status == http::status::method_not_allowed) response_.set(http::field::allow, "GET");
         if (status == http::status::upgrade_required) {
@@ -131,7 +152,7 @@ private:
             response_.set(http::field::connection, "upgrade, close");
         }
         response_.keep_alive(false);
-        response_.body() = std::move(body);
+        response_.body() = std::move(reply.body);
         response_.prepare_payload();
         deadline_ = steady_clock::now() + kAnswerTime;
         http::async_write(socket_, response_,
@@ -158,20 +179,23 @@ private:
         hub_.finished(*this);
     }
 
-    Hub& hub_;
+    HttpHub& hub_;
     Socket socket_;
+    std::shared_ptr<void> slot_;
     beast::flat_buffer buffer_;
     http::request_parser<http::empty_body> parser_;
     Response response_;
     std::array<char, 512> scratch_;
     TimePoint deadline_;
+    bool waits_ = false;  // for the page's answer
     bool done_ = false;
 };
 
 }  // namespace
 
-std::shared_ptr<HttpConnection> createHttpConnection(Hub& hub, Socket socket) {
-    return std::make_shared<Connection>(hub, std::move(socket));
+std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, Socket socket,
+                                                     std::shared_ptr<void> slot) {
+    return std::make_shared<Connection>(hub, std::move(socket), std::move(slot));
 }
 
 }  // namespace usdlive::server

@@ -2,11 +2,13 @@
 
 #include <memory>
 
-#include "Hub.h"
+#include "HttpHub.h"
+#include "Socket.h"
 
 namespace usdlive::server {
 
-/// One request and its answer, then it closes; or the beginning of a session. Network thread.
+/// Reads one request and answers it, or hands the connection over as a session. Belongs to the
+/// thread of the hub's io_context.
 class HttpConnection {
 public:
     virtual ~HttpConnection() = default;
@@ -18,6 +20,8 @@ public:
     virtual void abandon() = 0;
 };
 
-[[nodiscard]] std::shared_ptr<HttpConnection> createHttpConnection(Hub& hub, Socket socket);
+/// `slot` is held as long as the connection is open, also as a session.
+[[nodiscard]] std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, Socket socket,
+                                                                   std::shared_ptr<void> slot);
 
 }  // namespace usdlive::server

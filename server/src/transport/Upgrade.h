@@ -1,13 +1,20 @@
+// A connection on its way from HttpServer to the transport that serves its session.
 #pragma once
 
+#include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/message.hpp>
+#include <memory>
+
+#include "Socket.h"
 
 namespace usdlive::server {
 
 /// The request that asks for a WebSocket session, not yet answered.
 struct Upgrade {
     boost::beast::http::request<boost::beast::http::empty_body> request;
+    Socket socket;               ///< still of HttpServer's io_context
+    std::shared_ptr<void> slot;  ///< counts as a connection while it is held
 };
 
 }  // namespace usdlive::server

@@ -11,7 +11,7 @@
 
 #include "ErrorFrame.h"
 #include "FrameSources.h"
-#include "Upgrade.h"
+#include "QueueLimit.h"
 #include "usdlive/server/transport/SendQueue.h"
 
 namespace usdlive::server {
@@ -128,9 +128,11 @@ private:
 
 class Session final : public WebSocketSession, public std::enable_shared_from_this<Session> {
 public:
-    Session(Hub& hub, SessionId id, Socket socket)
+    Session(WebSocketHub& hub, SessionId id, Socket socket, std::unique_ptr<Upgrade> upgrade)
         : hub_(hub),
           id_(id),
+          upgrade_(std::move(upgrade)),
+          limit_(hub.options.slowReaderBytes),
           stream_(std::move(socket)),
           sources_(std::make_shared<FrameSources>(hub.io, hub.background, beside())) {
         // Without these two a small commit waits for the acknowledgement of the one before, or
@@ -142,7 +144,7 @@ public:
                      sizeof notSent);
 
         websocket::stream_base::timeout timeout;
-        timeout.handshake_timeout = hub.options.headerTime;
+        timeout.handshake_timeout = hub.options.handshakeTime;
         timeout.idle_timeout = hub.options.peerTime;
         timeout.keep_alive_pings = true;
         stream_.set_option(timeout);
@@ -154,19 +156,19 @@ public:
 
     SessionId id() const override { return id_; }
 
-    void start(std::unique_ptr<Upgrade> upgrade) override {
+    void start() override {
         beast::error_code ignored;
         const auto peer = lowest().remote_endpoint(ignored);
         hub_.log.write(LogLevel::Info, "session opened",
                        {{"session", id_}, {"from", peer.address().to_string(ignored)}});
-        const auto& request = upgrade->request;
-        stream_.async_accept(request, [self = shared_from_this(), upgrade = std::move(upgrade)](
-                                          beast::error_code error) { self->onAccepted(error); });
+        stream_.async_accept(
+            upgrade_->request,
+            [self = shared_from_this()](beast::error_code error) { self->onAccepted(error); });
     }
 
     void send(SharedBytes frames) override {
         if (state_ != State::Open) return;
-        if (queuedBytes() > hub_.options.slowReaderBytes)
+        if (!limit_.admit(queuedBytes(), frames->size()))
             return tooSlow("more is waiting to be read than a connection may have");
         push(std::move(frames));
     }
@@ -370,8 +372,10 @@ private:
         hub_.finished(*this);
     }
 
-    Hub& hub_;
+    WebSocketHub& hub_;
     const SessionId id_;
+    const std::unique_ptr<Upgrade> upgrade_;  // holds a connection's slot
+    QueueLimit limit_;
     websocket::stream<Socket, false> stream_;
     State state_ = State::Opening;
 
@@ -393,8 +397,10 @@ private:
 
 }  // namespace
 
-std::shared_ptr<WebSocketSession> createWebSocketSession(Hub& hub, SessionId id, Socket socket) {
-    return std::make_shared<Session>(hub, id, std::move(socket));
+std::shared_ptr<WebSocketSession> createWebSocketSession(WebSocketHub& hub, SessionId id,
+                                                         Socket socket,
+                                                         std::unique_ptr<Upgrade> upgrade) {
+    return std::make_shared<Session>(hub, id, std::move(socket), std::move(upgrade));
 }
 
 }  // namespace usdlive::server

@@ -3,18 +3,19 @@
 #include <memory>
 #include <optional>
 
-#include "Hub.h"
+#include "Upgrade.h"
+#include "WebSocketHub.h"
 
 namespace usdlive::server {
 
-/// One client. Network thread.
+/// One client's session. Belongs to the thread of the hub's io_context.
 class WebSocketSession {
 public:
     virtual ~WebSocketSession() = default;
     [[nodiscard]] virtual SessionId id() const = 0;
 
     /// Answers the request and begins to read.
-    virtual void start(std::unique_ptr<Upgrade> upgrade) = 0;
+    virtual void start() = 0;
     virtual void send(SharedBytes frames) = 0;
     [[nodiscard]] virtual bool congested() = 0;
     virtual void sendBeside(FrameSource source) = 0;
@@ -30,7 +31,8 @@ public:
     virtual void abandon() = 0;
 };
 
-[[nodiscard]] std::shared_ptr<WebSocketSession> createWebSocketSession(Hub& hub, SessionId id,
-                                                                       Socket socket);
+/// `socket` belongs to the hub's io_context.
+[[nodiscard]] std::shared_ptr<WebSocketSession> createWebSocketSession(
+    WebSocketHub& hub, SessionId id, Socket socket, std::unique_ptr<Upgrade> upgrade);
 
 }  // namespace usdlive::server

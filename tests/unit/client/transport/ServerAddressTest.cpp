@@ -52,6 +52,18 @@ TEST(ServerAddress, ReadsProjectsOverDds) {
     EXPECT_FALSE(parseServerAddress("ws://h")->dds);
 }
 
+TEST(ServerAddress, ReadsProjectsOfAServer) {
+    for (const std::string text : {"ws://h/my%20shot", "ws://h/my%20shot/"}) {
+        const auto address = parseServerAddress(text);
+        ASSERT_TRUE(address) << text;
+        EXPECT_EQ(address->project, "my shot");
+        EXPECT_EQ(address->layer, "");
+        EXPECT_EQ(address->url(), "ws://h:7447/my%20shot");
+    }
+    client::ServerAddress both{"h", 7447, "sets/a.usda", "my shot"};
+    EXPECT_EQ(both.url(), "ws://h:7447/my%20shot/sets/a.usda");
+}
+
 TEST(ServerAddress, SaysWhatIsWrong) {
     for (const std::string text : {"",
                                    "http://h",
@@ -67,7 +79,8 @@ TEST(ServerAddress, SaysWhatIsWrong) {
                                    "ws://u@h/",
                                    "ws://h/../a.usda",
                                    "ws://h//a.usda",
-                                   "ws://h/notes.txt",
+                                   "ws://h/a/notes.txt",
+                                   "ws://h/..",
                                    "ws://h/%zz.usda",
                                    "ws://h/a%2",
                                    "dds:///a.usda",

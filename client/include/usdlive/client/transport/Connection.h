@@ -14,19 +14,41 @@
 
 namespace usdlive::client {
 
-/// Where a project is: `ws://host:port`, `usdlive://host:port` or `host:port` (all the same), or
-/// `dds://project`. A path after it names a layer: `ws://127.0.0.1:7447/shot.usda`.
+/// Where a project is: `ws://host:port`, `usdlive://host:port` or `host:port` (all the same), with
+/// `/project` where the server has several; or `dds://project`. A path after it names a layer:
+/// `ws://127.0.0.1:7447/shot.usda`, `ws://127.0.0.1:7447/project/shot.usda`.
 struct ServerAddress {
     std::string host;
     std::uint16_t port = 7447;
     std::string layer;         ///< empty: none named
-    std::string project = {};  ///< of dds://, which has no host
+    std::string project = {};  ///< empty: the only one of the server
     bool dds = false;          ///< with an empty project: all that are there
 
     [[nodiscard]] std::string url() const;
 };
 /// InvalidArgument says what is wrong with the text.
 [[nodiscard]] Result<ServerAddress> parseServerAddress(const std::string& text);
+
+/// A project of a server, as it says over HTTP.
+struct ListedProject {
+    std::string name;
+    std::string status;  ///< "ok", or what is the matter
+    std::string reason;  ///< why it cannot be opened
+    std::uint64_t revision = 0;
+    std::size_t sessions = 0;
+};
+struct ListedProjects {
+    bool areSeveral = false;  ///< they need their names in the address
+    std::vector<ListedProject> all;
+};
+/// Asks a server for its projects, over HTTP. A server that does not know the question has one. The
+/// call blocks for at most `timeout`. NotConnected, or Internal for an answer that makes no sense.
+[[nodiscard]] Result<ListedProjects> listProjects(const ServerAddress& server,
+                                                  std::chrono::milliseconds timeout);
+/// Tells the project from the layer in the path `/A/B.usda`, which can be the layer B.usda of the
+/// project A, or the layer A/B.usda of the only project: asks the server whether it has a project
+/// A. Other addresses are returned as they are, and so are those of servers that do not answer.
+[[nodiscard]] ServerAddress findProject(ServerAddress address, std::chrono::milliseconds timeout);
 
 /// One client's line to a server, kept up: connects, and after a loss connects again with growing
 /// delays (0.1 s to 5 s, full jitter), until closed. Works on a thread of its own; what happened is

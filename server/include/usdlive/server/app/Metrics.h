@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "usdlive/server/project/Project.h"
-#include "usdlive/server/transport/WebSocketServer.h"
+#include "usdlive/server/transport/HttpServer.h"
 
 namespace usdlive::server {
 
@@ -26,19 +26,27 @@ struct Figures {
     BlobStore::Purged removedBlobs;
 };
 
-/// The page of `GET /metrics`. Holds what is measured over time; everything else comes as Figures.
+/// The metrics of one project at one moment.
+struct MetricFamilies;
+
+/// Holds what is measured over time in one project; everything else comes as Figures.
 class Metrics {
 public:
     Metrics();
     ~Metrics();
     /// Any thread.
     void appended(std::size_t commits, std::chrono::nanoseconds time);
-    /// Prometheus' text format.
-    [[nodiscard]] std::string page(const Figures& figures) const;
+    [[nodiscard]] std::shared_ptr<const MetricFamilies> collect(const Figures& figures) const;
 
 private:
     struct Histograms;
     const std::unique_ptr<Histograms> histograms_;
 };
+
+/// By name. An empty name: the metrics get no label for the project.
+using MetricsOfProjects =
+    std::vector<std::pair<std::string, std::shared_ptr<const MetricFamilies>>>;
+/// Returns the page of `GET /metrics`, in Prometheus' text format.
+[[nodiscard]] std::string metricsPage(const HttpCounters& http, const MetricsOfProjects& projects);
 
 }  // namespace usdlive::server

@@ -15,7 +15,8 @@ namespace usdlive::server {
 
 /// What the command line and the configuration file say.
 struct ServerOptions {
-    std::filesystem::path folder;
+    std::vector<std::filesystem::path> folders;  ///< each a project
+    std::filesystem::path projectsFolder;        ///< each of its subfolders a project; empty: none
     std::string host = "127.0.0.1";
     std::uint16_t port = 7447;
     std::filesystem::path portFile;

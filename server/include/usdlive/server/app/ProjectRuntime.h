@@ -5,6 +5,8 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
+#include <memory>
+#include <string_view>
 #include <vector>
 
 #include "usdlive/server/app/ActivityLog.h"
@@ -23,7 +25,6 @@
 #include "usdlive/server/project/Project.h"
 #include "usdlive/server/transport/Log.h"
 #include "usdlive/server/transport/Transport.h"
-#include "usdlive/server/transport/WebSocketServer.h"  // HttpReply
 
 namespace usdlive::server {
 
@@ -46,6 +47,12 @@ struct ProjectFiles {
     LayerFiles& layers;
 };
 
+struct ProjectHealth {
+    std::string_view status = "ok";  ///< or "storageFull", "starting"
+    Revision revision = 0;           ///< durable
+    std::size_t sessions = 0;
+};
+
 /// A project that is served: the Project, its ports, and what has to happen now and then. The
 /// project's strand is the network thread, so that what a client sends is ordered and sent on
 /// without a hand-over; what blocks runs on the storage thread and on workers and comes back by a
@@ -59,8 +66,10 @@ public:
 
     // Network thread, as all that is not said otherwise.
     Result<void> start(ProjectSetup setup);
-    /// Who carries the messages; from now on new files are noticed, too.
-    void serve(std::vector<Transport*> transports);
+    /// Sets the transports, which number their sessions by their place here.
+    void carry(std::vector<Transport*> transports) { transports_.set(std::move(transports)); }
+    /// Begins what happens at intervals, such as looking for new files.
+    void serve();
     /// Sends what is acknowledged, says goodbye, appends the rest; then `done`.
     void stop(std::function<void()> done);
 
@@ -68,8 +77,8 @@ public:
         const Project* project = strand_.project();
         return project ? project->durableRevision() : 0;
     }
-    [[nodiscard]] HttpReply health();
-    [[nodiscard]] HttpReply metricsPage();
+    [[nodiscard]] ProjectHealth health() const;
+    [[nodiscard]] std::shared_ptr<const MetricFamilies> metrics() const;
 
 private:
     // SessionHandler

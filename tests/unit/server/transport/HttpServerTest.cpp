@@ -1,4 +1,4 @@
-#include "usdlive/server/transport/WebSocketServer.h"
+#include "usdlive/server/transport/HttpServer.h"
 
 #include <gmock/gmock.h>
 #include <netinet/tcp.h>
@@ -100,22 +100,41 @@ SharedBytes shared(std::string_view text) {
     return std::make_shared<const Bytes>(bytes.begin(), bytes.end());
 }
 
-class WebSocketServerTest : public testing::Test {
+class HttpServerTest : public testing::Test {
 protected:
-    void start(WebSocketServerOptions options = {}) {
-        HttpRoutes routes;
-        routes["/healthz"] = [] { return HttpReply{"application/json", "{\"status\":\"ok\"}"}; };
-        routes["/broken"] = []() -> HttpReply { throw std::runtime_error("no"); };
-        auto created =
-            createWebSocketServer(io_, std::move(options), recorder_, routes, background(), log_);
+    void start(WebSocketOptions options = {}, HttpServerOptions httpOptions = {}) {
+        server_ = createWebSocketTransport(io_, options, recorder_, background(), log_);
+        auto created = createHttpServer(
+            io_, std::move(httpOptions), [this](std::string_view path) { return route(path); },
+            log_);
         ASSERT_TRUE(created) << created.error().message;
-        server_ = std::move(*created);
-        port_ = server_->port();
+        http_ = std::move(*created);
+        port_ = http_->port();
         thread_ = std::thread([this] { io_.run(); });
     }
 
-    ~WebSocketServerTest() override {
-        asio::post(io_, [this] { server_.reset(); });
+    HttpRoute route(std::string_view path) {
+        if (path == "/live") return server_.get();
+        if (path == "/healthz")
+            return HttpPage([](const HttpAnswer& answer) {
+                answer({"application/json", "{\"status\":\"ok\"}"});
+                answer({"text/plain", "a second answer is ignored"});
+            });
+        if (path == "/broken")
+            return HttpPage([](const HttpAnswer&) { throw std::runtime_error("no"); });
+        if (path == "/later")
+            return HttpPage([this](const HttpAnswer& answer) {
+                workers_.emplace_back([answer] { answer({"text/plain", "from another thread"}); });
+            });
+        if (path == "/never") return HttpPage([](const HttpAnswer&) {});
+        return HttpReply{"text/plain", "there is nothing here\n", 404};
+    }
+
+    ~HttpServerTest() override {
+        asio::post(io_, [this] {
+            http_.reset();
+            server_.reset();
+        });
         work_.reset();
         if (thread_.joinable()) thread_.join();
         for (auto& worker : workers_) worker.join();
@@ -198,14 +217,15 @@ protected:
     Recorder recorder_;
     asio::io_context io_{1}, clientIo_;
     asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
-    std::unique_ptr<WebSocketServer> server_;
+    std::shared_ptr<WebSocketTransport> server_;
+    std::unique_ptr<HttpServer> http_;
     std::thread thread_;
     std::vector<std::thread> workers_;  // one a job
     std::uint16_t port_ = 0;
     std::size_t joined_ = 0;
 };
 
-TEST_F(WebSocketServerTest, AnswersHttpRoutes) {
+TEST_F(HttpServerTest, AnswersHttpRoutes) {
     start();
     const std::string answer = http("GET /healthz?x=1 HTTP/1.1\r\nHost: x\r\n\r\n");
     EXPECT_THAT(answer, StartsWith("HTTP/1.1 200 OK\r\n"));
@@ -213,7 +233,17 @@ TEST_F(WebSocketServerTest, AnswersHttpRoutes) {
     EXPECT_THAT(answer, HasSubstr("\r\n\r\n{\"status\":\"ok\"}"));
 }
 
-TEST_F(WebSocketServerTest, RefusesOtherHttp) {
+TEST_F(HttpServerTest, AnswersLaterAndSaysWhenItTakesTooLong) {
+    HttpServerOptions options;
+    options.headerTime = 400ms;  // how often it looks
+    options.answerTime = 200ms;
+    start({}, options);
+    EXPECT_THAT(http("GET /later HTTP/1.1\r\nHost: x\r\n\r\n"),
+                HasSubstr("\r\n\r\nfrom another thread"));
+    EXPECT_THAT(http("GET /never HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 503"));
+}
+
+TEST_F(HttpServerTest, RefusesOtherHttp) {
     start();
     EXPECT_THAT(http("GET / HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 404"));
     EXPECT_THAT(http("GET /live HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 426"));
@@ -226,17 +256,17 @@ TEST_F(WebSocketServerTest, RefusesOtherHttp) {
     EXPECT_THAT(post, HasSubstr("\r\nAllow: GET\r\n"));
 }
 
-TEST_F(WebSocketServerTest, RefusesLargeHeaders) {
+TEST_F(HttpServerTest, RefusesLargeHeaders) {
     start();
     EXPECT_THAT(
         http("GET /healthz HTTP/1.1\r\nHost: x\r\nX: " + std::string(9000, 'x') + "\r\n\r\n"),
         StartsWith("HTTP/1.1 431"));
 }
 
-TEST_F(WebSocketServerTest, HangsUpOnHeadersThatTakeTooLong) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, HangsUpOnHeadersThatTakeTooLong) {
+    HttpServerOptions options;
     options.headerTime = 200ms;
-    start(options);
+    start({}, options);
     tcp::socket socket = connect();
     const auto begin = std::chrono::steady_clock::now();
     asio::write(socket, asio::buffer(std::string("GET /heal")));
@@ -248,37 +278,37 @@ TEST_F(WebSocketServerTest, HangsUpOnHeadersThatTakeTooLong) {
     EXPECT_THAT(http("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 200"));
 }
 
-TEST_F(WebSocketServerTest, HangsUpWhenThereAreTooManyConnections) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, HangsUpWhenThereAreTooManyConnections) {
+    HttpServerOptions options;
     options.maxConnections = 1;
-    start(options);
+    start({}, options);
     const auto first = join();
     EXPECT_EQ(http("GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n"), "");
-    const auto counters = onServer([](auto& server) { return server.counters(); });
+    const auto counters = onServer([this](auto&) { return http_->counters(); });
     EXPECT_EQ(counters.turnedAway, 1u);
     EXPECT_EQ(counters.connections, 1u);
 }
 
-TEST_F(WebSocketServerTest, RefusesPagesOfForeignOrigins) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, RefusesPagesOfForeignOrigins) {
+    HttpServerOptions options;
     options.allowedOrigins = {"https://studio.example"};
-    start(options);
+    start({}, options);
     EXPECT_THROW(join(0, "https://evil.example"), beast::system_error);
     EXPECT_NO_THROW(join(0, "https://studio.example"));
 }
 
-TEST_F(WebSocketServerTest, SaysThatThePortIsInUse) {
+TEST_F(HttpServerTest, SaysThatThePortIsInUse) {
     start();
-    WebSocketServerOptions options;
+    HttpServerOptions options;
     options.port = port_;
-    const auto second = createWebSocketServer(io_, options, recorder_, {}, background(), log_);
+    const auto second = createHttpServer(io_, options, {}, log_);
     ASSERT_FALSE(second);
     EXPECT_EQ(second.error().code, ErrorCode::InvalidConfiguration);
     EXPECT_EQ(second.error().message,
               "cannot listen at 127.0.0.1:" + std::to_string(port_) + ": Address already in use");
 }
 
-TEST_F(WebSocketServerTest, HandsOverMessagesAndTellsOpenAndClose) {
+TEST_F(HttpServerTest, HandsOverMessagesAndTellsOpenAndClose) {
     start();
     const auto client = join();
     const SessionId session = recorder_.session(0);
@@ -292,7 +322,7 @@ TEST_F(WebSocketServerTest, HandsOverMessagesAndTellsOpenAndClose) {
     EXPECT_EQ(recorder_.closedTimes(session), 1u);
 }
 
-TEST_F(WebSocketServerTest, SendsAllOfATurnAsOneMessageInOrder) {
+TEST_F(HttpServerTest, SendsAllOfATurnAsOneMessageInOrder) {
     start();
     const auto client = join();
     const SessionId session = recorder_.session(0);
@@ -320,7 +350,7 @@ TEST_F(WebSocketServerTest, SendsAllOfATurnAsOneMessageInOrder) {
 }
 
 // Nagle's algorithm would hold a small commit back until the one before is acknowledged (40 ms).
-TEST_F(WebSocketServerTest, SessionsHaveNoDelay) {
+TEST_F(HttpServerTest, SessionsHaveNoDelay) {
     start();
     const auto client = join();
     const auto local = client->stream.next_layer().local_endpoint();
@@ -340,7 +370,7 @@ TEST_F(WebSocketServerTest, SessionsHaveNoDelay) {
     EXPECT_EQ(found, 1);
 }
 
-TEST_F(WebSocketServerTest, SendsOneLargeFrameWhole) {
+TEST_F(HttpServerTest, SendsOneLargeFrameWhole) {
     start();
     const auto client = join();
     const SharedBytes large = shared(std::string(5 << 20, 'x') + "end");
@@ -349,7 +379,7 @@ TEST_F(WebSocketServerTest, SendsOneLargeFrameWhole) {
     EXPECT_EQ(client->read(), asText(*large));
 }
 
-TEST_F(WebSocketServerTest, TextIsToldAndClosed) {
+TEST_F(HttpServerTest, TextIsToldAndClosed) {
     start();
     const auto client = join();
     client->stream.text(true);
@@ -362,8 +392,8 @@ TEST_F(WebSocketServerTest, TextIsToldAndClosed) {
     EXPECT_EQ(recorder_.messages(recorder_.session(0), 0).size(), 0u);
 }
 
-TEST_F(WebSocketServerTest, TooLargeAMessageIsToldAndClosed) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, TooLargeAMessageIsToldAndClosed) {
+    WebSocketOptions options;
     options.maxMessageBytes = 10'000;
     start(options);
     const auto client = join();
@@ -375,7 +405,7 @@ TEST_F(WebSocketServerTest, TooLargeAMessageIsToldAndClosed) {
     EXPECT_EQ(recorder_.messages(recorder_.session(0), 0).size(), 1u);
 }
 
-TEST_F(WebSocketServerTest, AHandlerThatThrowsEndsItsSessionOnly) {
+TEST_F(HttpServerTest, AHandlerThatThrowsEndsItsSessionOnly) {
     start();
     const auto faulty = join(), other = join();
     faulty->send("throw");
@@ -385,7 +415,7 @@ TEST_F(WebSocketServerTest, AHandlerThatThrowsEndsItsSessionOnly) {
     EXPECT_THAT(recorder_.messages(recorder_.session(1), 1), testing::ElementsAre("fine"));
 }
 
-TEST_F(WebSocketServerTest, CloseSendsWhatIsQueuedFirst) {
+TEST_F(HttpServerTest, CloseSendsWhatIsQueuedFirst) {
     start();
     const auto client = join();
     const SessionId session = recorder_.session(0);
@@ -399,9 +429,31 @@ TEST_F(WebSocketServerTest, CloseSendsWhatIsQueuedFirst) {
     EXPECT_TRUE(recorder_.waitClosed(session));
 }
 
+// A commit may be larger than what may wait, and its layer's state follows at once.
+TEST_F(HttpServerTest, WhatFollowsALargeFrameDoesNotCutItsReader) {
+    WebSocketOptions options;
+    options.slowReaderBytes = 1 << 20;
+    start(options);
+    const auto client = join();
+    const SessionId session = recorder_.session(0);
+    const std::string large(8 << 20, 'x');
+    onServer([&](auto& server) {
+        server.send(session, shared(large));
+        for (int i = 0; i < 100; ++i) server.send(session, shared("small"));
+    });
+    std::string read;
+    while (read.size() < large.size() + 500) {
+        const std::string more = client->read();
+        ASSERT_NE(more, "");
+        read += more;
+    }
+    EXPECT_TRUE(read.ends_with("smallsmall"));
+    EXPECT_EQ(recorder_.closedTimes(session), 0u);
+}
+
 // Sends until the session is cut: the system's buffers take some megabytes by themselves.
-TEST_F(WebSocketServerTest, CutsASlowReaderAndNoOther) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, CutsASlowReaderAndNoOther) {
+    WebSocketOptions options;
     options.slowReaderBytes = 1 << 20;
     start(options);
     const auto slow = join(4096);
@@ -431,7 +483,7 @@ TEST_F(WebSocketServerTest, CutsASlowReaderAndNoOther) {
     EXPECT_EQ(slow->stream.reason().code, websocket::close_code::policy_error);
 }
 
-TEST_F(WebSocketServerTest, TellsWhenACongestedSessionHasDrained) {
+TEST_F(HttpServerTest, TellsWhenACongestedSessionHasDrained) {
     start();
     const auto client = join(4096);
     const SessionId session = recorder_.session(0);
@@ -446,8 +498,8 @@ TEST_F(WebSocketServerTest, TellsWhenACongestedSessionHasDrained) {
     EXPECT_FALSE(onServer([&](auto& server) { return server.congested(session); }));
 }
 
-TEST_F(WebSocketServerTest, CutsAReaderThatStandsStill) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, CutsAReaderThatStandsStill) {
+    WebSocketOptions options;
     options.slowReaderTime = 300ms;
     start(options);
     const auto client = join(4096);
@@ -468,8 +520,8 @@ TEST_F(WebSocketServerTest, CutsAReaderThatStandsStill) {
     EXPECT_TRUE(recorder_.waitClosed(second, 3s));
 }
 
-TEST_F(WebSocketServerTest, NoticesADeadPeer) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, NoticesADeadPeer) {
+    WebSocketOptions options;
     options.peerTime = 400ms;
     start(options);
     const auto client = join();  // reads nothing, so it answers no ping
@@ -477,8 +529,8 @@ TEST_F(WebSocketServerTest, NoticesADeadPeer) {
     EXPECT_TRUE(recorder_.waitClosed(recorder_.session(0), 2s));
 }
 
-TEST_F(WebSocketServerTest, APeerThatAnswersPingsStays) {
-    WebSocketServerOptions options;
+TEST_F(HttpServerTest, APeerThatAnswersPingsStays) {
+    WebSocketOptions options;
     options.peerTime = 200ms;
     start(options);
     const auto client = join();
@@ -489,7 +541,7 @@ TEST_F(WebSocketServerTest, APeerThatAnswersPingsStays) {
     reader.join();
 }
 
-TEST_F(WebSocketServerTest, SourcesTakeTurnsAndLetSmallFramesPass) {
+TEST_F(HttpServerTest, SourcesTakeTurnsAndLetSmallFramesPass) {
     start();
     const auto client = join(4096);
     const SessionId session = recorder_.session(0);
@@ -522,7 +574,7 @@ TEST_F(WebSocketServerTest, SourcesTakeTurnsAndLetSmallFramesPass) {
                   std::string(kChunk, chunk % 2 ? 'b' : 'a'));
 }
 
-TEST_F(WebSocketServerTest, ASourceThatThrowsClosesTheSession) {
+TEST_F(HttpServerTest, ASourceThatThrowsClosesTheSession) {
     start();
     const auto client = join();
     const SessionId session = recorder_.session(0);
@@ -532,7 +584,7 @@ TEST_F(WebSocketServerTest, ASourceThatThrowsClosesTheSession) {
     EXPECT_EQ(client->readError().code, "internal");
 }
 
-TEST_F(WebSocketServerTest, ReadsOnlyWhileItShould) {
+TEST_F(HttpServerTest, ReadsOnlyWhileItShould) {
     start();
     const auto client = join();
     const SessionId session = recorder_.session(0);
@@ -546,7 +598,7 @@ TEST_F(WebSocketServerTest, ReadsOnlyWhileItShould) {
     EXPECT_EQ(recorder_.messages(session, 2).size(), 2u);
 }
 
-TEST_F(WebSocketServerTest, StopTellsEverybodyAndWaitsNotForEver) {
+TEST_F(HttpServerTest, StopTellsEverybodyAndWaitsNotForEver) {
     start();
     const auto polite = join(), silent = join();
     std::promise<void> stopped;

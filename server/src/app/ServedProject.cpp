@@ -1,0 +1,408 @@
+// Puts one project together: disk, threads, transports.
+#include "usdlive/server/app/ServedProject.h"
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <set>
+#include <span>
+#include <utility>
+
+#include "usdlive/server/app/ProjectRuntime.h"
+#include "usdlive/server/app/RunningServer.h"
+#include "usdlive/server/app/SharedStore.h"
+#include "usdlive/server/app/StorageThread.h"
+#include "usdlive/server/files/LayerFiles.h"
+#include "usdlive/server/storage/BlobStore.h"
+#include "usdlive/server/storage/RocksCommitStore.h"
+#include "usdlive/server/transport/DdsServer.h"
+#include "usdlive/server/transport/WebSocketTransport.h"
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+constexpr std::uint64_t kMib = 1024 * 1024;
+constexpr std::size_t kMostSkippedLogged = 100;
+// A message holds its frames and their lengths.
+constexpr std::size_t kMessageSlack = 64 * 1024;
+// Sessions that are told that there are too many.
+constexpr std::size_t kMoreSessions = 256;
+// A stop that takes longer, in a file system that does not answer, ends without the rest. Nothing
+// that was acknowledged is lost by it.
+constexpr std::chrono::seconds kStopTime{8};
+
+std::int64_t wallClockMs() {
+    using namespace std::chrono;
+    return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
+}
+
+/// Returns the layers that are served: the files, and those that only the store holds by now.
+Result<std::vector<LayerFile>> servedLayers(const LayerFiles& files, SharedStore& store) {
+    auto listed = files.list();
+    if (!listed) return listed;
+    const auto stored = store.use([](CommitStore& opened) { return opened.layers(); });
+    if (!stored) return tl::unexpected(stored.error());
+    std::map<LayerId, LayerFile> all;
+    for (LayerFile& file : *listed) all.emplace(file.layer, std::move(file));
+    for (const LayerId& layer : *stored) all.try_emplace(layer, LayerFile{layer});
+    std::vector<LayerFile> served;
+    for (auto& [layer, file] : all) served.push_back(std::move(file));
+    return served;
+}
+
+Project::Options projectOptions(const std::string& name, const ServerOptions& options) {
+    Project::Options project;
+    project.name = name;
+    project.maxFrameBytes = project.wholeCommitBytes = options.maxFrameMib * kMib;
+    project.maxBlobBytes = options.maxBlobMib * kMib;
+    project.maxTransactionBytes = options.maxTransactionMib * kMib;
+    project.maxSessions = options.maxSessions;
+    for (const std::string& user : options.administrators) project.administrators.insert({user});
+    project.historyDays = options.historyDays;
+    project.lockTakeoverMs = std::int64_t(options.lockTakeoverMinutes) * 60'000;
+    project.keepUnusedBlobsMs = std::int64_t(options.keepUnusedBlobsMinutes) * 60'000;
+    return project;
+}
+
+WebSocketOptions webSocketOptions(const ServerOptions& options) {
+    WebSocketOptions transport;
+    transport.maxMessageBytes = options.maxFrameMib * kMib + kMessageSlack;
+    transport.slowReaderBytes = options.slowReaderMib * kMib;
+    return transport;
+}
+
+DdsServerOptions ddsOptions(const std::string& name, const ServerOptions& options, std::string url,
+                            Revision revision) {
+    DdsServerOptions transport;
+    transport.domain = {options.ddsInterface, std::uint32_t(options.ddsDomain), options.ddsConfig,
+                        options.ddsSecurity};
+    transport.project = name;
+    transport.url = std::move(url);
+    transport.revision = revision;
+    transport.maxMessageBytes = options.maxFrameMib * kMib + kMessageSlack;
+    transport.maxSessions = options.maxSessions + kMoreSessions;
+    transport.slowReaderBytes = options.slowReaderMib * kMib;
+    return transport;
+}
+
+/// Opens the store of a project. A process that has served a project never begins a new history
+/// in the place of the one that it has served.
+Result<std::unique_ptr<CommitStore>> openStore(const std::filesystem::path& folder,
+                                               const RocksCommitStoreOptions& options,
+                                               bool& wasOpened) {
+    std::error_code error;
+    if (wasOpened && !std::filesystem::exists(folder / "store" / "head", error))
+        return fail(ErrorCode::StorageFailed,
+                    "the project's history " + folder.lexically_normal().string() +
+                        " was deleted or moved while the server runs. Put it back, and editing "
+                        "goes on. If it is lost, export what open editors show, then stop the "
+                        "server and start it again: the project begins with its files as they "
+                        "were saved last");
+    auto opened = createRocksCommitStore(folder / "store", options);
+    wasOpened = wasOpened || opened.has_value();
+    return opened;
+}
+
+/// Adds what to do: names the server that has the folder's store open, or says how to go on with a
+/// damaged history.
+Error explained(const Error& error, const std::filesystem::path& folder) {
+    const std::string history = (folder / ".usdlive").lexically_normal().string();
+    if (error.code == ErrorCode::StorageCorrupt)
+        return {
+            error.code,
+            error.message + ". The project's history in " + history +
+                " is damaged. Put a backup of it in its place. If there is none, move it aside "
+                "(mv " +
+                history + " " + history +
+                "-damaged) and start again: the project then begins with its files, as they were "
+                "saved last"};
+    if (error.code != ErrorCode::StorageLocked) return error;
+    const auto running = RunningServer::find(folder);
+    if (!running) return error;
+    return {error.code, folder.string() + " is already served at " + running->url + " by process " +
+                            std::to_string(running->process) +
+                            ". Connect there, or stop that process first"};
+}
+
+/// FI5. Returns how many files are not served; the first are logged with the reason.
+std::size_t logSkipped(const LayerFiles& files, Log& log) {
+    const auto skipped = files.skipped();
+    if (!skipped) return 0;
+    for (const SkippedFile& file :
+         std::span(*skipped).first(std::min(skipped->size(), kMostSkippedLogged)))
+        log.write(LogLevel::Warning, "file skipped",
+                  {{"file", file.path}, {"reason", file.reason}});
+    if (skipped->size() > kMostSkippedLogged)
+        log.write(LogLevel::Warning, "more files skipped",
+                  {{"count", skipped->size() - kMostSkippedLogged}});
+    return skipped->size();
+}
+
+}  // namespace
+
+/// What exists while a project is served. Made, used and destroyed on the project's thread.
+class ServedProject::Running {
+public:
+    static Result<std::unique_ptr<Running>> open(const ServedProject& project) {
+        std::error_code error;
+        if (!std::filesystem::is_directory(project.folder_, error))
+            return fail(ErrorCode::InvalidConfiguration, project.folder_.string() +
+                                                             " is not a folder" +
+                                                             (error ? ": " + error.message() : ""));
+        std::unique_ptr<Running> running(new Running(project));
+        if (const auto opened = running->open(); !opened) return tl::unexpected(opened.error());
+        return running;
+    }
+
+    ~Running() {
+        dds_.reset();
+        webSockets_.reset();
+        workers_.stop();
+        storage_.stop();
+        store_.close();
+    }
+
+    [[nodiscard]] asio::io_context& io() { return network_; }
+    [[nodiscard]] WebSocketTransport& webSockets() { return *webSockets_; }
+    [[nodiscard]] const ProjectRuntime& runtime() const { return *runtime_; }
+    [[nodiscard]] Status status() const {
+        const auto layers = servedLayers(*files_, store_);
+        return {State::Serving, {}, layers ? layers->size() : 0, logSkipped(*files_, log_)};
+    }
+
+    Result<void> announce(const std::string& url) {
+        runningServer_.emplace(folder_, url);
+        if (!options_.dds) return {};
+        auto made =
+            createDdsServer(network_, ddsOptions(name_, options_, url, runtime_->durableRevision()),
+                            *runtime_, background_, log_);
+        if (!made) return tl::unexpected(made.error());
+        dds_ = std::move(*made);
+        runtime_->carry({webSockets_.get(), dds_.get()});
+        return {};
+    }
+
+    void run() {
+        // A handler that throws is a fault that concerns this project at most.
+        for (;;) try {
+                network_.run();
+                return;
+            } catch (const std::exception& fault) {
+                log_.write(LogLevel::Error, "project met a fault", {{"error", fault.what()}});
+            }
+    }
+
+    void stop() {
+        if (std::exchange(isStopping_, true)) return;
+        stopTimer_.expires_after(kStopTime);
+        stopTimer_.async_wait([this](const boost::system::error_code& error) {
+            if (!error) network_.stop();
+        });
+        runtime_->stop([this] { network_.stop(); });
+    }
+
+private:
+    explicit Running(const ServedProject& project)
+        : name_(project.name_),
+          folder_(project.folder_),
+          options_(project.options_),
+          log_(*project.log_),
+          storeOptions_(storeOptions(options_)),
+          store_([this] { return openStore(folder_ / ".usdlive", storeOptions_, wasOpened_); }),
+          storage_(store_, std::chrono::milliseconds(options_.flushIntervalMs), log_) {}
+
+    static RocksCommitStoreOptions storeOptions(const ServerOptions& options) {
+        RocksCommitStoreOptions store;
+        if (options.durability == "os") store.durability = Durability::OperatingSystem;
+        if (options.minFreeMib) store.minFreeBytes = *options.minFreeMib * kMib;
+        return store;
+    }
+
+    Result<void> open() {
+        if (const auto opened = store_.open(); !opened)
+            return tl::unexpected(explained(opened.error(), folder_));
+        BlobStoreOptions blobOptions;
+        if (options_.minFreeMib) blobOptions.minFreeBytes = *options_.minFreeMib * kMib;
+        blobOptions.maxBytes = options_.maxBlobMib * kMib;
+        auto blobs = createFileBlobStore(folder_ / ".usdlive" / "blobs", blobOptions);
+        if (!blobs) return tl::unexpected(blobs.error());
+        blobs_ = std::move(*blobs);
+        auto files = createLayerFiles(folder_, *blobs_);
+        if (!files) return tl::unexpected(files.error());
+        files_ = std::move(*files);
+
+        const auto list = [this] { return servedLayers(*files_, store_); };
+        runtime_ = std::make_unique<ProjectRuntime>(
+            network_, workers_, store_, storage_, *blobs_,
+            ProjectFiles{std::filesystem::canonical(folder_), list, *files_},
+            std::chrono::minutes(options_.keepUnusedBlobsMinutes), metrics_, wallClockMs, log_);
+        if (auto made = runtime_->start(setup()); !made) return made;
+        webSockets_ = createWebSocketTransport(network_, webSocketOptions(options_), *runtime_,
+                                               background_, log_);
+        runtime_->carry({webSockets_.get()});
+        runtime_->serve();
+        return {};
+    }
+
+    ProjectSetup setup() {
+        const Project::Options project = projectOptions(name_, options_);
+        const auto read = [this, project]() -> Result<ProjectBeginning> {
+            auto served = servedLayers(*files_, store_);
+            if (!served) return tl::unexpected(served.error());
+            return store_.use([&](CommitStore& opened) { return readState(opened, project); })
+                .map([&](StoreState&& state) {
+                    return ProjectBeginning{std::move(state), std::move(*served)};
+                });
+        };
+        return {project, read};
+    }
+
+    const std::string name_;
+    const std::filesystem::path folder_;
+    const ServerOptions& options_;
+    Log& log_;
+
+    const RocksCommitStoreOptions storeOptions_;
+    bool wasOpened_ = false;
+    mutable SharedStore store_;
+    std::unique_ptr<BlobStore> blobs_;
+    std::unique_ptr<LayerFiles> files_;
+
+    // The project's thread runs this one.
+    asio::io_context network_{1};
+    asio::steady_timer stopTimer_{network_};
+    WorkerLanes workers_;
+    const Background background_ = [this](std::function<void()> job) {
+        asio::post(workers_.joins, std::move(job));
+    };
+    StorageThread storage_;
+    Metrics metrics_;
+    std::unique_ptr<ProjectRuntime> runtime_;
+    std::shared_ptr<WebSocketTransport> webSockets_;
+    std::unique_ptr<Transport> dds_;
+    std::optional<RunningServer> runningServer_;
+    bool isStopping_ = false;
+};
+
+ServedProject::ServedProject(std::string name, std::filesystem::path folder,
+                             const ServerOptions& options, std::unique_ptr<Log> log,
+                             std::function<void()> changed)
+    : name_(std::move(name)),
+      folder_(std::move(folder)),
+      options_(options),
+      log_(std::move(log)),
+      changed_(std::move(changed)),
+      thread_([this] { run(); }) {}
+
+ServedProject::~ServedProject() {
+    stop();
+    thread_.join();
+}
+
+ServedProject::Status ServedProject::status() const {
+    const std::lock_guard lock(mutex_);
+    return status_;
+}
+
+void ServedProject::change(Status status) {
+    {
+        const std::lock_guard lock(mutex_);
+        status_ = std::move(status);
+    }
+    changed_();
+}
+
+void ServedProject::run() {
+    do {
+        Result<std::unique_ptr<Running>> running = fail(ErrorCode::Internal, "not opened");
+        try {
+            running = Running::open(*this);
+        } catch (const std::exception& fault) {
+            running = fail(ErrorCode::Internal, fault.what());
+        }
+        if (running) {
+            serve(std::move(*running));
+            break;
+        }
+        change({State::Failed, running.error()});
+    } while (waitForRetry());
+    change({State::Stopped});
+}
+
+/// False: it is time to stop.
+bool ServedProject::waitForRetry() {
+    std::unique_lock lock(mutex_);
+    return !stop_.wait_for(lock, kRetryPause, [this] { return stopping_; });
+}
+
+void ServedProject::serve(std::unique_ptr<Running> running) {
+    Status status = running->status();
+    {
+        const std::lock_guard lock(mutex_);
+        running_ = running.get();
+        status_ = std::move(status);
+        if (stopping_) asio::post(running->io(), [&] { running->stop(); });
+        if (!url_.empty())
+            asio::post(running->io(), [&, url = url_, done = std::exchange(announced_, nullptr)] {
+                done(running->announce(url));
+            });
+    }
+    changed_();
+    running->run();
+    const std::lock_guard lock(mutex_);
+    running_ = nullptr;
+}
+
+bool ServedProject::post(std::function<void(Running&)> use) {
+    const std::lock_guard lock(mutex_);
+    if (!running_) return false;
+    asio::post(running_->io(), [running = running_, use = std::move(use)] { use(*running); });
+    return true;
+}
+
+void ServedProject::announce(std::string url, std::function<void(Result<void>)> done) {
+    {
+        const std::lock_guard lock(mutex_);
+        url_ = url;
+        announced_ = done;
+        if (!running_) return;
+        announced_ = nullptr;
+    }
+    post([url = std::move(url), done = std::move(done)](Running& running) {
+        done(running.announce(url));
+    });
+}
+
+WebSocketTransport* ServedProject::sessions() const {
+    const std::lock_guard lock(mutex_);
+    return running_ && !stopping_ ? &running_->webSockets() : nullptr;
+}
+
+void ServedProject::report(std::function<void(Report)> done) {
+    const bool isPosted = post([done](Running& running) {
+        const ProjectHealth health = running.runtime().health();
+        done({std::string(health.status),
+              {},
+              health.revision,
+              health.sessions,
+              running.runtime().metrics()});
+    });
+    if (isPosted) return;
+    const Status now = status();
+    if (now.state == State::Failed) return done({"failed", now.error->message});
+    done({now.state == State::Opening ? "opening" : "stopping"});
+}
+
+void ServedProject::stop() {
+    {
+        const std::lock_guard lock(mutex_);
+        if (std::exchange(stopping_, true)) return;
+    }
+    stop_.notify_all();
+    post([](Running& running) { running.stop(); });
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,208 @@
+// The WebSocket sessions of one project.
+#include "usdlive/server/transport/WebSocketTransport.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/asio/basic_waitable_timer.hpp>
+#include <boost/asio/post.hpp>
+#include <optional>
+#include <unordered_map>
+#include <utility>
+
+#include "Upgrade.h"
+#include "WebSocketHub.h"
+#include "WebSocketSession.h"
+#include "WhileAlive.h"
+
+namespace usdlive::server {
+
+namespace {
+
+namespace asio = boost::asio;
+using asio::ip::tcp;
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+using Timer = asio::basic_waitable_timer<steady_clock, asio::wait_traits<steady_clock>,
+                                         asio::io_context::executor_type>;
+
+constexpr milliseconds kLongestSweep{1'000};
+constexpr milliseconds kStopSweep{50};
+
+/// A connection between two io_contexts.
+class Descriptor {
+public:
+    explicit Descriptor(Socket& socket) {
+        boost::system::error_code error;
+        const auto local = socket.local_endpoint(error);
+        if (error) return;
+        protocol_ = local.protocol();
+        descriptor_ = socket.release(error);
+        if (error) descriptor_ = -1;
+    }
+    Descriptor(Descriptor&& other) noexcept
+        : protocol_(other.protocol_), descriptor_(std::exchange(other.descriptor_, -1)) {}
+    Descriptor& operator=(Descriptor&&) = delete;
+    ~Descriptor() {
+        if (descriptor_ >= 0) ::close(descriptor_);
+    }
+    [[nodiscard]] std::optional<Socket> assign(asio::io_context& io) {
+        Socket socket(io);
+        boost::system::error_code error;
+        if (descriptor_ >= 0) socket.assign(protocol_, descriptor_, error);
+        if (descriptor_ < 0 || error) return std::nullopt;
+        descriptor_ = -1;
+        return socket;
+    }
+
+private:
+    tcp protocol_ = tcp::v4();
+    int descriptor_ = -1;
+};
+
+class WebSockets final : public WebSocketTransport, public WebSocketHub {
+public:
+    WebSockets(asio::io_context& io, WebSocketOptions options, SessionHandler& handler,
+               Background background, Log& log)
+        : WebSocketHub(io, options, handler, std::move(background), log), sweepTimer_(io) {
+        sweepLater();
+    }
+
+    ~WebSockets() override {
+        for (const auto& [id, session] : std::exchange(sessions_, {})) session->abandon();
+    }
+
+    void take(std::unique_ptr<Upgrade> upgrade) override {
+        Descriptor descriptor(upgrade->socket);
+        asio::post(io, whileAlive(life_, [this, descriptor = std::move(descriptor),
+                                          upgrade = std::move(upgrade)]() mutable {
+                       open(descriptor, std::move(upgrade));
+                   }));
+    }
+
+    std::string_view name() const override { return "websocket"; }
+    const TransportCounters& counters() const override { return WebSocketHub::counters; }
+
+    void send(SessionId session, SharedBytes frames) override {
+        if (const auto* found = find(session)) found->get()->send(std::move(frames));
+    }
+    bool congested(SessionId session) override {
+        const auto* found = find(session);
+        return found && found->get()->congested();
+    }
+    void sendBeside(SessionId session, FrameSource source) override {
+        if (const auto* found = find(session)) found->get()->sendBeside(std::move(source));
+    }
+    void close(SessionId session) override { closeFor(session, std::nullopt); }
+    void close(SessionId session, const Error& why) override { closeFor(session, why); }
+    void closeAll(const Error& why) override {
+        for (const auto& [id, session] : copy(sessions_)) session->close(why);
+    }
+    void setReading(SessionId session, bool reading) override {
+        if (const auto* found = find(session)) found->get()->setReading(reading);
+    }
+
+    void stop(const Error& why, milliseconds time, std::function<void()> done) override {
+        stopped_ = std::move(done);
+        stopDeadline_ = steady_clock::now() + time;
+        closeAll(why);
+        sweepLater();
+        tellStopped();
+    }
+
+    // What sessions ask for (WebSocketHub).
+    void flushLater(std::shared_ptr<WebSocketSession> session) override {
+        toFlush_.push_back(std::move(session));
+        if (toFlush_.size() > 1) return;
+        asio::post(io, whileAlive(life_, [this] { flush(); }));
+    }
+
+    void tellClosed(SessionId session) override {
+        asio::post(io, whileAlive(life_, [this, session] { handler.closed(session); }));
+    }
+
+    void finished(WebSocketSession& session) override {
+        sessions_.erase(session.id());
+        WebSocketHub::counters.connections = sessions_.size();
+        tellStopped();
+    }
+
+private:
+    template <class Map>
+    static Map copy(const Map& map) {
+        return map;  // to walk while its members go
+    }
+
+    const std::shared_ptr<WebSocketSession>* find(SessionId id) const {
+        const auto entry = sessions_.find(id);
+        return entry == sessions_.end() ? nullptr : &entry->second;
+    }
+
+    void closeFor(SessionId id, const std::optional<Error>& why) {
+        if (const auto* found = find(id)) {
+            const auto session = *found;  // it may take itself out of sessions_
+            session->close(why);
+        }
+    }
+
+    void open(Descriptor& descriptor, std::unique_ptr<Upgrade> upgrade) {
+        auto socket = descriptor.assign(io);
+        if (!socket || stopDeadline_) return;
+        const SessionId id = ++lastSession_;
+        const auto session =
+            createWebSocketSession(*this, id, std::move(*socket), std::move(upgrade));
+        sessions_.emplace(id, session);
+        ++WebSocketHub::counters.accepted;
+        WebSocketHub::counters.connections = sessions_.size();
+        session->start();
+    }
+
+    void flush() {
+        // A flush can ask for another one, which is then of the next turn.
+        flushing_.swap(toFlush_);
+        for (const auto& session : flushing_) session->flush();
+        flushing_.clear();
+    }
+
+    // One timer for all that waits for a peer: a timer for each write would cost more than the
+    // write.
+    void sweepLater() {
+        const milliseconds pause =
+            stopDeadline_ ? kStopSweep : std::min(kLongestSweep, options.slowReaderTime / 4);
+        sweepTimer_.expires_after(pause);
+        sweepTimer_.async_wait(whileAlive(life_, [this](boost::system::error_code error) {
+            if (!error) sweep();
+        }));
+    }
+
+    void sweep() {
+        const TimePoint now = steady_clock::now();
+        for (const auto& [id, session] : copy(sessions_)) session->sweep(now);
+        if (stopDeadline_ && now >= *stopDeadline_)
+            for (const auto& [id, session] : copy(sessions_)) session->cut();
+        sweepLater();
+    }
+
+    void tellStopped() {
+        if (stopped_ && sessions_.empty()) asio::post(io, std::exchange(stopped_, nullptr));
+    }
+
+    Timer sweepTimer_;
+    SessionId lastSession_ = 0;
+    std::unordered_map<SessionId, std::shared_ptr<WebSocketSession>> sessions_;
+    std::vector<std::shared_ptr<WebSocketSession>> toFlush_, flushing_;
+    std::optional<TimePoint> stopDeadline_;
+    std::function<void()> stopped_;
+    const std::shared_ptr<int> life_ = std::make_shared<int>();
+};
+
+}  // namespace
+
+std::shared_ptr<WebSocketTransport> createWebSocketTransport(asio::io_context& io,
+                                                             WebSocketOptions options,
+                                                             SessionHandler& handler,
+                                                             Background background, Log& log) {
+    return std::make_shared<WebSockets>(io, options, handler, std::move(background), log);
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,17 @@
+#pragma once
+
+#include <memory>
+#include <utility>
+
+namespace usdlive::server {
+
+/// Returns a handler that does nothing once the object, whose `life` it is, has gone.
+template <class Function>
+auto whileAlive(const std::shared_ptr<int>& life, Function function) {
+    return
+        [alive = std::weak_ptr(life), function = std::move(function)](auto... arguments) mutable {
+            if (!alive.expired()) function(std::move(arguments)...);
+        };
+}
+
+}  // namespace usdlive::server
