@@ -6,11 +6,13 @@ from __future__ import annotations
 import gc
 import os
 import stat
+import threading
 import weakref
 
 import pytest
 from pxr import Sdf, Usd, UsdGeom
 
+import usdlive
 import usdlive.omni.kit.usd.layers as layers
 from usdlive.omni.kit.app import get_app
 from usdlive.omni.kit.usd.layers import LayerEditMode, LayerErrorType, LayerEventType, LayerUtils
@@ -97,6 +99,35 @@ def test_entry_points_take_names_and_contexts(scene):
     scene.layers.get_layers_state().is_layer_writable("nowhere.usda")
     assert scene.layers.get_last_error_type() == LayerErrorType.NOT_FOUND
     assert "nowhere.usda" in scene.layers.get_last_error_string()
+
+
+def test_another_thread_gets_an_error_and_changes_nothing(scene):
+    root = scene.root.identifier
+    state, authoring = scene.layers.get_layers_state(), scene.layers.get_auto_authoring()
+    linking, locking = scene.layers.get_specs_linking(), scene.layers.get_specs_locking()
+    calls = [lambda: state.is_layer_writable(root), lambda: state.set_layer_lock_state(scene.weak.identifier, True),
+             lambda: state.set_muteness_scope(True), state.get_local_layer_identifiers,
+             lambda: authoring.set_default_layer(root), authoring.suspend, lambda: linking.link_spec("/A", root),
+             linking.get_all_spec_links, lambda: locking.lock_spec("/A"), locking.get_all_locked_specs,
+             scene.layers.get_edit_mode, lambda: scene.edit(), scene.layers.deliver_queued_events]
+    errors = []
+
+    def work():
+        for call in calls:
+            try:
+                call()
+            except usdlive.Error as error:
+                errors.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert len(errors) == len(calls)
+    assert all(error.code == "invalidArgument" and "another thread" in error.message for error in errors)
+    assert scene.layers.get_edit_mode() == LayerEditMode.NORMAL
+    assert not state.is_muteness_global() and not state.is_layer_locked(scene.weak.identifier)
+    assert linking.get_all_spec_links() == {} and locking.get_all_locked_specs() == []
+    assert locking.lock_spec("/A") and scene.layers.get_last_error_string() == ""
 
 
 def test_names_and_texts():
@@ -734,6 +765,7 @@ def test_layer_utils(scene):
 # -- live
 
 SETUP = """
+import usdlive
 import usdlive.omni.kit.usd.layers as layers
 class Context:
     def __init__(self): self.live = live

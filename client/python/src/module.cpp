@@ -15,9 +15,11 @@
 #include <thread>
 #include <type_traits>
 
+#include "Errors.h"
 #include "EventDictionary.h"
 #include "LayersBinding.h"
 #include "usdlive/client/usd/Client.h"
+#include "usdlive/client/usd/Misuse.h"
 #include "usdlive/client/usd/UnsentSender.h"
 #include "usdlive/common/core/LayerPath.h"
 
@@ -25,20 +27,6 @@ namespace nb = nanobind;
 using namespace usdlive;
 
 namespace {
-
-/// Raises usdlive.Error(code, message).
-[[noreturn]] void raise(const Error& error) {
-    const nb::object type = nb::module_::import_("usdlive._errors").attr("Error");
-    const nb::object value = type(std::string(errorName(error.code)), error.message);
-    PyErr_SetObject(type.ptr(), value.ptr());
-    throw nb::python_error();
-}
-
-template <class T>
-T orRaise(Result<T> result) {
-    if (!result) raise(result.error());
-    return std::move(*result);
-}
 
 /// The client with the interpreter's lock let go while it works: notices of Sdf reach Python
 /// listeners, which take it themselves.
@@ -322,6 +310,13 @@ NB_MODULE(_usdlive, module) {
     // would blame the binding.
     nb::set_leak_warnings(false);
     module.attr("__version__") = USDLIVE_VERSION;
+    nb::register_exception_translator([](const std::exception_ptr& thrown, void*) {
+        try {
+            std::rethrow_exception(thrown);
+        } catch (const Misuse& misuse) {
+            setError(misuse.error);
+        }
+    });
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
                       const std::string&, double, std::uint64_t>(),

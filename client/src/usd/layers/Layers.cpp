@@ -7,11 +7,13 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <set>
+#include <string>
 #include <thread>
 #include <utility>
 
 #include "Distribution.h"
 #include "usdlive/client/transport/SystemUser.h"
+#include "usdlive/client/usd/Misuse.h"
 
 namespace usdlive::layers {
 
@@ -144,6 +146,7 @@ public:
     }
 
     std::vector<LayerEvent> takeEvents() { return context_.events.take(); }
+    [[nodiscard]] bool isElsewhere() const { return std::this_thread::get_id() != thread_; }
     void setLive(LiveLayers* live) {
         context_.live = live;
         state.structureChanged();
@@ -190,9 +193,7 @@ private:
 
     // --- notices
 
-    // Layers that other threads open are news of nobody's.
-    [[nodiscard]] bool isElsewhere() const { return std::this_thread::get_id() != thread_; }
-
+    // Notices from other threads are ignored: they are of layers that the stage does not use.
     void onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
         if (isElsewhere()) return;
         context_.stack.follow(notice.GetChangeListVec());
@@ -317,18 +318,29 @@ Layers::Layers(std::unique_ptr<StageHost> host, Options options)
     : impl_(std::make_unique<Impl>(std::move(host), std::move(options))) {}
 Layers::~Layers() = default;
 
-LayersState& Layers::state() { return impl_->state; }
-AutoAuthoring& Layers::autoAuthoring() { return impl_->authoring; }
-SpecsLinking& Layers::specsLinking() { return impl_->linking; }
-SpecsLocking& Layers::specsLocking() { return impl_->locking; }
-StageHost& Layers::host() { return impl_->context().host; }
-LayerEditMode Layers::editMode() const { return impl_->mode(); }
-LayerResult<void> Layers::setEditMode(LayerEditMode mode) { return impl_->setEditMode(mode); }
-std::vector<RefusedEdit> Layers::update(double nowMs) { return impl_->update(nowMs); }
-void Layers::refuse(std::vector<RefusedEdit> edits) { impl_->refuse(std::move(edits)); }
-std::vector<RefusedEdit> Layers::distribute() { return impl_->distributeAll(); }
-std::vector<LayerEvent> Layers::takeEvents() { return impl_->takeEvents(); }
-const std::deque<RefusedEdit>& Layers::refusedEdits() const { return impl_->refused; }
-void Layers::setLive(LiveLayers* live) { impl_->setLive(live); }
+Layers::Impl& Layers::here(const char* function) const {
+    if (impl_->isElsewhere())
+        throw Misuse({ErrorCode::InvalidArgument,
+                      std::string("Layers::") + function +
+                          "() was called on another thread than the one that made these layers. A "
+                          "stage and its layers belong to one thread: call it there"});
+    return *impl_;
+}
+
+LayersState& Layers::state() { return here("state").state; }
+AutoAuthoring& Layers::autoAuthoring() { return here("autoAuthoring").authoring; }
+SpecsLinking& Layers::specsLinking() { return here("specsLinking").linking; }
+SpecsLocking& Layers::specsLocking() { return here("specsLocking").locking; }
+StageHost& Layers::host() { return here("host").context().host; }
+LayerEditMode Layers::editMode() const { return here("editMode").mode(); }
+LayerResult<void> Layers::setEditMode(LayerEditMode mode) {
+    return here("setEditMode").setEditMode(mode);
+}
+std::vector<RefusedEdit> Layers::update(double nowMs) { return here("update").update(nowMs); }
+void Layers::refuse(std::vector<RefusedEdit> edits) { here("refuse").refuse(std::move(edits)); }
+std::vector<RefusedEdit> Layers::distribute() { return here("distribute").distributeAll(); }
+std::vector<LayerEvent> Layers::takeEvents() { return here("takeEvents").takeEvents(); }
+const std::deque<RefusedEdit>& Layers::refusedEdits() const { return here("refusedEdits").refused; }
+void Layers::setLive(LiveLayers* live) { here("setLive").setLive(live); }
 
 }  // namespace usdlive::layers

@@ -9,11 +9,11 @@
 #include <memory>
 #include <optional>
 #include <set>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "usdlive/client/session/Session.h"
+#include "usdlive/client/usd/Misuse.h"
 #include "usdlive/client/usd/UsedLayers.h"
 
 namespace usdlive {
@@ -52,12 +52,7 @@ public:
         std::uint64_t cacheBytes = std::uint64_t(4) << 30;
     };
 
-    /// A call that is a mistake of the caller's. Nothing was done.
-    class Misuse : public std::logic_error {
-    public:
-        explicit Misuse(Error error) : std::logic_error(error.message), error(std::move(error)) {}
-        const Error error;
-    };
+    using Misuse = usdlive::Misuse;
     /// Why `function` may not be called here: on another thread, or (one that `blocks`) by a notice
     /// handler within tick(). Nothing when it may be.
     [[nodiscard]] std::optional<Error> misuse(const std::string& function, bool blocks) const;

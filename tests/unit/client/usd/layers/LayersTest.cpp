@@ -4,7 +4,12 @@
 #include <pxr/usd/sdf/variantSetSpec.h>
 #include <pxr/usd/sdf/variantSpec.h>
 
+#include <functional>
+#include <map>
+#include <thread>
+
 #include "LayersFixture.h"
+#include "usdlive/client/usd/Misuse.h"
 
 namespace usdlive::layers {
 
@@ -82,6 +87,50 @@ TEST_F(LayersTest, AValueThatIsDistributedComposesNothingAgain) {
     EXPECT_EQ(composed(), before);
     weak->GetPrimAtPath(pxr::SdfPath("/A"))->SetVariantSelection("look", "");
     EXPECT_GT(composed(), before);
+}
+
+TEST_F(LayersTest, AnotherThreadGetsAClearErrorAndChangesNothing) {
+    set(weak, "/A.x", 1);
+    ASSERT_TRUE(layers().setEditMode(LayerEditMode::AutoAuthoring));
+    frame();
+    (void)layers().takeEvents();
+    set(target(), "/A.x", 2);
+    auto& all = layers();
+    const std::map<std::string, std::function<void()>> calls{
+        {"state", [&] { (void)all.state(); }},
+        {"autoAuthoring", [&] { (void)all.autoAuthoring(); }},
+        {"specsLinking", [&] { (void)all.specsLinking(); }},
+        {"specsLocking", [&] { (void)all.specsLocking(); }},
+        {"host", [&] { (void)all.host(); }},
+        {"editMode", [&] { (void)all.editMode(); }},
+        {"setEditMode", [&] { (void)all.setEditMode(LayerEditMode::Normal); }},
+        {"update", [&] { (void)all.update(1e9); }},
+        {"distribute", [&] { (void)all.distribute(); }},
+        {"takeEvents", [&] { (void)all.takeEvents(); }},
+        {"refuse", [&] { all.refuse({{pxr::SdfPath("/A"), "", "", {}, ""}}); }},
+        {"refusedEdits", [&] { (void)all.refusedEdits(); }},
+        {"setLive", [&] { all.setLive(nullptr); }},
+    };
+    for (const auto& [name, call] : calls) {
+        std::optional<Error> error;
+        std::thread([&error, &call = call] {
+            try {
+                call();
+            } catch (const Misuse& misuse) {
+                error = misuse.error;
+            }
+        }).join();
+        ASSERT_TRUE(error) << name;
+        EXPECT_EQ(error->code, ErrorCode::InvalidArgument) << name;
+        EXPECT_NE(error->message.find("Layers::" + name + "() was called on another thread"),
+                  std::string::npos)
+            << error->message;
+    }
+    EXPECT_EQ(get(weak, "/A.x"), 1) << "nothing was distributed";
+    EXPECT_EQ(all.editMode(), LayerEditMode::AutoAuthoring);
+    EXPECT_TRUE(all.refusedEdits().empty());
+    frame();
+    EXPECT_EQ(get(weak, "/A.x"), 2) << "and here it goes on";
 }
 
 TEST(LayersWithoutSession, HaveNoPlaceForTheDelegate) {

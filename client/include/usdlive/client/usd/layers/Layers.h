@@ -16,8 +16,9 @@ namespace usdlive::layers {
 /// Everything about the layers of one stage, under Kit's names: states, auto authoring, links and
 /// locks of specs, and what happens to them.
 ///
-/// Used from the stage's thread. Once per frame, after what is live has been brought in: update(),
-/// and then takeEvents().
+/// Used from the thread that made it, the one that owns the stage: from another one all functions
+/// throw Misuse. The parts do not check: ask for them where they are used. Once per frame, after
+/// what is live has been brought in: update(), and then takeEvents().
 class Layers {
 public:
     struct Options {
@@ -55,6 +56,8 @@ public:
 
 private:
     class Impl;
+    [[nodiscard]] Impl& here(const char* function) const;
+
     std::unique_ptr<Impl> impl_;
 };
 
