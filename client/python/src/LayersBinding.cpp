@@ -303,9 +303,6 @@ void bindUtils(nb::module_& module) {
                [](const std::string& content, const std::string& from, const std::string& to) {
                    utils::reanchorStates(find(content), from, to);
                });
-    module.def("stored_layer", [](const std::string& root, const std::string& path) {
-        return storedLayer(find(root), path);
-    });
     // Whoever watches saves hears of a file that was written by other means than Sdf's.
     module.def(
         "file_was_written",
@@ -323,11 +320,15 @@ void bindUtils(nb::module_& module) {
                [](const std::string& root, const std::string& name, const std::string& id) {
                    return removeLayerFlag(find(root), name, id);
                });
-    module.def("relative_to", [](const std::string& root, const std::string& id) {
-        return relativeTo(find(root), id);
+    module.def("is_layer_locked", [](const std::string& layer, const std::string& root) {
+        return isLayerLocked(find(layer), find(root));
     });
-    module.def("absolute_from", [](const std::string& root, const std::string& path) {
-        return absoluteFrom(find(root), path);
+    module.def("has_own_lock", [](const std::string& layer) { return hasOwnLock(find(layer)); });
+    module.def("set_own_lock", [](const std::string& layer) { return setOwnLock(find(layer)); });
+    module.def("authoring_layer",
+               [](const std::string& root) { return authoringLayer(find(root)); });
+    module.def("set_authoring_layer", [](const std::string& root, const std::string& layer) {
+        return setAuthoringLayer(find(root), layer);
     });
 }
 

@@ -15,6 +15,7 @@
 #include <thread>
 #include <type_traits>
 
+#include "ContentBinding.h"
 #include "Errors.h"
 #include "EventDictionary.h"
 #include "LayersBinding.h"
@@ -366,4 +367,5 @@ NB_MODULE(_usdlive, module) {
             return self.client("cache_folder").cacheFolder().string();
         });
     bindLayers(module);
+    bindContent(module);
 }

@@ -10,7 +10,7 @@ import typing
 from pxr import Sdf, Usd, UsdUtils
 
 from usdlive import _usdlive
-from usdlive.omni._registers import changes_between, make_like, paths_below, read_fields, write
+from usdlive.omni._registers import make_like
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.\-]+:")
 LayerLike = Sdf.Layer | str
@@ -22,19 +22,9 @@ def find_layer(layer: LayerLike) -> Sdf.Layer | None:
     return layer or None  # one that has expired is none
 
 
-def omni_data(layer: Sdf.Layer) -> dict[str, typing.Any]:
-    """What Kit keeps in the layer's customLayerData; empty where something else stands in its place."""
-    group = layer.customLayerData.get("omni_layer")
-    return group if isinstance(group, dict) else {}
-
-
 def is_locked(layer: Sdf.Layer, root: Sdf.Layer) -> bool:
     """By its own customLayerData, or by Kit's map in the root layer; the root layer itself never is."""
-    if layer == root:
-        return False
-    if omni_data(layer).get("locked") is True:
-        return True
-    return _usdlive.layer_utils.layer_flags(root.identifier, "locked").get(layer.identifier, False)
+    return _usdlive.layer_utils.is_layer_locked(layer.identifier, root.identifier)
 
 
 # -- asset paths
@@ -170,10 +160,7 @@ def merge_layers(dst_layer_identifier: LayerLike, src_layer_identifier: LayerLik
 
 def keep_metadata(merged: Sdf.Layer, layer: Sdf.Layer) -> None:
     """What the layer says of itself, but its sublayers, in what is to become its content."""
-    root = Sdf.Path.absoluteRootPath
-    own = {field: value for field, value in read_fields(layer, root).items() if field != "subLayers"}
-    for change in changes_between(root, read_fields(merged, root), own):
-        write(merged, root, change.field, change.part, change.new)
+    _usdlive.content.take_metadata(merged.identifier, layer.identifier)
 
 
 def merge_prim_spec(dst_layer_identifier: LayerLike, src_layer_identifier: LayerLike,
@@ -209,18 +196,6 @@ def put_prim(layer: Sdf.Layer, content: Sdf.Layer, path: Sdf.Path) -> None:
         make_like(layer, content, path)
 
 
-def _modified(op: typing.Any, change: typing.Callable[[typing.Any], typing.Any]) -> typing.Any:
-    """A list op with its items changed."""
-    modified = type(op)()
-    names = ["explicitItems"] if op.isExplicit else [
-        "prependedItems", "appendedItems", "deletedItems", "addedItems", "orderedItems"]
-    if op.isExplicit:
-        modified.ClearAndMakeExplicit()
-    for name in names:
-        setattr(modified, name, list(dict.fromkeys(change(item) for item in getattr(op, name))))
-    return modified
-
-
 def resolve_paths(base_layer_identifier: LayerLike, target_layer_identifier: LayerLike,
                   store_relative_path: bool = True, relative_to_base_layer: bool = False,
                   copy_sublayer_offsets: bool = False) -> bool:
@@ -247,27 +222,5 @@ def resolve_prim_path_references(layer: LayerLike, old_prim_path: Sdf.Path | str
 def resolve_prim_paths_references(layer: LayerLike, old_prim_paths: typing.Sequence[Sdf.Path | str],
                                   new_prim_paths: typing.Sequence[Sdf.Path | str]) -> None:
     """Targets, connections and arcs within the layer that lead to (below) an old path lead to the new one."""
-    pairs = [(Sdf.Path(old), Sdf.Path(new)) for old, new in zip(old_prim_paths, new_prim_paths)]
-    layer = find_layer(layer)
-
-    def path_for(path: Sdf.Path) -> Sdf.Path:
-        for old, new in pairs:
-            if path.HasPrefix(old):
-                return path.ReplacePrefix(old, new)
-        return path
-
-    def arc_for(arc: Sdf.Reference | Sdf.Payload) -> Sdf.Reference | Sdf.Payload:
-        if arc.assetPath:
-            return arc
-        if isinstance(arc, Sdf.Payload):
-            return Sdf.Payload("", path_for(arc.primPath), arc.layerOffset)
-        return Sdf.Reference("", path_for(arc.primPath), arc.layerOffset, arc.customData)
-
-    changes = {"targetPaths": path_for, "connectionPaths": path_for, "inheritPaths": path_for,
-               "specializes": path_for, "references": arc_for, "payload": arc_for}
-    with Sdf.ChangeBlock():
-        for path in paths_below(layer, Sdf.Path.absoluteRootPath):
-            fields = read_fields(layer, path)
-            for field in changes.keys() & fields.keys():
-                if (op := _modified(fields[field], changes[field])) != fields[field]:
-                    write(layer, path, field, None, op)
+    pairs = [(str(old), str(new)) for old, new in zip(old_prim_paths, new_prim_paths)]
+    _usdlive.content.retarget(find_layer(layer).identifier, pairs)

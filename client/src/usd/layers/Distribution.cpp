@@ -12,12 +12,19 @@
 #include <cmath>
 #include <map>
 
-#include "MappedValue.h"
-#include "SpecEdits.h"
+#include "usdlive/client/usd/content/MappedValue.h"
+#include "usdlive/client/usd/content/SpecEdits.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 namespace usdlive::layers {
 
+using content::composedListOp;
+using content::isListOp;
+using content::makeSpecLike;
+using content::mapped;
+using content::moveSpec;
+using content::removeSpec;
+using content::setListOp;
 using pxr::SdfLayerHandle;
 using pxr::SdfPath;
 using pxr::TfToken;

@@ -18,12 +18,13 @@
 #include <string_view>
 #include <utility>
 
-#include "SpecEdits.h"
+#include "usdlive/client/usd/content/SpecEdits.h"
 #include "usdlive/client/usd/layers/OmniLayerData.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::layers::LayerUtils {
 
+using content::removeSpec;
 using pxr::SdfLayerHandle;
 using pxr::SdfLayerRefPtr;
 using pxr::VtValue;

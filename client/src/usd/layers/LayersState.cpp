@@ -18,10 +18,6 @@ constexpr double kLookEveryMs = 500;
 
 const std::string kMuteness = "muteness", kLocked = "locked";
 
-bool ownLockOf(const pxr::SdfLayerHandle& layer) {
-    return omniValue(layer, kLocked).GetWithDefault<bool>(false);
-}
-
 }  // namespace
 
 LayersState::LayersState(LayersContext& context) : context_(context) {
@@ -102,7 +98,7 @@ void LayersState::learnStructure() {
         used_.insert(layer->GetIdentifier());
     }
     for (auto& [id, known] : known_) {
-        known.ownLock = ownLockOf(known.layer);
+        known.ownLock = hasOwnLock(known.layer);
         known.locked = known.local && isLocked(id, known);
         const auto old = before.find(id);
         if (old == before.end()) {
@@ -280,7 +276,7 @@ LayerResult<void> LayersState::setLayerLockState(const std::string& id, bool loc
     if (!kept)
         return fail(LayerErrorType::ReadOnly, "neither " + id + " nor the root layer takes edits");
     learnFlags();
-    if ((known = find(id))) known->ownLock = ownLockOf(layer);
+    if ((known = find(id))) known->ownLock = hasOwnLock(layer);
     tellLocks();
     return {};
 }
@@ -299,7 +295,7 @@ void LayersState::tellLocks() {
 void LayersState::dataChanged(const pxr::SdfLayerHandle& layer) {
     if (!structureKnown_) return;  // all of it is read again
     if (const auto found = known_.find(layer->GetIdentifier()); found != known_.end())
-        found->second.ownLock = ownLockOf(layer);
+        found->second.ownLock = hasOwnLock(layer);
     if (layer == context_.host.rootLayer()) {
         const auto before = globalMuted_;
         learnFlags();

@@ -138,6 +138,30 @@ bool removeLayerFlag(const pxr::SdfLayerHandle& root, const std::string& name,
     return left.size() != stored.size() && setOmniDictionary(root, name, std::move(left));
 }
 
+bool hasOwnLock(const pxr::SdfLayerHandle& layer) {
+    return omniValue(layer, "locked").GetWithDefault<bool>(false);
+}
+
+bool setOwnLock(const pxr::SdfLayerHandle& layer) {
+    return setOmniValue(layer, "locked", VtValue(true));
+}
+
+bool isLayerLocked(const pxr::SdfLayerHandle& layer, const pxr::SdfLayerHandle& root) {
+    if (!layer || layer == root) return false;
+    if (hasOwnLock(layer)) return true;
+    const auto flags = layerFlags(root, "locked");
+    const auto flag = flags.find(layer->GetIdentifier());
+    return flag != flags.end() && flag->second;
+}
+
+std::string authoringLayer(const pxr::SdfLayerHandle& root) {
+    return storedLayer(root, omniValue(root, "authoring_layer").GetWithDefault<std::string>());
+}
+
+bool setAuthoringLayer(const pxr::SdfLayerHandle& root, const std::string& identifier) {
+    return setOmniValue(root, "authoring_layer", VtValue(relativeTo(root, identifier)));
+}
+
 void renameStoredLayers(const pxr::SdfLayerHandle& layer,
                         const std::function<std::string(const std::string&)>& rename) {
     for (const char* name : {"muteness", "locked"}) {

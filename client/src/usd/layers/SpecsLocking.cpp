@@ -9,8 +9,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "MappedValue.h"
-#include "SpecEdits.h"
+#include "usdlive/client/usd/content/MappedValue.h"
+#include "usdlive/client/usd/content/SpecEdits.h"
 #include "usdlive/client/usd/layers/LiveLayers.h"
 #include "usdlive/client/usd/layers/OmniLayerData.h"
 #include "usdlive/client/usd/layers/SpecPaths.h"
@@ -18,6 +18,10 @@
 
 namespace usdlive::layers {
 
+using content::isListOp;
+using content::moveSpec;
+using content::removeSpec;
+using content::setListOp;
 using pxr::SdfLayerHandle;
 using pxr::SdfPath;
 

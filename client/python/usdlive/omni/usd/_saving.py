@@ -8,7 +8,6 @@ from pxr import Sdf, Tf, Usd
 
 from usdlive import _usdlive
 from usdlive.omni import _layer_content
-from usdlive.omni._registers import write
 
 from ._errors import OUTSIDE, Failure, reason
 from ._files import Replacement, check_writable, extension, is_read_only
@@ -35,7 +34,7 @@ def newly_locked(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
 
 
 def _has_own_lock(layer: Sdf.Layer) -> bool:
-    return _layer_content.omni_data(layer).get("locked") is True
+    return _usdlive.layer_utils.has_own_lock(layer.identifier)
 
 
 def _lacks_lock(path: str) -> bool:
@@ -63,7 +62,7 @@ def save_lock(layer: Sdf.Layer) -> Steps[None]:
     """Writes the lock into the layer's file, so that the next one who opens it has it. Other edits of a locked
     layer are not saved."""
     content = Sdf.Layer.OpenAsAnonymous(layer.realPath)
-    write(content, Sdf.Path.absoluteRootPath, "customLayerData", ("omni_layer", "locked"), True)
+    _usdlive.layer_utils.set_own_lock(content.identifier)
     yield from _replace(Replacement(content, layer.realPath, like=layer))
     if content.ExportToString() == layer.ExportToString():
         layer.Reload(True)

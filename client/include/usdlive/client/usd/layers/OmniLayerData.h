@@ -30,6 +30,16 @@ bool setLayerFlags(const pxr::SdfLayerHandle& root, const std::string& name,
 bool removeLayerFlag(const pxr::SdfLayerHandle& root, const std::string& name,
                      const std::string& identifier);
 
+/// Is the layer locked by its own data, or by the root layer's flags? The root layer never is.
+[[nodiscard]] bool isLayerLocked(const pxr::SdfLayerHandle& layer, const pxr::SdfLayerHandle& root);
+[[nodiscard]] bool hasOwnLock(const pxr::SdfLayerHandle& layer);
+/// Locks the layer in its own data.
+bool setOwnLock(const pxr::SdfLayerHandle& layer);
+
+/// The layer that Kit makes the edit target when the root layer is opened; empty: none is named.
+[[nodiscard]] std::string authoringLayer(const pxr::SdfLayerHandle& root);
+bool setAuthoringLayer(const pxr::SdfLayerHandle& root, const std::string& identifier);
+
 /// `path` as the root layer would name it, and back. Without a root layer the path stays as it is.
 [[nodiscard]] std::string relativeTo(const pxr::SdfLayerHandle& root,
                                      const std::string& identifier);

@@ -38,7 +38,7 @@ class RecordedCommand(Command):
 
     def __init__(self, usd_context: str | UsdContext = ""):
         self._usd_context = usd_context
-        self._record = Record([])
+        self._record = Record()
 
     @abc.abstractmethod
     def edit(self, recorder: Recorder) -> typing.Any: ...

@@ -10,8 +10,7 @@ import typing
 from pxr import Sdf, Usd
 
 from usdlive import _usdlive
-from usdlive.omni._layer_content import is_locked, omni_data
-from usdlive.omni._registers import write
+from usdlive.omni._layer_content import is_locked
 from usdlive.omni.usd import UsdContext, get_context_from_live_layer
 
 from ._layers import distribute_all
@@ -163,16 +162,12 @@ class LayerUtils:
         root, layer = stage.GetRootLayer(), stage.GetEditTarget().GetLayer()
         if not layer or layer.anonymous or not root.permissionToEdit:
             return False
-        write(root, Sdf.Path.absoluteRootPath, "customLayerData", ("omni_layer", "authoring_layer"),
-              _utils.relative_to(root.identifier, layer.identifier))
-        return True
+        return _utils.set_authoring_layer(root.identifier, layer.identifier)
 
     @staticmethod
     def restore_authoring_layer_from_custom_data(stage: Usd.Stage) -> bool:
-        root = stage.GetRootLayer()
-        path = omni_data(root).get("authoring_layer")
-        return bool(path) and isinstance(path, str) and LayerUtils.set_edit_target(
-            stage, _utils.stored_layer(root.identifier, path))
+        layer = _utils.authoring_layer(stage.GetRootLayer().identifier)
+        return bool(layer) and LayerUtils.set_edit_target(stage, layer)
 
     # -- flags in the root layer
 

@@ -13,7 +13,7 @@ import usdlive
 from usdlive import _usdlive
 from usdlive.omni import _layer_content
 from usdlive.omni._layer_content import Part
-from usdlive.omni._registers import ABSENT, Kept, Recorder, hold, remove_spec, write
+from usdlive.omni._registers import Kept, Recorder, hold, remove_spec
 from usdlive.omni.kit.commands import CommandFailed, RecordedCommand
 from usdlive.omni.usd import UsdContext
 
@@ -195,13 +195,11 @@ class _SublayerCommand(AbstractLayerCommand):
     def _forget(self, recorder: Recorder, identifier: str) -> None:
         if self.stage.IsLayerMuted(identifier):
             self._muted.append(identifier)
-        states = _layer_content.omni_data(self.root)
-        for key in ("muteness", "locked"):
-            entries = states.get(key)
-            for path in entries if isinstance(entries, dict) else ():
-                if _usdlive.layer_utils.stored_layer(self.root.identifier, path) == identifier:
-                    recorder.touch(self.root)
-                    write(self.root, _ROOT, "customLayerData", ("omni_layer", key, path), ABSENT)
+        root, utils = self.root.identifier, _usdlive.layer_utils
+        for flag in ("muteness", "locked"):
+            if identifier in utils.layer_flags(root, flag):
+                recorder.touch(self.root)
+                utils.remove_layer_flag(root, flag, identifier)
 
 
 class SetEditTargetCommand(AbstractLayerCommand):
@@ -245,7 +243,7 @@ class CreateSublayerCommand(_SublayerCommand):
         _insert(parent, position, layer)
         if self._name:
             recorder.touch(layer)
-            write(layer, _ROOT, "customLayerData", ("omni_layer", "custom_name"), self._name)
+            _usdlive.layer_utils.set_custom_layer_name(layer.identifier, self._name)
         if self._transfer:
             self._transfer_root(recorder, layer)
         return layer.identifier
@@ -270,7 +268,7 @@ class CreateSublayerCommand(_SublayerCommand):
         recorder.touch(layer)
         for field in _SHARED_METADATA:
             if self.root.pseudoRoot.HasInfo(field):
-                write(layer, _ROOT, field, None, self.root.pseudoRoot.GetInfo(field))
+                layer.pseudoRoot.SetInfo(field, self.root.pseudoRoot.GetInfo(field))
         return layer
 
     def _made_in_project(self, parent: Sdf.Layer) -> Sdf.Layer:
@@ -410,8 +408,14 @@ class MergeLayersCommand(_SublayerCommand):
             self.take_out(recorder, src_parent, at)
             own = list(zip(dst.subLayerPaths, dst.subLayerOffsets))
             subs = [entry for entry in subs if entry[0] not in dict(own)]
-            write(merged, _ROOT, "subLayers", None, own + subs if self._dst_stronger else subs + own)
+            _set_sublayers(merged, own + subs if self._dst_stronger else subs + own)
             _layer_content.make_like(dst, merged)
+
+
+def _set_sublayers(layer: Sdf.Layer, entries: list[tuple[str, Sdf.LayerOffset]]) -> None:
+    layer.subLayerPaths = [path for path, _ in entries]
+    for index, (_, offset) in enumerate(entries):
+        layer.subLayerOffsets[index] = offset
 
 
 def _layers_below(src: Sdf.Layer, dst: Sdf.Layer,

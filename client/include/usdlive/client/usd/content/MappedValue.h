@@ -3,7 +3,7 @@
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/sdf/layerOffset.h>
 
-namespace usdlive::layers {
+namespace usdlive::content {
 
 /// A field's value as another layer has to say it, `times` from the one's time to the other's: time
 /// codes, time samples, splines, and offsets of references and payloads, also within dictionaries.
@@ -13,4 +13,4 @@ namespace usdlive::layers {
 [[nodiscard]] pxr::VtValue composedListOp(const pxr::VtValue& stronger, const pxr::VtValue& weaker);
 [[nodiscard]] bool isListOp(const pxr::VtValue& value);
 
-}  // namespace usdlive::layers
+}  // namespace usdlive::content

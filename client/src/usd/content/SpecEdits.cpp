@@ -1,4 +1,4 @@
-#include "SpecEdits.h"
+#include "usdlive/client/usd/content/SpecEdits.h"
 
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/listEditorProxy.h>
@@ -11,7 +11,7 @@
 #include <pxr/usd/sdf/variantSetSpec.h>
 #include <pxr/usd/sdf/variantSpec.h>
 
-namespace usdlive::layers {
+namespace usdlive::content {
 
 using pxr::SdfLayerHandle;
 using pxr::SdfPath;
@@ -70,6 +70,7 @@ bool makeSpecLike(const SdfLayerHandle& layer, const SdfPath& path, const SdfLay
 }
 
 void removeSpec(const SdfLayerHandle& layer, const SdfPath& path) {
+    if (!layer->HasSpec(path)) return;
     if (path.IsPrimVariantSelectionPath()) {
         const auto [set, variant] = path.GetVariantSelection();
         const SdfPath owner = path.GetParentPath();
@@ -119,4 +120,4 @@ void setListOp(const SdfLayerHandle& layer, const SdfPath& path, const pxr::TfTo
     }
 }
 
-}  // namespace usdlive::layers
+}  // namespace usdlive::content

@@ -1,4 +1,4 @@
-#include "MappedValue.h"
+#include "usdlive/client/usd/content/MappedValue.h"
 
 #include <pxr/base/ts/spline.h>
 #include <pxr/base/vt/array.h>
@@ -11,7 +11,7 @@
 
 #include <algorithm>
 
-namespace usdlive::layers {
+namespace usdlive::content {
 
 using pxr::SdfLayerOffset;
 using pxr::VtValue;
@@ -89,7 +89,7 @@ struct ListOps {
     static bool holds(const VtValue& value) { return (value.IsHolding<Ops>() || ...); }
     static VtValue compose(const VtValue& stronger, const VtValue& weaker) {
         VtValue result;
-        (void)(layers::compose<Ops>(stronger, weaker, result) || ...);
+        (void)(content::compose<Ops>(stronger, weaker, result) || ...);
         return result;
     }
 };
@@ -126,4 +126,4 @@ VtValue composedListOp(const VtValue& stronger, const VtValue& weaker) {
 
 bool isListOp(const VtValue& value) { return All::holds(value); }
 
-}  // namespace usdlive::layers
+}  // namespace usdlive::content

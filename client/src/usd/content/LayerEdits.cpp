@@ -1,0 +1,172 @@
+#include "usdlive/client/usd/content/LayerEdits.h"
+
+#include <pxr/base/tf/errorMark.h>
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/copyUtils.h>
+#include <pxr/usd/sdf/listOp.h>
+#include <pxr/usd/sdf/namespaceEdit.h>
+#include <pxr/usd/sdf/payload.h>
+#include <pxr/usd/sdf/reference.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <unordered_set>
+
+#include "usdlive/client/usd/content/Registers.h"
+#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usdlive/common/layer/LongestIncreasing.h"
+
+namespace usdlive::content {
+
+using pxr::SdfLayerHandle;
+using pxr::SdfPath;
+using pxr::TfToken;
+using pxr::TfTokenVector;
+using pxr::VtValue;
+
+namespace {
+
+using Places = std::map<TfToken, std::size_t>;
+
+Places placesOf(const TfTokenVector& names) {
+    Places places;
+    for (std::size_t i = 0; i < names.size(); ++i) places.emplace(names[i], i);
+    return places;
+}
+
+void reorder(const SdfLayerHandle& layer, const SdfPath& path, std::size_t index) {
+    pxr::SdfBatchNamespaceEdit edits;
+    edits.Add(pxr::SdfNamespaceEdit::Reorder(path, int(index)));
+    pxr::TfErrorMark errors;  // OpenUSD 26.8 does it, and reports that the paths overlap
+    layer->Apply(edits);
+    errors.Clear();
+}
+
+// The fewest names that have to move for `names` to be in `order`.
+std::set<TfToken> misplaced(const TfTokenVector& names, const TfTokenVector& order) {
+    const Places places = placesOf(order);
+    std::vector<std::size_t> numbers;
+    for (const TfToken& name : names) {
+        const auto place = places.find(name);
+        numbers.push_back(place == places.end() ? kNotThere : place->second);
+    }
+    const auto stays = longestIncreasing(numbers);
+    std::set<TfToken> moving;
+    for (std::size_t i = 0; i < names.size(); ++i)
+        if (numbers[i] != kNotThere && !stays[i]) moving.insert(names[i]);
+    return moving;
+}
+
+SdfPath movedPath(const SdfPath& path, const Moves& moves) {
+    for (const auto& [from, to] : moves)
+        if (path.HasPrefix(from)) return path.ReplacePrefix(from, to);
+    return path;
+}
+
+template <class Arc>
+Arc movedArc(Arc arc, const Moves& moves) {
+    if (arc.GetAssetPath().empty()) arc.SetPrimPath(movedPath(arc.GetPrimPath(), moves));
+    return arc;
+}
+
+template <class Item, class Move>
+bool modifyItems(VtValue& value, const Move& move) {
+    if (!value.IsHolding<pxr::SdfListOp<Item>>()) return false;
+    auto op = value.UncheckedGet<pxr::SdfListOp<Item>>();
+    if (!op.ModifyOperations([&](const Item& item) { return std::optional<Item>(move(item)); }))
+        return false;
+    value = VtValue::Take(op);
+    return true;
+}
+
+// Changes the value if it leads to an old path.
+bool retargeted(VtValue& value, const Moves& moves) {
+    const auto arc = [&](const auto& item) { return movedArc(item, moves); };
+    return modifyItems<SdfPath>(value, [&](const auto& path) { return movedPath(path, moves); }) ||
+           modifyItems<pxr::SdfReference>(value, arc) || modifyItems<pxr::SdfPayload>(value, arc);
+}
+
+}  // namespace
+
+std::vector<SdfPath> pathsBelow(const SdfLayerHandle& layer, const SdfPath& root) {
+    std::vector<SdfPath> paths;
+    if (!layer->HasSpec(root)) return paths;
+    layer->Traverse(root, [&](const SdfPath& path) {
+        if (!path.IsTargetPath()) paths.push_back(path);
+    });
+    std::ranges::reverse(paths);
+    return paths;
+}
+
+SdfPath ownerOf(const SdfPath& path) {
+    const SdfPath parent = path.GetParentPath();
+    if (!path.IsPrimVariantSelectionPath()) return parent;
+    const auto [set, variant] = path.GetVariantSelection();
+    return variant.empty() ? parent : parent.AppendVariantSelection(set, "");
+}
+
+TfTokenVector primChildren(const SdfLayerHandle& layer, const SdfPath& parent) {
+    return layer->GetFieldAs<TfTokenVector>(parent, pxr::SdfChildrenKeys->PrimChildren);
+}
+
+void arrange(const SdfLayerHandle& layer, const SdfPath& parent, const TfTokenVector& order,
+             const std::set<TfToken>& names) {
+    Places places = placesOf(primChildren(layer, parent));
+    std::size_t next = 0;  // behind all that were visited
+    for (const TfToken& name : order) {
+        const auto place = places.find(name);
+        if (place == places.end()) continue;
+        if (names.contains(name) && place->second != next) {
+            reorder(layer, parent.AppendChild(name), next);
+            places = placesOf(primChildren(layer, parent));
+        }
+        next = std::max(next, places.at(name) + 1);
+    }
+}
+
+void makeLike(const SdfLayerHandle& layer, const SdfLayerHandle& wanted, const SdfPath& root) {
+    using Paths = std::unordered_set<SdfPath, SdfPath::Hash>;
+    const pxr::SdfChangeBlock block;
+    const auto wantedPaths = pathsBelow(wanted, root), presentPaths = pathsBelow(layer, root);
+    const Paths want(wantedPaths.begin(), wantedPaths.end());
+    const Paths have(presentPaths.begin(), presentPaths.end());
+    for (const SdfPath& path : presentPaths)
+        if (!want.contains(path) && (path == root || want.contains(ownerOf(path))))
+            removeSpec(layer, path);
+    for (const SdfPath& path : wantedPaths) {
+        if (!have.contains(path)) {
+            if (have.contains(ownerOf(path))) pxr::SdfCopySpec(wanted, path, layer, path);
+            continue;
+        }
+        for (const Change& change :
+             changesBetween(path, readFields(layer, path), readFields(wanted, path)))
+            writeRegister(layer, path, change.field, change.part, change.after);
+    }
+    for (const SdfPath& path : wantedPaths) {
+        if (path.IsPropertyPath()) continue;
+        const auto order = primChildren(wanted, path), present = primChildren(layer, path);
+        if (order != present) arrange(layer, path, order, misplaced(present, order));
+    }
+}
+
+void takeMetadata(const SdfLayerHandle& content, const SdfLayerHandle& layer) {
+    const SdfPath root = SdfPath::AbsoluteRootPath();
+    for (const Change& change :
+         changesBetween(root, readFields(content, root), readFields(layer, root)))
+        if (change.field != pxr::SdfFieldKeys->SubLayers)
+            writeRegister(content, root, change.field, change.part, change.after);
+}
+
+void retarget(const SdfLayerHandle& layer, const Moves& moves) {
+    const auto& keys = pxr::SdfFieldKeys;
+    const pxr::SdfChangeBlock block;
+    for (const SdfPath& path : pathsBelow(layer, SdfPath::AbsoluteRootPath()))
+        for (const auto& field : {keys->TargetPaths, keys->ConnectionPaths, keys->InheritPaths,
+                                  keys->Specializes, keys->References, keys->Payload})
+            if (VtValue value = layer->GetField(path, field); retargeted(value, moves))
+                writeRegister(layer, path, field, {}, value);
+}
+
+}  // namespace usdlive::content

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <pxr/base/vt/value.h>
+
+#include <algorithm>
+#include <optional>
+#include <vector>
+
+namespace usdlive::content {
+
+/// Takes back what came from `before` to `after` in a list that others have changed to `present`:
+/// added items go, removed ones come back behind the items they followed, and items that only
+/// changed their order get the earlier one where others left that order.
+template <class Item>
+std::vector<Item> listTakenBack(const std::vector<Item>& present, const std::vector<Item>& after,
+                                const std::vector<Item>& before) {
+    const auto has = [](const auto& list, const Item& item) {
+        return std::ranges::find(list, item) != list.end();
+    };
+    std::vector<Item> common, kept, order;
+    for (const Item& item : after)
+        if (has(before, item)) common.push_back(item);
+    for (const Item& item : present)
+        if (!has(after, item) || has(before, item)) kept.push_back(item);
+    for (const Item& item : before)
+        if (has(after, item)) order.push_back(item);
+
+    std::vector<Item> shared;
+    std::ranges::copy_if(kept, std::back_inserter(shared),
+                         [&](const Item& item) { return has(common, item); });
+    if (shared == common && order.size() == common.size()) {
+        auto next = order.begin();
+        for (Item& item : kept)
+            if (has(common, item)) item = *next++;
+    }
+    for (std::size_t i = 0; i < before.size(); ++i) {
+        if (has(after, before[i]) || has(kept, before[i])) continue;
+        auto place = kept.begin();
+        for (std::size_t earlier = i; earlier-- > 0 && place == kept.begin();)
+            if (const auto at = std::ranges::find(kept, before[earlier]); at != kept.end())
+                place = at + 1;
+        kept.insert(place, before[i]);
+    }
+    return kept;
+}
+
+/// The same for the value of a field: sublayers and list ops. Nothing for other values, and where
+/// the list op has been made explicit, or no longer is, by one of the two.
+[[nodiscard]] std::optional<pxr::VtValue> listTakenBack(const pxr::VtValue& present,
+                                                        const pxr::VtValue& after,
+                                                        const pxr::VtValue& before);
+
+}  // namespace usdlive::content

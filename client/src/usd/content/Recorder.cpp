@@ -1,0 +1,272 @@
+#include "usdlive/client/usd/content/Recorder.h"
+
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/copyUtils.h>
+#include <pxr/usd/sdf/primSpec.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <unordered_map>
+#include <utility>
+
+#include "ListMerge.h"
+#include "usdlive/client/usd/content/LayerEdits.h"
+#include "usdlive/client/usd/content/SpecEdits.h"
+
+namespace usdlive::content {
+
+using pxr::SdfLayerHandle;
+using pxr::SdfLayerRefPtr;
+using pxr::SdfPath;
+using pxr::TfToken;
+using pxr::TfTokenVector;
+using pxr::VtValue;
+
+/// What a layer has at a path, and below when `deep`, at some time.
+class LayerScope {
+public:
+    LayerScope(SdfLayerRefPtr layer, SdfPath root, bool deep);
+
+    /// Does it hold what a scope of `path` would hold?
+    [[nodiscard]] bool covers(const SdfLayerHandle& layer, const SdfPath& path, bool deep) const {
+        if (SdfLayerHandle(this->layer) != layer) return false;
+        return (root == path && this->deep >= deep) || (this->deep && path.HasPrefix(root));
+    }
+    [[nodiscard]] bool has(const SdfPath& path) const { return fields.contains(path); }
+    /// Keeps the specs themselves, for those that are going to be deleted.
+    void keepSpecs();
+
+    SdfLayerRefPtr layer;
+    SdfPath root;
+    bool deep;
+    std::vector<SdfPath> paths;  ///< parents first, siblings in reverse order
+    std::unordered_map<SdfPath, Fields, SdfPath::Hash> fields;
+    std::map<SdfPath, TfTokenVector> order;  ///< of the children of prims
+    SdfLayerRefPtr specs;
+
+private:
+    void keepOrder(const SdfPath& parent) { order[parent] = primChildren(layer, parent); }
+};
+
+LayerScope::LayerScope(SdfLayerRefPtr of, SdfPath at, bool isDeep)
+    : layer(std::move(of)), root(std::move(at)), deep(isDeep) {
+    if (deep)
+        paths = pathsBelow(layer, root);
+    else if (layer->HasSpec(root))
+        paths = {root};
+    for (const SdfPath& path : paths) {
+        fields.emplace(path, readFields(layer, path));
+        if (!path.IsPropertyPath()) keepOrder(path);
+    }
+    if (root != SdfPath::AbsoluteRootPath()) keepOrder(root.GetParentPath());
+}
+
+void LayerScope::keepSpecs() {
+    specs = pxr::SdfLayer::CreateAnonymous(".usda");
+    if (!deep) return;
+    if (root == SdfPath::AbsoluteRootPath()) {
+        for (const TfToken& name : primChildren(layer, root))
+            pxr::SdfCopySpec(layer, root.AppendChild(name), specs, root.AppendChild(name));
+    } else if (has(root)) {
+        const SdfPath owner = root.GetParentPath();
+        if (owner != SdfPath::AbsoluteRootPath()) pxr::SdfCreatePrimInLayer(specs, owner);
+        pxr::SdfCopySpec(layer, root, specs, root);
+    }
+}
+
+/// What was written in a scope, and how to take it back.
+class ScopeDifference {
+public:
+    ScopeDifference(LayerScope before, LayerScope after);
+
+    [[nodiscard]] bool isEmpty() const {
+        return created_.empty() && deleted_.empty() && changes_.empty();
+    }
+    [[nodiscard]] const SdfLayerRefPtr& layer() const { return before_.layer; }
+    /// `force`: whatever others have done since.
+    void undo(bool force, std::vector<Kept>& kept) const;
+
+private:
+    // Return why something stays as it is; nothing: it was taken back.
+    std::string takeBack(const Change& change) const;
+    std::string uncreate(const SdfPath& path) const;
+    std::string restore(const SdfPath& path, bool force) const;
+    void removeCreated(bool force, std::vector<Kept>& kept) const;
+    void arrangeChildren(bool force, const std::vector<SdfPath>& restored) const;
+    bool isOrderAsWritten(const SdfPath& parent) const;
+    void write(const Change& change, const VtValue& value) const {
+        writeRegister(layer(), change.path, change.field, change.part, value);
+    }
+
+    LayerScope before_, after_;
+    std::vector<SdfPath> created_, deleted_;  // deleted: without what went with them
+    std::vector<Change> changes_;
+};
+
+ScopeDifference::ScopeDifference(LayerScope before, LayerScope after)
+    : before_(std::move(before)), after_(std::move(after)) {
+    const auto isGone = [this](const SdfPath& path) {
+        return before_.has(path) && !after_.has(path);
+    };
+    for (const SdfPath& path : before_.paths)
+        if (isGone(path) && !isGone(ownerOf(path))) deleted_.push_back(path);
+    for (const SdfPath& path : after_.paths) {
+        if (!before_.has(path)) {
+            created_.push_back(path);
+            continue;
+        }
+        auto changes = changesBetween(path, before_.fields.at(path), after_.fields.at(path));
+        std::ranges::move(changes, std::back_inserter(changes_));
+    }
+}
+
+void ScopeDifference::undo(bool force, std::vector<Kept>& kept) const {
+    const auto keep = [&](const SdfPath& path, std::string reason) {
+        kept.push_back({layer()->GetIdentifier(), path, {}, {}, std::move(reason)});
+    };
+    for (const Change& change : changes_) {
+        if (force && layer()->HasSpec(change.path)) {
+            write(change, change.before);
+        } else if (auto reason = takeBack(change); !reason.empty()) {
+            keep(change.path, std::move(reason));
+            kept.back().field = change.field;
+            kept.back().part = change.part;
+        }
+    }
+    removeCreated(force, kept);
+    std::vector<SdfPath> restored;
+    for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path) {  // siblings in order
+        if (auto reason = restore(*path, force); !reason.empty())
+            keep(*path, std::move(reason));
+        else
+            restored.push_back(*path);
+    }
+    arrangeChildren(force, restored);
+}
+
+std::string ScopeDifference::takeBack(const Change& change) const {
+    if (!layer()->HasSpec(change.path)) return "it is no longer there";
+    const VtValue present = readRegister(layer(), change.path, change.field, change.part);
+    if (isSame(present, change.after)) {
+        write(change, change.before);
+        return {};
+    }
+    if (isSame(present, change.before)) return {};
+    const auto merged = listTakenBack(present, change.after, change.before);
+    if (!merged) return "it was written by another one since";
+    write(change, *merged);
+    return {};
+}
+
+// By force with all that is below them, else from the leaves up: a spec that others have written,
+// or added to, stays.
+void ScopeDifference::removeCreated(bool force, std::vector<Kept>& kept) const {
+    if (force) {
+        for (const SdfPath& path : created_)
+            if (path == after_.root || before_.has(ownerOf(path))) removeSpec(layer(), path);
+        return;
+    }
+    for (auto path = created_.rbegin(); path != created_.rend(); ++path)
+        if (auto reason = uncreate(*path); !reason.empty())
+            kept.push_back({layer()->GetIdentifier(), *path, {}, {}, std::move(reason)});
+}
+
+std::string ScopeDifference::uncreate(const SdfPath& path) const {
+    if (!layer()->HasSpec(path)) return {};
+    if (!changesBetween(path, after_.fields.at(path), readFields(layer(), path)).empty())
+        return "another one has written it since";
+    if (pathsBelow(layer(), path).size() > 1) return "another one's work is below it";
+    removeSpec(layer(), path);
+    return {};
+}
+
+std::string ScopeDifference::restore(const SdfPath& path, bool force) const {
+    if (!force && layer()->HasSpec(path)) return "another one has made it anew";
+    if (!layer()->HasSpec(ownerOf(path))) return "what it was in is no longer there";
+    pxr::SdfCopySpec(before_.specs, path, layer(), path);
+    return {};
+}
+
+void ScopeDifference::arrangeChildren(bool force, const std::vector<SdfPath>& restored) const {
+    for (const auto& [parent, order] : before_.order) {
+        if (primChildren(layer(), parent) == order) continue;
+        std::set<TfToken> names;
+        if (force || isOrderAsWritten(parent)) names.insert(order.begin(), order.end());
+        for (const SdfPath& path : restored)
+            if (path.GetParentPath() == parent) names.insert(path.GetNameToken());
+        arrange(layer(), parent, order, names);
+    }
+}
+
+// Has nobody since moved the children that were there all the time?
+bool ScopeDifference::isOrderAsWritten(const SdfPath& parent) const {
+    const auto after = after_.order.find(parent);
+    if (after == after_.order.end()) return primChildren(layer(), parent).empty();
+    const TfTokenVector& written = after->second;
+    const TfTokenVector& earlier = before_.order.at(parent);
+    const auto common = [&](const TfTokenVector& names) {
+        TfTokenVector both;
+        std::ranges::copy_if(names, std::back_inserter(both), [&](const TfToken& name) {
+            return std::ranges::find(written, name) != written.end() &&
+                   std::ranges::find(earlier, name) != earlier.end();
+        });
+        return both;
+    };
+    return common(primChildren(layer(), parent)) == common(written);
+}
+
+Record::Record() : Record(std::vector<ScopeDifference>()) {}
+
+Record::Record(std::vector<ScopeDifference> differences)
+    : differences_(std::make_shared<const std::vector<ScopeDifference>>(std::move(differences))) {}
+
+bool Record::isEmpty() const { return differences_->empty(); }
+
+std::vector<SdfLayerHandle> Record::layers() const {
+    std::vector<SdfLayerHandle> layers;
+    for (const auto& difference : *differences_)
+        if (const SdfLayerHandle layer = difference.layer();
+            std::ranges::find(layers, layer) == layers.end())
+            layers.push_back(layer);
+    return layers;
+}
+
+std::vector<Kept> Record::undo(const IsShared& isShared) const {
+    const pxr::SdfChangeBlock block;
+    std::vector<Kept> kept;
+    for (auto difference = differences_->rbegin(); difference != differences_->rend(); ++difference)
+        difference->undo(!isShared(difference->layer()), kept);
+    return kept;
+}
+
+Recorder::Recorder() = default;
+Recorder::~Recorder() = default;
+Recorder::Recorder(Recorder&&) noexcept = default;
+
+void Recorder::touch(const SdfLayerHandle& layer, const SdfPath& path, bool deep) {
+    const bool isKnown = std::ranges::any_of(
+        scopes_, [&](const LayerScope& scope) { return scope.covers(layer, path, deep); });
+    if (isKnown) return;
+    scopes_.emplace_back(layer, path, deep);
+    scopes_.back().keepSpecs();
+}
+
+void Recorder::touchWithAncestors(const SdfLayerHandle& layer, const SdfPath& path) {
+    for (const SdfPath& prefix : path.GetPrefixes())
+        if (!layer->HasSpec(prefix)) return touch(layer, prefix, true);
+    touch(layer, path, true);
+}
+
+Record Recorder::finish() {
+    std::vector<ScopeDifference> differences;
+    for (LayerScope& before : scopes_) {
+        LayerScope after(before.layer, before.root, before.deep);
+        ScopeDifference difference(std::move(before), std::move(after));
+        if (!difference.isEmpty()) differences.push_back(std::move(difference));
+    }
+    scopes_.clear();
+    return Record(std::move(differences));
+}
+
+}  // namespace usdlive::content

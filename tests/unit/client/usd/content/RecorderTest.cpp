@@ -1,0 +1,311 @@
+#include "usdlive/client/usd/content/Recorder.h"
+
+#include <gtest/gtest.h>
+#include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/sdf/attributeSpec.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/listOp.h>
+#include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/reference.h>
+#include <pxr/usd/sdf/relationshipSpec.h>
+#include <pxr/usd/sdf/types.h>
+#include <pxr/usd/sdf/variantSetSpec.h>
+#include <pxr/usd/sdf/variantSpec.h>
+
+#include <limits>
+#include <random>
+
+#include "usdlive/client/usd/content/LayerEdits.h"
+#include "usdlive/client/usd/content/SpecEdits.h"
+
+namespace usdlive::content {
+
+using pxr::SdfLayerRefPtr;
+using pxr::SdfPath;
+using pxr::TfToken;
+using pxr::VtValue;
+
+namespace {
+
+const TfToken kDefault("default"), kReferences("references"), kCustomData("customData");
+const auto kShared = [](const pxr::SdfLayerHandle&) { return true; };
+const auto kMine = [](const pxr::SdfLayerHandle&) { return false; };
+
+std::string textOf(const SdfLayerRefPtr& layer) {
+    std::string text;
+    layer->ExportToString(&text);
+    return text;
+}
+
+pxr::SdfPrimSpecHandle define(const SdfLayerRefPtr& layer, const SdfPath& path) {
+    const auto prim = pxr::SdfCreatePrimInLayer(layer, path);
+    prim->SetSpecifier(pxr::SdfSpecifierDef);
+    return prim;
+}
+
+void setDefault(const SdfLayerRefPtr& layer, const SdfPath& path, double value) {
+    pxr::SdfJustCreatePrimAttributeInLayer(layer, path, pxr::SdfValueTypeNames->Double);
+    layer->SetField(path, kDefault, VtValue(value));
+}
+
+void prepend(const SdfLayerRefPtr& layer, const SdfPath& path, const std::string& target) {
+    layer->GetPrimAtPath(path)->GetReferenceList().Prepend(pxr::SdfReference("", SdfPath(target)));
+}
+
+/// Writes something of every kind.
+void edit(const SdfLayerRefPtr& layer, std::mt19937& random) {
+    const std::vector<std::string> names{"A", "B", "C"};
+    const auto name = [&] { return names[random() % names.size()]; };
+    SdfPath path("/" + name());
+    while (random() % 2) path = path.AppendChild(TfToken(name()));
+    const auto prim = define(layer, path);
+    const SdfPath attribute = path.AppendProperty(TfToken(random() % 2 ? "x" : "y"));
+    switch (random() % 10) {
+        case 0:
+            return removeSpec(layer, path);
+        case 1:
+            return setDefault(layer, attribute, double(random() % 9));
+        case 2:
+            setDefault(layer, attribute, 0);
+            return layer->SetTimeSample(attribute, double(random() % 4), double(random() % 9));
+        case 3:
+            return layer->SetFieldDictValueByKey(path, kCustomData, TfToken(name() + ":deep"),
+                                                 VtValue(int(random() % 9)));
+        case 4:
+            return prepend(layer, path, "/" + name());
+        case 5: {
+            const SdfPath relationship = path.AppendProperty(TfToken("r"));
+            pxr::SdfRelationshipSpecHandle spec = layer->GetRelationshipAtPath(relationship);
+            if (!spec) spec = pxr::SdfRelationshipSpec::New(prim, "r", false);
+            return spec->GetTargetPathList().Prepend(SdfPath("/" + name()));
+        }
+        case 6:
+            pxr::SdfJustCreatePrimInLayer(layer, path.AppendVariantSelection("v", name()));
+            return prim->SetVariantSelection("v", name());
+        case 7:
+            return layer->SetSubLayerPaths({"./" + name() + "1.usda", "./" + name() + "2.usda"});
+        case 8:
+            return layer->SetField(SdfPath::AbsoluteRootPath(), TfToken("documentation"),
+                                   VtValue(name()));
+        default:
+            return setDefault(layer, attribute, std::numeric_limits<double>::quiet_NaN());
+    }
+}
+
+SdfLayerRefPtr randomLayer(std::mt19937& random) {
+    auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    for (int i = 0; i < 15; ++i) edit(layer, random);
+    return layer;
+}
+
+class RecorderTest : public testing::Test {
+protected:
+    RecorderTest() {
+        define(layer, prim);
+        setDefault(layer, x, 0);
+        prepend(layer, prim, "/Old");
+        layer->SetSubLayerPaths({"./old.usda"});
+        recorder.touch(layer, SdfPath::AbsoluteRootPath(), true);
+    }
+
+    [[nodiscard]] VtValue value(const SdfPath& path, const TfToken& field) const {
+        return layer->GetField(path, field);
+    }
+    [[nodiscard]] int key(const char* name) const {
+        return layer->GetFieldDictValueByKey(prim, kCustomData, TfToken(name))
+            .GetWithDefault<int>(-1);
+    }
+    void setKey(const char* name, int number) {
+        layer->SetFieldDictValueByKey(prim, kCustomData, TfToken(name), VtValue(number));
+    }
+
+    const SdfLayerRefPtr layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    const SdfPath prim{"/A"}, x{"/A.x"};
+    Recorder recorder;
+};
+
+}  // namespace
+
+TEST(Recorder, WhateverIsRecordedIsTakenBackToTheLetter) {
+    for (unsigned seed = 0; seed < 200; ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto layer = randomLayer(random);
+        const auto before = textOf(layer);
+        Recorder recorder;
+        recorder.touch(layer, SdfPath::AbsoluteRootPath(), true);
+        for (int i = 0; i < 10; ++i) edit(layer, random);
+        const Record record = recorder.finish();
+        EXPECT_TRUE(record.undo(seed % 2 ? Record::IsShared(kShared) : kMine).empty());
+        EXPECT_EQ(textOf(layer), before);
+    }
+}
+
+// Two edit one after the other; the first undoes. Registers that the second has written hold what
+// the second wrote, and others what they held before.
+TEST(Recorder, AnUndoNeverWritesARegisterThatAnotherOneHasWrittenSince) {
+    for (unsigned seed = 0; seed < 100; ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+        std::map<SdfPath, double> expected;
+        std::set<SdfPath> mine, theirs;
+        for (const char* prim : {"/A", "/B", "/C"})
+            for (const char* name : {"x", "y", "z"}) {
+                const SdfPath path = SdfPath(prim).AppendProperty(TfToken(name));
+                setDefault(layer, path, 0);
+                expected[path] = 0;
+            }
+        const auto any = [&] { return std::next(expected.begin(), int(random() % 9))->first; };
+
+        Recorder recorder;
+        recorder.touch(layer, SdfPath::AbsoluteRootPath(), true);
+        for (int i = 0; i < 4; ++i) setDefault(layer, *mine.insert(any()).first, 1);
+        const Record record = recorder.finish();
+        for (int i = 0; i < 4; ++i) {
+            const SdfPath path = any();
+            theirs.insert(path);
+            setDefault(layer, path, expected[path] = 2 + i);
+        }
+        std::set<SdfPath> kept;
+        for (const Kept& one : record.undo(kShared)) kept.insert(one.path);
+        for (const auto& [path, number] : expected)
+            EXPECT_EQ(layer->GetField(path, kDefault), VtValue(number)) << path;
+        std::set<SdfPath> both;
+        std::ranges::set_intersection(mine, theirs, std::inserter(both, both.end()));
+        EXPECT_EQ(kept, both);
+    }
+}
+
+TEST_F(RecorderTest, NothingWrittenIsAnEmptyRecord) {
+    EXPECT_TRUE(recorder.finish().isEmpty());
+    EXPECT_TRUE(Record().isEmpty());
+    setDefault(layer, x, 1);
+    EXPECT_TRUE(recorder.finish().isEmpty()) << "finish() begins anew";
+}
+
+TEST_F(RecorderTest, OneSampleOfAnotherOneIsKept) {
+    layer->SetTimeSample(x, 1, 5.0);
+    layer->SetTimeSample(x, 2, 6.0);
+    const Record record = recorder.finish();
+    layer->SetTimeSample(x, 2, 7.0);
+    const auto kept = record.undo(kShared);
+    ASSERT_EQ(kept.size(), 1U);
+    EXPECT_EQ(kept[0].path, x);
+    EXPECT_EQ(kept[0].field, "timeSamples");
+    EXPECT_EQ(kept[0].part, Part(2.0));
+    EXPECT_EQ(layer->ListTimeSamplesForPath(x), std::set<double>{2});
+}
+
+TEST_F(RecorderTest, OtherKeysAndItemsOfOneFieldAreKept) {
+    setKey("mine", 1);
+    setKey("deep:mine", 1);
+    prepend(layer, prim, "/Mine");
+    layer->GetPrimAtPath(prim)->GetReferenceList().Remove(pxr::SdfReference("", SdfPath("/Old")));
+    layer->SetSubLayerPaths({"./mine.usda"});
+    const Record record = recorder.finish();
+    setKey("theirs", 2);
+    setKey("deep:theirs", 2);
+    prepend(layer, prim, "/Theirs");
+    layer->InsertSubLayerPath("./theirs.usda");
+    EXPECT_TRUE(record.undo(kShared).empty());
+    EXPECT_EQ(key("mine"), -1);
+    EXPECT_EQ(key("deep:mine"), -1);
+    EXPECT_EQ(key("theirs"), 2);
+    EXPECT_EQ(key("deep:theirs"), 2);
+    const auto references = value(prim, kReferences).Get<pxr::SdfReferenceListOp>();
+    EXPECT_EQ(references.GetPrependedItems().size(), 2U);
+    EXPECT_TRUE(references.HasItem(pxr::SdfReference("", SdfPath("/Old"))));
+    EXPECT_TRUE(references.HasItem(pxr::SdfReference("", SdfPath("/Theirs"))));
+    EXPECT_TRUE(references.GetDeletedItems().empty());
+    EXPECT_EQ(std::vector<std::string>(layer->GetSubLayerPaths()),
+              (std::vector<std::string>{"./old.usda", "./theirs.usda"}));
+}
+
+TEST_F(RecorderTest, ACreatedPrimThatAnotherOneHasFilledStays) {
+    define(layer, SdfPath("/New/Mine"));
+    define(layer, SdfPath("/Alone"));
+    const Record record = recorder.finish();
+    define(layer, SdfPath("/New/Theirs"));
+    const auto kept = record.undo(kShared);
+    ASSERT_EQ(kept.size(), 1U);
+    EXPECT_EQ(kept[0].path, SdfPath("/New"));
+    EXPECT_TRUE(kept[0].field.IsEmpty());
+    EXPECT_TRUE(layer->GetPrimAtPath(SdfPath("/New/Theirs")));
+    EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/New/Mine")));
+    EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/Alone")));
+    record.undo(kMine);
+    EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/New"))) << "whatever others have done";
+}
+
+TEST_F(RecorderTest, ADeletedPrimThatAnotherOneHasCreatedAgainIsTheirs) {
+    removeSpec(layer, prim);
+    const Record record = recorder.finish();
+    define(layer, prim)->SetTypeName("Sphere");
+    const auto kept = record.undo(kShared);
+    ASSERT_EQ(kept.size(), 1U);
+    EXPECT_EQ(kept[0].path, prim);
+    EXPECT_EQ(layer->GetPrimAtPath(prim)->GetTypeName(), "Sphere");
+    EXPECT_FALSE(layer->GetAttributeAtPath(x));
+}
+
+TEST_F(RecorderTest, WhatAnotherOneHasDeletedStaysDeleted) {
+    setDefault(layer, x, 1);
+    const Record record = recorder.finish();
+    removeSpec(layer, prim);
+    const auto kept = record.undo(kShared);
+    ASSERT_EQ(kept.size(), 1U);
+    EXPECT_NE(kept[0].reason.find("no longer there"), std::string::npos);
+    EXPECT_FALSE(layer->GetPrimAtPath(prim));
+}
+
+TEST(Recorder, TouchingTheMissingAncestorsIsEnoughToRemoveThem) {
+    const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    define(layer, SdfPath("/A"));
+    Recorder recorder;
+    recorder.touchWithAncestors(layer, SdfPath("/A/B/C"));
+    define(layer, SdfPath("/A/B/C"));
+    define(layer, SdfPath("/Other"));
+    EXPECT_TRUE(recorder.finish().undo(kShared).empty());
+    EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/A/B")));
+    EXPECT_TRUE(layer->GetPrimAtPath(SdfPath("/A")));
+    EXPECT_TRUE(layer->GetPrimAtPath(SdfPath("/Other"))) << "was not touched";
+}
+
+TEST(LayerEdits, ALayerIsMadeLikeAnother) {
+    for (unsigned seed = 0; seed < 100; ++seed) {
+        SCOPED_TRACE(seed);
+        std::mt19937 random(seed);
+        const auto layer = randomLayer(random), wanted = randomLayer(random);
+        makeLike(layer, wanted);
+        std::vector<SdfPath> have = pathsBelow(layer, SdfPath::AbsoluteRootPath());
+        std::vector<SdfPath> want = pathsBelow(wanted, SdfPath::AbsoluteRootPath());
+        for (const SdfPath& path : want) {
+            EXPECT_TRUE(
+                changesBetween(path, readFields(layer, path), readFields(wanted, path)).empty())
+                << path;
+            EXPECT_EQ(primChildren(layer, path), primChildren(wanted, path)) << path;
+        }
+        std::ranges::sort(have);
+        std::ranges::sort(want);
+        EXPECT_EQ(have, want);
+    }
+}
+
+TEST(LayerEdits, PathsWithinTheLayerFollowAMove) {
+    const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    const auto prim = define(layer, SdfPath("/A"));
+    pxr::SdfRelationshipSpec::New(prim, "r", false)
+        ->GetTargetPathList()
+        .Prepend(SdfPath("/Old/Child"));
+    prepend(layer, SdfPath("/A"), "/Old");
+    prim->GetReferenceList().Prepend(pxr::SdfReference("./other.usda", SdfPath("/Old")));
+    retarget(layer, {{SdfPath("/Old"), SdfPath("/New")}});
+    const auto references = layer->GetFieldAs<pxr::SdfReferenceListOp>(SdfPath("/A"), kReferences);
+    EXPECT_TRUE(references.HasItem(pxr::SdfReference("", SdfPath("/New"))));
+    EXPECT_TRUE(references.HasItem(pxr::SdfReference("./other.usda", SdfPath("/Old"))));
+    EXPECT_TRUE(layer->GetFieldAs<pxr::SdfPathListOp>(SdfPath("/A.r"), TfToken("targetPaths"))
+                    .HasItem(SdfPath("/New/Child")));
+}
+
+}  // namespace usdlive::content
