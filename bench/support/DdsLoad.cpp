@@ -85,7 +85,8 @@ private:
             connection_->send(std::make_shared<const Bytes>(run_.dialect.greeting(number_)));
             return;
         }
-        const Bytes& message = *std::get<Connection::Message>(happening).bytes;
+        const Bytes& message =
+            *std::get<SharedBytes>(std::get<Connection::Message>(happening).content);
         const std::lock_guard lock(run_.mutex);
         for (std::size_t at = 0; at + 4 <= message.size();) {
             std::uint32_t size = 0;

@@ -164,7 +164,7 @@ struct Inbox {
                 opened += std::holds_alternative<Connection::Opened>(happening);
                 lost += std::holds_alternative<Connection::Lost>(happening);
                 if (const auto* message = std::get_if<Connection::Message>(&happening))
-                    for (std::string& text : textsOf(*message->bytes))
+                    for (std::string& text : textsOf(*std::get<SharedBytes>(message->content)))
                         texts.push_back(std::move(text));
             }
         }

@@ -83,7 +83,7 @@ Result<std::vector<client::Event>> Link::step() {
             lost = gone->reason;
             if (std::exchange(open_, false)) session_->disconnected(gone->reason);
         } else if (auto* message = std::get_if<client::Connection::Message>(&happening); open_) {
-            session_->received(std::move(message->content));
+            session_->received(std::get<client::ReceivedMessage>(std::move(message->content)));
         }
     }
     while (!session_->advance(kBudgetMs, nowMs())) {

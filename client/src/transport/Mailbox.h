@@ -54,11 +54,14 @@ public:
     }
     // False: full, wait before reading on.
     [[nodiscard]] bool message(SharedBytes bytes) {
-        Connection::Message message{std::move(bytes), {}};
-        std::size_t size = message.bytes->size();
+        std::size_t size = bytes->size();
+        Connection::Message message;
         if (brings_ == Connection::Brings::Frames) {
-            message.content = read(*std::exchange(message.bytes, nullptr));
-            size = message.content.bytes;
+            ReceivedMessage content = read(*bytes);
+            size = content.bytes;
+            message.content = std::move(content);
+        } else {
+            message.content = std::move(bytes);
         }
         const std::lock_guard lock(mutex_);
         inboxBytes_ += size;

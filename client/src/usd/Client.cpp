@@ -829,7 +829,8 @@ private:
         session_.connected();
     }
     void hear(Connection::Message& message) {
-        if (lineOpen_) session_.received(std::move(message.content));
+        if (lineOpen_)
+            session_.received(std::get<client::ReceivedMessage>(std::move(message.content)));
     }
     void hear(Connection::Lost& lost) {
         lastLoss_ = lost.reason;

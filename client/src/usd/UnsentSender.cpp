@@ -75,7 +75,7 @@ void UnsentSender::work() {
             open_ = true;
             session_.connected();
         } else if (auto* message = std::get_if<Connection::Message>(&happening)) {
-            if (open_) session_.received(std::move(message->content));
+            if (open_) session_.received(std::get<ReceivedMessage>(std::move(message->content)));
         } else if (auto* lost = std::get_if<Connection::Lost>(&happening)) {
             lastLoss_ = lost->reason;
             if (std::exchange(open_, false)) session_.disconnected(std::move(lost->reason));

@@ -112,11 +112,13 @@ void ProjectRuntime::stop(std::function<void()> done) {
         asio::post(network_, [this, done = std::move(done)]() mutable {
             const Error why{ErrorCode::ShuttingDown,
                             std::string(errorText(ErrorCode::ShuttingDown))};
-            const auto left = std::make_shared<std::size_t>(transports_.all().size());
-            for (Transport* transport : transports_.all())
-                transport->stop(why, kGoodbyeTime, [left, done] {
+            const auto left = std::make_shared<std::size_t>(0);
+            transports_.forEach([&](Transport& transport) {
+                ++*left;
+                transport.stop(why, kGoodbyeTime, [left, done] {
                     if (--*left == 0) done();
                 });
+            });
         });
     });
 }
@@ -129,8 +131,9 @@ ProjectHealth ProjectRuntime::health() const {
 
 std::shared_ptr<const MetricFamilies> ProjectRuntime::metrics() const {
     Figures figures;
-    for (const Transport* transport : transports_.all())
-        figures.transports.emplace_back(transport->name(), transport->counters());
+    transports_.forEach([&](const Transport& transport) {
+        figures.transports.emplace_back(nameOf(transport.carrier()), transport.counters());
+    });
     figures.appendQueueBytes = intake_.storeBytes();
     figures.storageHasSpace = hasSpace_;
     figures.removedBlobs = collector_.removed();

@@ -181,7 +181,7 @@ public:
                             *runtime_, background_, log_);
         if (!made) return tl::unexpected(made.error());
         dds_ = std::move(*made);
-        runtime_->carry({webSockets_.get(), dds_.get()});
+        runtime_->carry(*dds_);
         return {};
     }
 
@@ -242,7 +242,7 @@ private:
         if (auto made = runtime_->start(setup()); !made) return made;
         webSockets_ = createWebSocketTransport(network_, webSocketOptions(options_), *runtime_,
                                                background_, log_);
-        runtime_->carry({webSockets_.get()});
+        runtime_->carry(*webSockets_);
         runtime_->serve();
         return {};
     }

@@ -11,16 +11,17 @@ void SessionOutbox::send(SessionId session, SharedBytes frames) {
     transports_.of(session).send(session, std::move(frames));
 }
 
-/// Calls `each(Transport&, its sessions)`. They stand together, the ids being sorted; one without
-/// any is called, too.
+/// Calls `each(Transport&, its sessions)` for each transport, also for one without any. The ids are
+/// sorted, so that those of one transport follow each other.
 template <class Each>
 void SessionOutbox::forTransports(std::span<const SessionId> sessions, Each each) {
-    for (Transport* transport : transports_.all()) {
+    transports_.forEach([&](Transport& transport) {
         std::size_t count = 0;
-        while (count < sessions.size() && &transports_.of(sessions[count]) == transport) ++count;
-        each(*transport, sessions.first(count));
+        while (count < sessions.size() && carrierOf(sessions[count]) == transport.carrier())
+            ++count;
+        each(transport, sessions.first(count));
         sessions = sessions.subspan(count);
-    }
+    });
 }
 
 void SessionOutbox::sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
@@ -57,7 +58,7 @@ bool SessionOutbox::lags(SessionId session) { return transports_.of(session).lag
 void SessionOutbox::close(SessionId session) { transports_.of(session).close(session); }
 
 void SessionOutbox::closeAll(const Error& why) {
-    for (Transport* transport : transports_.all()) transport->closeAll(why);
+    transports_.forEach([&](Transport& transport) { transport.closeAll(why); });
 }
 
 void SessionOutbox::sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) {

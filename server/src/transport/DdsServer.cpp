@@ -102,7 +102,7 @@ public:
            Background background, Log& log, std::unique_ptr<dds::Domain> made)
         : DdsHub(io, std::move(options), handler, std::move(background), log, std::move(made),
                  dds::randomNumber()),
-          lastSession_(this->options.firstSession),
+          lastSession_(sessionsOf(Carrier::Dds)),
           revision_(this->options.revision),
           started_(std::chrono::duration_cast<milliseconds>(
                        std::chrono::system_clock::now().time_since_epoch())
@@ -205,7 +205,7 @@ public:
         tellStopped();
     }
 
-    std::string_view name() const override { return "dds"; }
+    Carrier carrier() const override { return Carrier::Dds; }
 
     // What sessions ask for (DdsHub).
     void flushLater(std::shared_ptr<DdsSession> session) override {
@@ -218,10 +218,6 @@ public:
         if (!odd_.add(oddity, submit.participant)) return;
         log.write(LogLevel::Warning, "samples ignored",
                   {{"from", dds::textOf(submit.participant)}, {"reason", nameOf(oddity)}});
-    }
-
-    void tellClosed(SessionId session) override {
-        asio::post(io, whileAlive(life_, [this, session] { handler.closed(session); }));
     }
 
     void finished(DdsSession& session) override {
@@ -406,7 +402,6 @@ private:
     bool timerSet_ = false;
     std::optional<TimePoint> stopDeadline_;
     std::function<void()> stopped_;
-    const std::shared_ptr<int> life_ = std::make_shared<int>();
     SubmitThread submitThread_;  // the last: it posts to the rest
 };
 

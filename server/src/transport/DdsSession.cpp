@@ -4,9 +4,6 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
-#include "ErrorFrame.h"
-#include "FrameSources.h"
-#include "QueueLimit.h"
 #include "usdlive/common/dds/Topics.h"
 
 namespace usdlive::server {
@@ -21,8 +18,6 @@ using std::chrono::steady_clock;
 
 // The other end takes a server for dead that says nothing.
 constexpr milliseconds kKeepAlive{2'000};
-// To send what is queued and to say goodbye.
-constexpr milliseconds kCloseTime{5'000};
 // What one request for missed commits brings at most.
 constexpr std::size_t kResentBytes = 1024 * 1024;
 
@@ -39,14 +34,12 @@ struct Writers {
 class Session final : public DdsSession, public std::enable_shared_from_this<Session> {
 public:
     Session(DdsHub& hub, SessionId id, const Submit& first)
-        : hub_(hub),
-          id_(id),
+        : DdsSession(hub, id, hub.options.slowReaderBytes, State::Open),
+          hub_(hub),
           client_(first.client),
           connection_(first.connection),
           participant_(first.participant),
-          limit_(hub.options.slowReaderBytes),
-          submits_(hub.options.maxMessageBytes),
-          sources_(std::make_shared<FrameSources>(hub.io, hub.background, beside())) {
+          submits_(hub.options.maxMessageBytes) {
         const auto partition = dds::partitionOf(hub.server, client_);
         writers_ = std::make_shared<Writers>(
             Writers{dds::Writer<dds::ReplySample>(*hub.domain, partition),
@@ -58,24 +51,24 @@ public:
         if (writers_) hub_.background([writers = std::move(writers_)] {});
     }
 
-    SessionId id() const override { return id_; }
     std::uint64_t client() const override { return client_; }
     std::uint64_t connection() const override { return connection_; }
     const OddSamples::Participant& participant() const override { return participant_; }
 
     void start() override {
-        hub_.log.write(LogLevel::Info, "session opened", {{"session", id_}, {"from", "dds"}});
-        guarded([this] { hub_.handler.opened(id_); });
+        hub_.log.write(LogLevel::Info, "session opened", {{"session", id()}, {"from", "dds"}});
+        open();
     }
 
     void received(Submit submit) override {
-        if (state_ == State::Closed) return;
+        if (state() == State::Closed) return;
         const TimePoint now = steady_clock::now();
         heard_ = now;
         answer_ = answer_ || submit.answer;
         hub_.counters.bytesIn += submit.segment.bytes.size();
-        if (replies_.acknowledged(submit.ackReply, now)) onAcknowledged();
-        if (beside_.acknowledged(submit.ackBeside, now)) sources_->produce();
+        const bool reply = replies_.acknowledged(submit.ackReply, now);
+        const bool beside = beside_.acknowledged(submit.ackBeside, now);
+        if (reply || beside) left();
         if (submit.segment.sequence != 0 && !submits_.received(submit.segment, now))
             hub_.ignored(Oddity::Malformed, submit);
         if (submit.resendFrom != 0) resend(submit.resendFrom, submit.resendTo);
@@ -83,15 +76,8 @@ public:
         flushLater();
     }
 
-    void send(SharedBytes frames) override {
-        if (state_ != State::Open) return;
-        if (!limit_.admit(replies_.queuedBytes(), frames->size()))
-            return tooSlow("more is waiting to be read than a connection may have");
-        push(std::move(frames), {lastCommit_});
-    }
-
     std::optional<SentCommits::Mark> commitSent(Revision revision) override {
-        if (state_ != State::Open) return std::nullopt;
+        if (!isOpen()) return std::nullopt;
         releaseCommits(revision);
         lastCommit_ = revision;
         if (std::exchange(marked_, streamEnd_) == streamEnd_) return std::nullopt;
@@ -99,22 +85,20 @@ public:
     }
 
     void sendCommit(SharedBytes frame, Revision revision) override {
-        if (state_ != State::Open) return;
-        if (!limit_.admit(replies_.queuedBytes(), frame->size()))
-            return tooSlow("more is waiting to be read than a connection may have");
+        if (!isOpen() || !admit(frame->size())) return;
         push(std::move(frame), {lastCommit_, false, revision + 1});
         live_ = true;
         lastCommit_ = revision;
     }
 
     void holdCommits() override {
-        if (state_ != State::Open) return;
+        if (!isOpen()) return;
         push(nullptr, {lastCommit_, true});
         live_ = false;
     }
 
     void releaseCommits(Revision next) override {
-        if (state_ != State::Open || (live_ && lastCommit_ + 1 == next)) return;
+        if (!isOpen() || (live_ && lastCommit_ + 1 == next)) return;
         push(nullptr, {lastCommit_, false, next});
         live_ = true;
         lastCommit_ = next - 1;
@@ -122,41 +106,11 @@ public:
 
     void sendFirst(SharedBytes frame, std::uint64_t statesFrom,
                    std::uint64_t presencesFrom) override {
-        if (state_ != State::Open) return;
+        if (!isOpen()) return;
         StreamMark mark{lastCommit_};
         mark.statesFrom = statesFrom;
         mark.presencesFrom = presencesFrom;
         push(std::move(frame), mark);
-    }
-
-    bool congested() override {
-        if (state_ != State::Open || replies_.queuedBytes() <= Transport::kCongestedBytes)
-            return false;
-        tellDrained_ = true;
-        return true;
-    }
-
-    void sendBeside(FrameSource source) override {
-        if (state_ != State::Open) return;
-        if (!sources_->add(std::move(source)))
-            tooSlow("more was asked for at once than a connection may have");
-    }
-
-    void close(const std::optional<Error>& why) override {
-        if (state_ != State::Open) return;
-        state_ = State::Closing;
-        closeDeadline_ = steady_clock::now() + kCloseTime;
-        sources_->clear();
-        if (why)
-            hub_.log.write(
-                LogLevel::Warning, "session refused",
-                {{"session", id_}, {"code", errorName(why->code)}, {"reason", why->message}});
-        else
-            hub_.log.write(LogLevel::Info, "session closed", {{"session", id_}});
-        hub_.tellClosed(id_);
-        if (why) push(errorFrame(*why), {lastCommit_});
-        replies_.pushEnd();
-        flushLater();
     }
 
     void setReading(bool reading) override {
@@ -171,12 +125,12 @@ public:
 
     void flush(TimePoint now) override {
         flushing_ = false;
-        if (state_ == State::Closed) return;
+        if (state() == State::Closed) return;
         for (const dds::Segment& segment : replies_.take(now)) write(segment);
         for (const dds::Segment& segment : beside_.take(now)) writeBeside(segment);
         const auto ackDue = submits_.ackDue();
         if (answer_ || (ackDue && now >= *ackDue) || now >= spoke_ + kKeepAlive) write({});
-        if (state_ == State::Closing && replies_.isEmpty()) end("closed", LogLevel::Debug);
+        if (state() == State::Closing && replies_.isEmpty()) end("closed", LogLevel::Debug);
     }
 
     void sweep(TimePoint now) override {
@@ -184,14 +138,11 @@ public:
             const auto since = stream.stalledSince();
             return since && now - *since >= hub_.options.slowReaderTime;
         };
-        if (state_ == State::Closing && now >= closeDeadline_)
-            end("it did not close in time", LogLevel::Debug);
-        else if (state_ == State::Open && now - heard_ >= hub_.options.peerTime)
+        if (sweepGoodbye(now) || !isOpen()) return;
+        if (now - heard_ >= hub_.options.peerTime)
             end("nothing was heard of it", LogLevel::Info);
-        else if (state_ == State::Open && (stalled(replies_) || stalled(beside_))) {
-            ++hub_.counters.slowReaders;
-            end("it did not read for too long", LogLevel::Warning);
-        }
+        else if (stalled(replies_) || stalled(beside_))
+            endSlowReader("it did not read for too long");
     }
 
     TimePoint deadline() const override {
@@ -205,25 +156,29 @@ public:
         return replies_.queuedBytes() + beside_.queuedBytes();
     }
 
-    void cut() override { end("cut", LogLevel::Debug); }
-
 private:
-    enum class State {
-        Open,
-        Closing,  // the handler has been told; the queue and the goodbye leave
-        Closed
-    };
-
-    // What the handler throws is a bug that concerns this session only, as far as one knows.
-    template <class Function>
-    void guarded(Function&& function) {
-        try {
-            function();
-        } catch (const std::exception& fault) {
-            hub_.log.write(LogLevel::Error, "session met a fault",
-                           {{"session", id_}, {"error", fault.what()}});
-            close(internal());
-        }
+    // What SessionCore asks for.
+    std::size_t waitingBytes() const override { return replies_.queuedBytes(); }
+    bool hasRoomBeside() const override {
+        return beside_.waitingBytes() <= Transport::kBesideBytes;
+    }
+    void queue(SharedBytes frames) override { push(std::move(frames), {lastCommit_}); }
+    void queueBeside(SharedBytes frame) override {
+        ++hub_.counters.framesOut;
+        beside_.push(std::move(frame));
+        flushLater();
+    }
+    void dropQueue() override { replies_.dropWaiting(); }
+    void beginGoodbye(const std::optional<Error>&) override {
+        replies_.pushEnd();
+        flushLater();
+    }
+    void finish() override {
+        // Should it still be there, it comes again at once.
+        dds::ReplySample reset{};
+        reset.flags = dds::kEnd;
+        write(reset);
+        hub_.finished(*this);
     }
 
     void flushLater() {
@@ -286,8 +241,7 @@ private:
     void resend(Revision from, Revision to) {
         if (from > hub_.commits.newest()) return;
         if (!hub_.commits.find(from)) {
-            ++hub_.counters.slowReaders;
-            return end("it has missed more commits than are kept", LogLevel::Warning);
+            return endSlowReader("it has missed more commits than are kept");
         }
         std::size_t bytes = 0;
         for (Revision revision = from; revision <= to && bytes < kResentBytes; ++revision) {
@@ -307,12 +261,12 @@ private:
     // --- What comes
 
     void deliver() {
-        while (state_ == State::Open && reading_) {
+        while (isOpen() && reading_) {
             const auto message = submits_.take(steady_clock::now());
             if (!message) break;
             ++hub_.counters.messagesIn;
             if (message->bytes && !message->bytes->empty())
-                guarded([&] { hub_.handler.received(id_, *message->bytes); });
+                guarded([&] { hub_.handler.received(id(), *message->bytes); });
             if (message->end) return end("it left", LogLevel::Info);
         }
         if (submits_.isTooLarge())
@@ -321,52 +275,11 @@ private:
                 "a message may have " + std::to_string(hub_.options.maxMessageBytes) + " bytes"});
     }
 
-    void onAcknowledged() {
-        if (!tellDrained_ || replies_.queuedBytes() > Transport::kCongestedBytes) return;
-        tellDrained_ = false;
-        guarded([this] { hub_.handler.drained(id_); });
-    }
-
-    FrameSources::Session beside() {
-        return {[this] { return beside_.waitingBytes() <= Transport::kBesideBytes; },
-                [this](SharedBytes frame) {
-                    ++hub_.counters.framesOut;
-                    beside_.push(std::move(frame));
-                    flushLater();
-                },
-                [this] { close(internal()); }};
-    }
-
-    // --- The end
-
-    void tooSlow(std::string message) {
-        ++hub_.counters.slowReaders;
-        replies_.dropWaiting();
-        close(Error{ErrorCode::SlowReader, std::move(message)});
-    }
-
-    void end(std::string_view reason, LogLevel level) {
-        if (state_ == State::Closed) return;
-        const State before = std::exchange(state_, State::Closed);
-        if (before == State::Open) hub_.tellClosed(id_);
-        if (before != State::Closing)
-            hub_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
-        sources_->clear();
-        // Should it still be there, it comes again at once.
-        dds::ReplySample reset{};
-        reset.flags = dds::kEnd;
-        write(reset);
-        hub_.finished(*this);
-    }
-
     DdsHub& hub_;
-    const SessionId id_;
     const std::uint64_t client_, connection_;
     const OddSamples::Participant participant_;
-    State state_ = State::Open;
     std::shared_ptr<Writers> writers_;
 
-    QueueLimit limit_;
     dds::SegmentReceiver submits_;
     bool reading_ = true;
     bool answer_ = false;  // it waits for a sign of life
@@ -378,10 +291,7 @@ private:
     Revision lastCommit_ = 0;      // that it was sent, or was sent with the others
     bool live_ = false;
     bool flushing_ = false;  // flush() was asked for and has not come yet
-    bool tellDrained_ = false;
-    TimePoint spoke_, closeDeadline_;
-
-    const std::shared_ptr<FrameSources> sources_;
+    TimePoint spoke_;
 };
 
 }  // namespace

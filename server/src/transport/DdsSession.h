@@ -7,6 +7,7 @@
 #include <optional>
 #include <string_view>
 
+#include "SessionCore.h"
 #include "usdlive/common/dds/Domain.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
@@ -31,22 +32,15 @@ struct Submit {
 };
 
 /// What sessions know of the server they belong to, and outlive for a moment.
-class DdsHub {
+class DdsHub : public SessionHub {
 public:
-    boost::asio::io_context& io;
     const DdsServerOptions options;
-    SessionHandler& handler;
-    const Background background;
-    Log& log;
     const std::unique_ptr<dds::Domain> domain;
     const std::uint64_t server;  ///< its name in DDS
     SentCommits commits;
-    TransportCounters counters;
 
     /// Calls flush() of it at the end of the turn.
     virtual void flushLater(std::shared_ptr<DdsSession> session) = 0;
-    /// Tells the handler that the session is closed, later in this turn.
-    virtual void tellClosed(SessionId session) = 0;
     /// It is forgotten.
     virtual void finished(DdsSession& session) = 0;
     /// A sample is ignored: counts it, and says so the first time (DD13).
@@ -56,21 +50,16 @@ protected:
     DdsHub(boost::asio::io_context& io, DdsServerOptions options, SessionHandler& handler,
            Background background, Log& log, std::unique_ptr<dds::Domain> domain,
            std::uint64_t server)
-        : io(io),
+        : SessionHub(io, handler, std::move(background), log),
           options(std::move(options)),
-          handler(handler),
-          background(std::move(background)),
-          log(log),
           domain(std::move(domain)),
           server(server) {}
     ~DdsHub() = default;
 };
 
 /// One client's session over DDS: its streams, and what a Transport does with one.
-class DdsSession {
+class DdsSession : public SessionCore {
 public:
-    virtual ~DdsSession() = default;
-    [[nodiscard]] virtual SessionId id() const = 0;
     [[nodiscard]] virtual std::uint64_t client() const = 0;
     [[nodiscard]] virtual std::uint64_t connection() const = 0;
     /// Who alone may speak for the client.
@@ -80,7 +69,6 @@ public:
     virtual void start() = 0;
     virtual void received(Submit submit) = 0;
 
-    virtual void send(SharedBytes frames) = 0;
     /// The commit goes to all: marks the stream, and says what of it the client has to have before.
     virtual std::optional<SentCommits::Mark> commitSent(Revision revision) = 0;
     /// A commit too large for that.
@@ -91,9 +79,6 @@ public:
     /// number or a higher one.
     virtual void sendFirst(SharedBytes frame, std::uint64_t statesFrom,
                            std::uint64_t presencesFrom) = 0;
-    virtual bool congested() = 0;
-    virtual void sendBeside(FrameSource source) = 0;
-    virtual void close(const std::optional<Error>& why) = 0;
     virtual void setReading(bool reading) = 0;
 
     /// Writes what is due.
@@ -103,8 +88,9 @@ public:
     /// When flush() is due again.
     [[nodiscard]] virtual dds::TimePoint deadline() const = 0;
     [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
-    /// Ends it without a goodbye.
-    virtual void cut() = 0;
+
+protected:
+    using SessionCore::SessionCore;
 };
 
 /// Throws std::runtime_error when Cyclone cannot make its writers.

@@ -9,9 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "ErrorFrame.h"
-#include "FrameSources.h"
-#include "QueueLimit.h"
 #include "usdlive/server/transport/SendQueue.h"
 
 namespace usdlive::server {
@@ -38,8 +35,6 @@ constexpr std::size_t kSmallFrameBytes = 1024;
 // Read buffers: grown to what a client sends, given back when it was much.
 constexpr std::size_t kLeastReadBytes = 4 * 1024;
 constexpr std::size_t kMostReadBytes = 1024 * 1024;
-// To send what is queued and to say goodbye.
-constexpr milliseconds kCloseTime{5'000};
 // The WebSocket conformance suite speaks text as well; only its echo server (tests/conformance) is
 // built to let it in.
 #ifdef USDLIVE_TEXT_MESSAGES
@@ -129,12 +124,10 @@ private:
 class Session final : public WebSocketSession, public std::enable_shared_from_this<Session> {
 public:
     Session(WebSocketHub& hub, SessionId id, Socket socket, std::unique_ptr<Upgrade> upgrade)
-        : hub_(hub),
-          id_(id),
+        : WebSocketSession(hub, id, hub.options.slowReaderBytes, State::Opening),
+          hub_(hub),
           upgrade_(std::move(upgrade)),
-          limit_(hub.options.slowReaderBytes),
-          stream_(std::move(socket)),
-          sources_(std::make_shared<FrameSources>(hub.io, hub.background, beside())) {
+          stream_(std::move(socket)) {
         // Without these two a small commit waits for the acknowledgement of the one before, or
         // behind megabytes of a snapshot that the system has taken in advance.
         beast::error_code ignored;
@@ -154,53 +147,14 @@ public:
         stream_.binary(true);
     }
 
-    SessionId id() const override { return id_; }
-
     void start() override {
         beast::error_code ignored;
         const auto peer = lowest().remote_endpoint(ignored);
         hub_.log.write(LogLevel::Info, "session opened",
-                       {{"session", id_}, {"from", peer.address().to_string(ignored)}});
+                       {{"session", id()}, {"from", peer.address().to_string(ignored)}});
         stream_.async_accept(
             upgrade_->request,
             [self = shared_from_this()](beast::error_code error) { self->onAccepted(error); });
-    }
-
-    void send(SharedBytes frames) override {
-        if (state_ != State::Open) return;
-        if (!limit_.admit(queuedBytes(), frames->size()))
-            return tooSlow("more is waiting to be read than a connection may have");
-        push(std::move(frames));
-    }
-
-    bool congested() override {
-        if (state_ != State::Open || queuedBytes() <= Transport::kCongestedBytes) return false;
-        tellDrained_ = true;
-        return true;
-    }
-
-    void sendBeside(FrameSource source) override {
-        if (state_ != State::Open) return;
-        if (!sources_->add(std::move(source)))
-            tooSlow("more was asked for at once than a connection may have");
-    }
-
-    void close(const std::optional<Error>& why) override {
-        if (state_ == State::Opening) return end("closed before it was open", LogLevel::Debug);
-        if (state_ != State::Open) return;
-        state_ = State::Closing;
-        closeCode_ = closeCode(why);
-        closeDeadline_ = steady_clock::now() + kCloseTime;
-        sources_->clear();
-        if (why)
-            hub_.log.write(
-                LogLevel::Warning, "session refused",
-                {{"session", id_}, {"code", errorName(why->code)}, {"reason", why->message}});
-        else
-            hub_.log.write(LogLevel::Info, "session closed", {{"session", id_}});
-        hub_.tellClosed(id_);
-        if (why) push(errorFrame(*why));
-        hub_.flushLater(shared_from_this());
     }
 
     void setReading(bool reading) override {
@@ -210,62 +164,63 @@ public:
 
     void flush() override {
         flushing_ = false;
-        if (state_ == State::Closed || writing_) return;
+        if (state() == State::Closed || writing_) return;
         if (!queue_.empty()) return write();
-        if (state_ == State::Closing) goodbye();
+        if (state() == State::Closing) goodbye();
     }
 
     void sweep(TimePoint now) override {
-        if (writing_ && state_ == State::Open && now >= writeDeadline_) {
-            ++hub_.counters.slowReaders;
-            end("it did not read for too long", LogLevel::Warning);
-        } else if (state_ == State::Closing && now >= closeDeadline_) {
-            end("it did not close in time", LogLevel::Debug);
-        }
+        if (writing_ && isOpen() && now >= writeDeadline_)
+            endSlowReader("it did not read for too long");
+        else
+            sweepGoodbye(now);
     }
 
-    void cut() override { end("cut", LogLevel::Debug); }
-
     void abandon() override {
-        state_ = State::Closed;
-        sources_->clear();
+        endSilently();
+        closeSocket();
+    }
+
+private:
+    Socket& lowest() { return beast::get_lowest_layer(stream_); }
+
+    // What SessionCore asks for.
+    std::size_t waitingBytes() const override { return queue_.bytes() + batch_.bytes(); }
+    bool hasRoomBeside() const override { return waitingBytes() <= Transport::kBesideBytes; }
+    void queueBeside(SharedBytes frame) override { queue(std::move(frame)); }
+    void queue(SharedBytes frames) override {
+        hub_.counters.queuedBytes += frames->size();
+        queue_.push(std::move(frames));
+        if (!writing_ && !std::exchange(flushing_, true)) hub_.flushLater(shared_from_this());
+    }
+    void dropQueue() override {
+        hub_.counters.queuedBytes -= queue_.bytes();
+        queue_.clear();
+    }
+    void beginGoodbye(const std::optional<Error>& why) override {
+        closeCode_ = closeCode(why);
+        hub_.flushLater(shared_from_this());
+    }
+    void finish() override {
+        hub_.counters.queuedBytes -= waitingBytes();
+        queue_.clear();
+        closeSocket();
+        hub_.finished(*this);
+    }
+    void closeSocket() {
         beast::error_code ignored;
         lowest().close(ignored);
     }
 
-private:
-    enum class State {
-        Opening,  // the upgrade is being answered
-        Open,
-        Closing,  // the handler has been told; the queue and the goodbye leave
-        Closed
-    };
-
-    Socket& lowest() { return beast::get_lowest_layer(stream_); }
-    std::size_t queuedBytes() const { return queue_.bytes() + batch_.bytes(); }
-
     void onAccepted(beast::error_code error) {
-        if (state_ != State::Opening) return;
+        if (state() != State::Opening) return;
         if (error) return end(error.message(), LogLevel::Info);
-        state_ = State::Open;
-        guarded([this] { hub_.handler.opened(id_); });
+        open();
         read();
     }
 
-    // What the handler throws is a bug that concerns this session only, as far as one knows.
-    template <class Function>
-    void guarded(Function&& function) {
-        try {
-            function();
-        } catch (const std::exception& fault) {
-            hub_.log.write(LogLevel::Error, "session met a fault",
-                           {{"session", id_}, {"error", fault.what()}});
-            close(internal());
-        }
-    }
-
     void read() {
-        if (state_ != State::Open) return;
+        if (!isOpen()) return;
         if (!reading_) {
             readPaused_ = true;
             return;
@@ -280,10 +235,10 @@ private:
     }
 
     void onRead(beast::error_code error, std::size_t bytes) {
-        if (state_ == State::Closed) return;
+        if (state() == State::Closed) return;
         if (error) return end(error.message(), LogLevel::Info);
         hub_.counters.bytesIn += bytes;
-        if (state_ != State::Open) return;
+        if (!isOpen()) return;
         if constexpr (kTextMessages)
             stream_.text(stream_.got_text());  // answers are alike
         else if (stream_.got_text())
@@ -296,17 +251,11 @@ private:
             ++hub_.counters.messagesIn;
             const auto data = buffer_.data();
             const ByteView message{static_cast<const std::uint8_t*>(data.data()), data.size()};
-            guarded([&] { hub_.handler.received(id_, message); });
+            guarded([&] { hub_.handler.received(id(), message); });
             buffer_.clear();
             if (buffer_.capacity() > kMostReadBytes) buffer_.shrink_to_fit();
         }
         read();
-    }
-
-    void push(SharedBytes frames) {
-        hub_.counters.queuedBytes += frames->size();
-        queue_.push(std::move(frames));
-        if (!writing_ && !std::exchange(flushing_, true)) hub_.flushLater(shared_from_this());
     }
 
     void write() {
@@ -323,32 +272,15 @@ private:
 
     void onWritten(beast::error_code error) {
         writing_ = false;
-        if (state_ == State::Closed) return;
+        if (state() == State::Closed) return;
         if (error) return end(error.message(), LogLevel::Info);
         ++hub_.counters.messagesOut;
         hub_.counters.framesOut += batch_.frames();
         hub_.counters.bytesOut += batch_.bytes();
         hub_.counters.queuedBytes -= batch_.bytes();
         batch_.clear();
-        if (tellDrained_ && queuedBytes() <= Transport::kCongestedBytes) {
-            tellDrained_ = false;
-            guarded([this] { hub_.handler.drained(id_); });
-        }
-        sources_->produce();
+        left();
         flush();
-    }
-
-    FrameSources::Session beside() {
-        return {[this] { return queuedBytes() <= Transport::kBesideBytes; },
-                [this](SharedBytes frame) { push(std::move(frame)); },
-                [this] { close(internal()); }};
-    }
-
-    void tooSlow(std::string message) {
-        ++hub_.counters.slowReaders;
-        hub_.counters.queuedBytes -= queue_.bytes();
-        queue_.clear();  // the error comes right after the message that is on its way
-        close(Error{ErrorCode::SlowReader, std::move(message)});
     }
 
     void goodbye() {
@@ -358,26 +290,9 @@ private:
         });
     }
 
-    void end(std::string_view reason, LogLevel level) {
-        if (state_ == State::Closed) return;
-        const State before = std::exchange(state_, State::Closed);
-        if (before == State::Open) hub_.tellClosed(id_);
-        if (before != State::Closing)
-            hub_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
-        sources_->clear();
-        hub_.counters.queuedBytes -= queuedBytes();
-        queue_.clear();
-        beast::error_code ignored;
-        lowest().close(ignored);
-        hub_.finished(*this);
-    }
-
     WebSocketHub& hub_;
-    const SessionId id_;
     const std::unique_ptr<Upgrade> upgrade_;  // holds a connection's slot
-    QueueLimit limit_;
     websocket::stream<Socket, false> stream_;
-    State state_ = State::Opening;
 
     beast::flat_buffer buffer_;
     bool reading_ = true;
@@ -387,12 +302,9 @@ private:
     Batch batch_;
     bool writing_ = false;   // batch_ is on its way
     bool flushing_ = false;  // flush() was asked for and has not come yet
-    bool tellDrained_ = false;
-    TimePoint writeDeadline_, closeDeadline_;
+    TimePoint writeDeadline_;
     websocket::close_code closeCode_ = websocket::close_code::normal;
     bool saidGoodbye_ = false;
-
-    const std::shared_ptr<FrameSources> sources_;
 };
 
 }  // namespace

@@ -80,7 +80,7 @@ public:
                    }));
     }
 
-    std::string_view name() const override { return "websocket"; }
+    Carrier carrier() const override { return Carrier::WebSocket; }
     const TransportCounters& counters() const override { return WebSocketHub::counters; }
 
     void send(SessionId session, SharedBytes frames) override {
@@ -115,10 +115,6 @@ public:
         toFlush_.push_back(std::move(session));
         if (toFlush_.size() > 1) return;
         asio::post(io, whileAlive(life_, [this] { flush(); }));
-    }
-
-    void tellClosed(SessionId session) override {
-        asio::post(io, whileAlive(life_, [this, session] { handler.closed(session); }));
     }
 
     void finished(WebSocketSession& session) override {
@@ -188,12 +184,11 @@ private:
     }
 
     Timer sweepTimer_;
-    SessionId lastSession_ = 0;
+    SessionId lastSession_ = sessionsOf(Carrier::WebSocket);
     std::unordered_map<SessionId, std::shared_ptr<WebSocketSession>> sessions_;
     std::vector<std::shared_ptr<WebSocketSession>> toFlush_, flushing_;
     std::optional<TimePoint> stopDeadline_;
     std::function<void()> stopped_;
-    const std::shared_ptr<int> life_ = std::make_shared<int>();
 };
 
 }  // namespace

@@ -91,7 +91,7 @@ std::string nextMessage(Connection& connection) {
     const auto happening = next(connection);
     if (!happening) return "(nothing)";
     const auto* message = std::get_if<Connection::Message>(&*happening);
-    return message ? std::string(asText(*message->bytes)) : "(no message)";
+    return message ? std::string(asText(*std::get<SharedBytes>(message->content))) : "(no message)";
 }
 
 }  // namespace
@@ -130,9 +130,11 @@ TEST(WebSocketConnection, BringsFrames) {
     const auto received = [&]() -> Result<client::Received> {
         const auto happening = next(*connection);
         const auto* message = happening ? std::get_if<Connection::Message>(&*happening) : nullptr;
-        if (!message || message->bytes || message->content.frames.size() != 1)
+        const auto* content =
+            message ? std::get_if<client::ReceivedMessage>(&message->content) : nullptr;
+        if (!content || content->frames.size() != 1)
             return fail(ErrorCode::Internal, "not a message of one frame");
-        return message->content.frames[0];
+        return content->frames[0];
     };
     {
         auto socket = server.accept();

@@ -46,9 +46,7 @@ public:
         session_ = session;
         reader_.emplace();
     }
-    void deliver(const SharedBytes& frames) {
-        inbox.push_back(Message{nullptr, reader_->read(*frames)});
-    }
+    void deliver(const SharedBytes& frames) { inbox.push_back(Message{reader_->read(*frames)}); }
 
     std::deque<Happening> inbox;
     server::SessionId session_ = 0;

@@ -56,11 +56,11 @@ struct ListedProjects {
 class Connection {
 public:
     struct Opened {};
-    /// As it came, or read on the connection's thread already.
+    /// What messages come as: their bytes, or frames that the connection's thread has read.
     enum class Brings { Bytes, Frames };
     struct Message {
-        SharedBytes bytes;        ///< nullptr unless the connection brings bytes
-        ReceivedMessage content;  ///< empty unless it brings frames
+        /// The first for Brings::Bytes, the second for Brings::Frames.
+        std::variant<SharedBytes, ReceivedMessage> content;
     };
     struct Lost {
         Error reason;

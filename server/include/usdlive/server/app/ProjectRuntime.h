@@ -66,8 +66,8 @@ public:
 
     // Network thread, as all that is not said otherwise.
     Result<void> start(ProjectSetup setup);
-    /// Sets the transports, which number their sessions by their place here.
-    void carry(std::vector<Transport*> transports) { transports_.set(std::move(transports)); }
+    /// Adds a transport, whose sessions are of this project.
+    void carry(Transport& transport) { transports_.add(transport); }
     /// Begins what happens at intervals, such as looking for new files.
     void serve();
     /// Sends what is acknowledged, says goodbye, appends the rest; then `done`.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <span>
 #include <vector>
 
@@ -8,17 +9,22 @@
 
 namespace usdlive::server {
 
-/// Who carries the messages: number n the sessions of Transport::kSessions * n and on.
+/// The transports of a project, by their kind.
 class TransportTable {
 public:
-    void set(std::vector<Transport*> all) { all_ = std::move(all); }
-    [[nodiscard]] const std::vector<Transport*>& all() const { return all_; }
+    void add(Transport& transport) { all_[std::size_t(transport.carrier())] = &transport; }
+    /// The transport that carries a session. It is there as long as its sessions are.
     [[nodiscard]] Transport& of(SessionId session) const {
-        return *all_.at(session / Transport::kSessions);
+        return *all_.at(std::size_t(carrierOf(session)));
+    }
+    template <class Each>
+    void forEach(Each each) const {
+        for (Transport* transport : all_)
+            if (transport) each(*transport);
     }
 
 private:
-    std::vector<Transport*> all_;
+    std::array<Transport*, kCarriers> all_{};
 };
 
 /// What a project sends goes to the transport of each session. The network thread.

@@ -28,7 +28,6 @@ struct DdsServerOptions {
     std::chrono::milliseconds slowReaderTime{10'000};
     /// A peer that has said nothing for so long is taken for dead.
     std::chrono::milliseconds peerTime{14'000};
-    SessionId firstSession = Transport::kSessions;
 };
 
 /// Serves a project over DDS (rules DD1 and on): commits once for all clients, the rest to each of

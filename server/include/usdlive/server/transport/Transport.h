@@ -43,15 +43,25 @@ struct TransportCounters {
     OddityCounts ignored{};         ///< samples of DDS
 };
 
+/// The kinds of transports. A session's id says which kind carries it.
+enum class Carrier : std::uint8_t { WebSocket, Dds };
+inline constexpr std::size_t kCarriers = 2;
+
+/// The id before the first session of a transport; the next ones are counted up from it.
+[[nodiscard]] constexpr SessionId sessionsOf(Carrier carrier) { return SessionId(carrier) << 40; }
+[[nodiscard]] constexpr Carrier carrierOf(SessionId session) { return Carrier(session >> 40); }
+/// For people and metrics.
+[[nodiscard]] constexpr std::string_view nameOf(Carrier carrier) {
+    return carrier == Carrier::WebSocket ? "websocket" : "dds";
+}
+
 /// Carries the messages of sessions, in order and without gaps, or ends the session. Belongs to the
-/// network thread, as does every call. Each transport of a server numbers its sessions in a range
-/// of its own, by which the server finds it again.
+/// network thread, as does every call.
 class Transport {
 public:
     virtual ~Transport() = default;
 
-    /// Sessions of transport number n have ids of [n * kSessions, (n + 1) * kSessions).
-    static constexpr SessionId kSessions = SessionId(1) << 40;
+    [[nodiscard]] virtual Carrier carrier() const = 0;
 
     /// Sends whole frames, in order. The bytes are shared, not copied. Nothing happens for a
     /// session that is closed or closing.
@@ -95,7 +105,6 @@ public:
                       std::function<void()> done) = 0;
 
     /// For metrics.
-    [[nodiscard]] virtual std::string_view name() const = 0;
     [[nodiscard]] virtual const TransportCounters& counters() const = 0;
 };
 

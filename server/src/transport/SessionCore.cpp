@@ -1,0 +1,125 @@
+// What sessions of all transports have in common.
+#include "SessionCore.h"
+
+#include <boost/asio/post.hpp>
+#include <utility>
+
+#include "ErrorFrame.h"
+#include "WhileAlive.h"
+
+namespace usdlive::server {
+
+namespace {
+
+using std::chrono::steady_clock;
+
+// To send what is queued and to say goodbye.
+constexpr std::chrono::milliseconds kCloseTime{5'000};
+
+}  // namespace
+
+void SessionHub::tellClosed(SessionId session) {
+    boost::asio::post(io, whileAlive(life_, [this, session] { handler.closed(session); }));
+}
+
+SessionCore::SessionCore(SessionHub& hub, SessionId id, std::size_t slowReaderBytes, State state)
+    : core_(hub),
+      id_(id),
+      state_(state),
+      limit_(slowReaderBytes),
+      sources_(std::make_shared<FrameSources>(
+          hub.io, hub.background,
+          FrameSources::Session{[this] { return hasRoomBeside(); },
+                                [this](SharedBytes frame) { queueBeside(std::move(frame)); },
+                                [this] { close(internal()); }})) {}
+
+void SessionCore::open() {
+    state_ = State::Open;
+    guarded([this] { core_.handler.opened(id_); });
+}
+
+void SessionCore::send(SharedBytes frames) {
+    if (isOpen() && admit(frames->size())) queue(std::move(frames));
+}
+
+bool SessionCore::admit(std::size_t bytes) {
+    if (limit_.admit(waitingBytes(), bytes)) return true;
+    tooSlow("more is waiting to be read than a connection may have");
+    return false;
+}
+
+bool SessionCore::congested() {
+    if (!isOpen() || waitingBytes() <= Transport::kCongestedBytes) return false;
+    tellDrained_ = true;
+    return true;
+}
+
+void SessionCore::sendBeside(FrameSource source) {
+    if (isOpen() && !sources_->add(std::move(source)))
+        tooSlow("more was asked for at once than a connection may have");
+}
+
+void SessionCore::left() {
+    if (tellDrained_ && waitingBytes() <= Transport::kCongestedBytes) {
+        tellDrained_ = false;
+        guarded([this] { core_.handler.drained(id_); });
+    }
+    sources_->produce();
+}
+
+void SessionCore::close(const std::optional<Error>& why) {
+    if (state_ == State::Opening) return end("closed before it was open", LogLevel::Debug);
+    if (!isOpen()) return;
+    state_ = State::Closing;
+    closeDeadline_ = steady_clock::now() + kCloseTime;
+    sources_->clear();
+    if (why)
+        core_.log.write(
+            LogLevel::Warning, "session refused",
+            {{"session", id_}, {"code", errorName(why->code)}, {"reason", why->message}});
+    else
+        core_.log.write(LogLevel::Info, "session closed", {{"session", id_}});
+    core_.tellClosed(id_);
+    if (why) queue(errorFrame(*why));
+    beginGoodbye(why);
+}
+
+void SessionCore::tooSlow(std::string message) {
+    ++core_.counters.slowReaders;
+    dropQueue();  // the error comes right after the message that is on its way
+    close(Error{ErrorCode::SlowReader, std::move(message)});
+}
+
+bool SessionCore::sweepGoodbye(steady_clock::time_point now) {
+    if (state_ != State::Closing || now < closeDeadline_) return false;
+    end("it did not close in time", LogLevel::Debug);
+    return true;
+}
+
+void SessionCore::endSlowReader(std::string_view reason) {
+    ++core_.counters.slowReaders;
+    end(reason, LogLevel::Warning);
+}
+
+void SessionCore::end(std::string_view reason, LogLevel level) {
+    if (state_ == State::Closed) return;
+    const State before = std::exchange(state_, State::Closed);
+    if (before == State::Open) core_.tellClosed(id_);
+    if (before != State::Closing)
+        core_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
+    sources_->clear();
+    finish();
+}
+
+void SessionCore::endSilently() {
+    state_ = State::Closed;
+    sources_->clear();
+}
+
+void SessionCore::failed(const std::exception& fault) {
+    core_.log.write(LogLevel::Error, "session met a fault",
+                    {{"session", id_}, {"error", fault.what()}});
+    close(internal());
+}
+
+}  // namespace usdlive::server
