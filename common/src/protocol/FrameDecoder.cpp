@@ -19,12 +19,12 @@ using TableVector = flatbuffers::Vector<flatbuffers::Offset<T>>;
 
 // What cannot be told by return values without drowning the code in checks; never leaves
 // decodeFrame().
-struct Refused {
+struct Undecodable {
     Error error;
 };
 
 [[noreturn]] void stop(ErrorCode code, std::string message) {
-    throw Refused{{code, std::move(message)}};
+    throw Undecodable{{code, std::move(message)}};
 }
 void require(bool condition, const char* message) {
     if (!condition) stop(ErrorCode::MalformedFrame, message);
@@ -106,7 +106,7 @@ private:
         const bool isLeaf = isLeafType(ValueType(ByteReader(view).u16()));
         spend(view.size(), isLeaf ? 1 : kCompositeFactor);
         auto value = decodeFieldValue(view);
-        if (!value) throw Refused{value.error()};
+        if (!value) throw Undecodable{value.error()};
         return std::move(*value);
     }
     Value leaf(const ByteVector* bytes) {
@@ -125,7 +125,7 @@ private:
     }
     LayerId layerId(const Text* text) {
         auto layer = parseLayerId(view(text));
-        if (!layer) throw Refused{layer.error()};
+        if (!layer) throw Undecodable{layer.error()};
         return std::move(*layer);
     }
     void layers(const TableVector<Text>* names) {
@@ -448,7 +448,7 @@ Result<Frame> decodeFrame(ByteView bytes) {
     if (!root) return fail(ErrorCode::MalformedFrame, "a frame failed verification");
     try {
         return FrameDecoder(frame.size()).decode(*root);
-    } catch (const Refused& stopped) {
+    } catch (const Undecodable& stopped) {
         return tl::unexpected(stopped.error);
     }
 }
