@@ -15,6 +15,7 @@
 #include <set>
 #include <thread>
 
+#include "Clocks.h"
 #include "usdlive/client/transport/Connection.h"
 #include "usdlive/client/transport/SystemUser.h"
 #include "usdlive/client/usd/ArrayEncodings.h"
@@ -53,11 +54,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 
-std::int64_t wallClockMs() {
-    const auto now = std::chrono::system_clock::now().time_since_epoch();
-    return std::chrono::duration_cast<milliseconds>(now).count();
-}
-
 // A server that cannot be reached is tried again for so long, as it may be starting; the longer
 // time-out is for one that is there and does not answer.
 constexpr double kRefusedMs = 1000;
@@ -66,8 +62,6 @@ constexpr std::size_t kMessagesPerTick = 4096;
 constexpr double kFirstPlaceholdersMs = 200, kPlaceholdersMs = 1;
 // Loaded layers that one tick looks at.
 constexpr std::size_t kLookedAtPerTick = 100;
-// Parts of big values wait while more than this is on its way, so that edits pass them soon.
-constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
 // A join of a connected client that hears nothing for so long is given up.
 constexpr double kSilenceMs = 60'000;
 // Values that are kept and no longer named are let go when there are more than so many, and twice
@@ -79,10 +73,6 @@ constexpr double kBlockingBudgetMs = 50;
 
 double msSince(Clock::time_point start) {
     return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
-
-std::int64_t nowMs() {
-    return std::chrono::duration_cast<milliseconds>(Clock::now().time_since_epoch()).count();
 }
 
 // Sets a flag for as long as it lives, also when a callback of the editor throws.
@@ -126,7 +116,7 @@ public:
         const pxr::SdfChangeBlock block;
         seal();
         session_.endGesture();
-        session_.advance(kBlockingBudgetMs, nowMs());
+        session_.advance(kBlockingBudgetMs, steadyMs());
         while (!live_.all().empty()) leave(live_.all().begin()->first);
     }
 
@@ -430,7 +420,7 @@ public:
         return session_.pendingTransactions() + (holdsBack_ ? 1 : 0);
     }
 
-    bool takesMore() override { return connection_->queuedBytes() < kMaxQueuedBytes; }
+    bool takesMore() override { return connection_->queuedBytes() < client::kMaxQueuedBytes; }
     SharedBytes localBlob(const Hash& hash) override { return blobs_.blob(hash); }
     void pending(const client::PendingWork& work) override {
         if (unsent_) unsent_->pending(work);
@@ -741,7 +731,7 @@ private:
             if (!holdsBack_) {
                 this->seal();
                 hearConnection();
-                result.more = !session_.advance(left(), nowMs());
+                result.more = !session_.advance(left(), steadyMs());
                 if (session_.pendingTransactions() == 0) saveWritten();
                 bringBlobs();
             } else {
@@ -757,7 +747,7 @@ private:
             makeNamedPlaceholders();
         }
         takeEvents(std::move(heard), result);
-        for (auto& lost : lostEvents_.due(nowMs())) events_.push_back(std::move(lost));
+        for (auto& lost : lostEvents_.due(steadyMs())) events_.push_back(std::move(lost));
         if (unsent_)
             if (auto error = unsent_->takeError()) report(std::move(*error));
         if (auto error = placeholders_.takeError()) report(std::move(*error));
@@ -800,7 +790,7 @@ private:
     [[nodiscard]] bool bigArraysAreReady() {
         std::vector<pxr::VtValue> arrays;
         for (const LiveLayer* live : live_.active()) live->appendBigArrays(arrays);
-        return encodings_.areReady(std::move(arrays), nowMs());
+        return encodings_.areReady(std::move(arrays), steadyMs());
     }
 
     // All that was written in one frame is one transaction, over all layers.
@@ -880,7 +870,7 @@ private:
     void lose(LostWork work) {
         for (const auto& edit : work.edits) addBlobs(edit.action, lostBlobs_);
         if (const auto kept = lost_.add(work); !kept) report(kept.error());
-        if (auto told = lostEvents_.add({std::move(work), lost_.size() - 1}, nowMs()))
+        if (auto told = lostEvents_.add({std::move(work), lost_.size() - 1}, steadyMs()))
             events_.push_back(std::move(*told));
     }
 

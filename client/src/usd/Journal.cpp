@@ -8,6 +8,7 @@
 #include <fstream>
 #include <system_error>
 
+#include "Clocks.h"
 #include "usdlive/client/usd/LostWorkStore.h"
 #include "usdlive/common/core/ByteStream.h"
 
@@ -27,11 +28,6 @@ constexpr std::uint64_t kCompactBytes = 16 * 1024 * 1024;
 constexpr const char* kExtension = ".journal";
 constexpr const char* kBlobExtension = ".blobs";
 constexpr std::uint8_t kWork = 1, kAnswered = 2;
-
-std::int64_t wallClockMs() {
-    const auto now = std::chrono::system_clock::now().time_since_epoch();
-    return std::chrono::duration_cast<milliseconds>(now).count();
-}
 
 Bytes encodeWork(const JournaledWork& work) {
     Bytes bytes{kWork};

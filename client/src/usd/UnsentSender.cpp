@@ -2,23 +2,17 @@
 
 #include <algorithm>
 
-namespace usdlive::client {
+#include "Clocks.h"
 
-using std::chrono::milliseconds;
+namespace usdlive::client {
 
 namespace {
 
 constexpr std::size_t kMessages = 4096;
-constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
 constexpr double kBudgetMs = 50;
 // So many are sent before the journal is brought up to date: fewer than the numbers a server
 // remembers of a client (M9), so that nothing is sent twice when this process ends on the way.
 constexpr std::size_t kBatch = 500;
-
-std::int64_t nowMs() {
-    const auto now = std::chrono::steady_clock::now().time_since_epoch();
-    return std::chrono::duration_cast<milliseconds>(now).count();
-}
 
 }  // namespace
 
@@ -65,7 +59,7 @@ Result<void> UnsentSender::waitFor(const char* what, const std::function<bool()>
                         std::string("the time was over while ") + what +
                             (lastLoss_ ? ": " + lastLoss_->message : std::string()) +
                             ". What is not sent stays in " + journal_.summary().file);
-        connection_.wait(milliseconds(5));
+        connection_.wait(std::chrono::milliseconds(5));
     }
 }
 
@@ -81,7 +75,7 @@ void UnsentSender::work() {
             if (std::exchange(open_, false)) session_.disconnected(std::move(lost->reason));
         }
     }
-    session_.advance(kBudgetMs, nowMs());
+    session_.advance(kBudgetMs, steadyMs());
     for (Event& event : session_.takeEvents()) take(event);
 }
 
@@ -223,7 +217,7 @@ void UnsentSender::pending(const PendingWork& work) {
     if (work.sequence < nextFree_) return;
     nextFree_ = work.sequence + 1;
     JournaledWork renumbered{work.sequence,
-                             std::chrono::duration_cast<milliseconds>(
+                             std::chrono::duration_cast<std::chrono::milliseconds>(
                                  std::chrono::system_clock::now().time_since_epoch())
                                  .count(),
                              work.revision, work.hash, work.edits};

@@ -9,7 +9,7 @@ namespace usdlive {
 
 namespace {
 
-constexpr std::size_t kMaxBytes = 1024;
+constexpr std::size_t kMaxLayerPathBytes = 1024;
 
 bool isForbidden(char32_t point) {
     return point < 0x20 || (point >= 0x7F && point < 0xA0) || point == U'\\' || point == U':';
@@ -37,7 +37,7 @@ bool isUsdFile(std::string_view file) {
 // What speaks against the name, or nullptr.
 const char* problemOf(std::string_view text) {
     if (text.empty()) return "is empty";
-    if (text.size() > kMaxBytes) return "is longer than 1,024 bytes";
+    if (text.size() > kMaxLayerPathBytes) return "is longer than 1,024 bytes";
     for (std::string_view rest = text; !rest.empty();) {
         const auto point = takeCodePoint(rest);
         if (!point) return "is not UTF-8";

@@ -14,12 +14,12 @@ using Node = LayerDoc::Node;
 using Edits = std::vector<std::pair<std::string, EditAction>>;
 
 // Where a spec stands.
-struct Place {
+struct ListPlace {
     NodeId parent = 0;
     ChildList list = ChildList::Prims;
     std::string name;
 };
-using Places = std::unordered_map<NodeId, Place>;
+using Places = std::unordered_map<NodeId, ListPlace>;
 
 // Finds the specs of `to` that stand elsewhere in `from`, by their ids, looking only where the two
 // do not share structure. A guess that is wrong costs edits, never the result.
@@ -153,7 +153,7 @@ private:
     };
 
     // `path` holds the spec that is `to`; makes it and all below alike.
-    void align(const Node& to, const std::string& path, const Place& place) {
+    void align(const Node& to, const std::string& path, const ListPlace& place) {
         const Node* node = at(path);
         if (node == &to) return;
         matching_.places[node->id] = place;
@@ -296,7 +296,7 @@ private:
     }
 
     [[nodiscard]] std::string pathOf(NodeId id) const {
-        const Place& place = matching_.places.at(id);
+        const ListPlace& place = matching_.places.at(id);
         if (place.parent == 0) return "/";
         return specpath::child(pathOf(place.parent), place.list, place.name);
     }

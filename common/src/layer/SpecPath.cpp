@@ -9,7 +9,7 @@ namespace usdlive::specpath {
 
 namespace {
 
-constexpr std::size_t kMaxBytes = 16 * 1024;
+constexpr std::size_t kMaxSpecPathBytes = 16 * 1024;
 constexpr std::size_t kMaxElements = 1024;
 
 // What stands where: a reader of a path from left to right, for one parse.
@@ -89,7 +89,7 @@ Result<std::vector<PathElement>> parse(std::string_view path) {
     std::vector<PathElement> elements;
     elements.reserve(16);
     const char* problem =
-        path.size() > kMaxBytes ? "is longer than 16 KiB" : Parser(path).run(elements);
+        path.size() > kMaxSpecPathBytes ? "is longer than 16 KiB" : Parser(path).run(elements);
     if (problem) return fail(ErrorCode::InvalidPath, "the path " + inQuotes(path) + " " + problem);
     return elements;
 }

@@ -141,11 +141,11 @@ constexpr std::uint64_t kTextBytes = 32;
 
 // Where a value stands. Levels are counted anew inside a leaf, so that whether a leaf is proper
 // does not depend on what it is put into.
-struct Place {
+struct Nesting {
     std::size_t level = 0;  // composites around it
     bool inLeaf = false;
 
-    [[nodiscard]] Place below() const { return {level + 1, inLeaf}; }
+    [[nodiscard]] Nesting below() const { return {level + 1, inLeaf}; }
 };
 
 // What may stand at a place: a leaf always.
@@ -159,7 +159,7 @@ struct Allowed {
 // The grammar, read from left to right. Each function takes what it is named after from `in_`.
 class Checker {
 public:
-    Checker(ByteView bytes, Place place) : in_(bytes), place_(place) {}
+    Checker(ByteView bytes, Nesting place) : in_(bytes), place_(place) {}
 
     Problem leaf(ValueType type) {
         if (!isLeafType(type)) return "has a type that is unknown or no single value";
@@ -347,7 +347,7 @@ private:
     }
 
     // A leaf begins to count anew, unless it stands in a leaf itself.
-    [[nodiscard]] Place innerPlace(ValueType type) const {
+    [[nodiscard]] Nesting innerPlace(ValueType type) const {
         if (place_.inLeaf || !isLeafType(type)) return place_;
         return {0, true};
     }
@@ -377,9 +377,9 @@ private:
     }
 
     // `place`: of the dictionary itself, which counts as a level.
-    Problem dictionary(Place place) {
+    Problem dictionary(Nesting place) {
         if (place.level > kMaxNesting) return kTooDeep;
-        const Place outer = std::exchange(place_, place);
+        const Nesting outer = std::exchange(place_, place);
         std::uint32_t count = in_.u32();
         std::optional<std::string_view> before;
         for (; count > 0; --count) {
@@ -405,9 +405,9 @@ private:
         return nullptr;
     }
 
-    Problem listOp(Place place, bool unregistered) {
+    Problem listOp(Nesting place, bool unregistered) {
         if (place.level > kMaxNesting) return kTooDeep;
-        const Place outer = std::exchange(place_, place);
+        const Nesting outer = std::exchange(place_, place);
         const ValueType type{in_.u16()};
         const std::uint8_t isExplicit = in_.u8();
         if (in_.failed()) return kTooShort;
@@ -446,7 +446,7 @@ private:
     static constexpr std::size_t kHeaderBytes = 11;  // type, form, size
 
     ByteReader in_;
-    Place place_;
+    Nesting place_;
 };
 
 constexpr const char* kNames[] = {

@@ -31,7 +31,7 @@ using std::chrono::steady_clock;
 // depth of the writer it bounds what Cyclone keeps for readers that are behind.
 constexpr std::size_t kBroadcastBytes = 64 * 1024;
 constexpr milliseconds kSweep{250};
-constexpr milliseconds kStopSweep{20};
+constexpr milliseconds kStoppingSweep{20};
 // All sessions are looked at when one has something to do: not more often than this.
 constexpr milliseconds kLeastPause{5};
 // When the project has moved on; and anyway, for who took the server for dead while it hung.
@@ -96,10 +96,10 @@ private:
     std::thread thread_;
 };
 
-class Server final : public Transport, public DdsHub {
+class DdsTransport final : public Transport, public DdsHub {
 public:
-    Server(asio::io_context& io, DdsServerOptions options, SessionHandler& handler,
-           Background background, Log& log, std::unique_ptr<dds::Domain> made)
+    DdsTransport(asio::io_context& io, DdsServerOptions options, SessionHandler& handler,
+                 Background background, Log& log, std::unique_ptr<dds::Domain> made)
         : DdsHub(io, std::move(options), handler, std::move(background), log, std::move(made),
                  dds::randomNumber()),
           lastSession_(sessionsOf(Carrier::Dds)),
@@ -121,7 +121,7 @@ public:
         wakeBy(steady_clock::now() + kSweep);
     }
 
-    ~Server() override {
+    ~DdsTransport() override {
         // Not before: clients take it for the end, whatever is still on its way to them.
         projectWriter_.dispose(projectSample());
     }
@@ -201,7 +201,7 @@ public:
         stopped_ = std::move(done);
         stopDeadline_ = steady_clock::now() + time;
         closeAll(why);
-        wakeBy(steady_clock::now() + kStopSweep);
+        wakeBy(steady_clock::now() + kStoppingSweep);
         tellStopped();
     }
 
@@ -347,7 +347,7 @@ private:
     void onTimer() {
         timerSet_ = false;
         const TimePoint now = steady_clock::now();
-        TimePoint next = now + (stopDeadline_ ? kStopSweep : kSweep);
+        TimePoint next = now + (stopDeadline_ ? kStoppingSweep : kSweep);
         for (const auto& session : all()) {
             session->sweep(now);
             if (now >= session->deadline()) session->flush(now);
@@ -413,8 +413,8 @@ Result<std::unique_ptr<Transport>> createDdsServer(asio::io_context& io, DdsServ
     auto domain = dds::createDomain(options.domain);
     if (!domain) return tl::unexpected(domain.error());
     try {
-        return std::make_unique<Server>(io, std::move(options), handler, std::move(background), log,
-                                        std::move(*domain));
+        return std::make_unique<DdsTransport>(io, std::move(options), handler,
+                                              std::move(background), log, std::move(*domain));
     } catch (const std::runtime_error& fault) {
         return fail(ErrorCode::InvalidConfiguration, fault.what());
     }

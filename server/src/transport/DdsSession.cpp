@@ -31,9 +31,9 @@ struct Writers {
     dds::Writer<dds::BesideSample> beside;
 };
 
-class Session final : public DdsSession, public std::enable_shared_from_this<Session> {
+class PeerSession final : public DdsSession, public std::enable_shared_from_this<PeerSession> {
 public:
-    Session(DdsHub& hub, SessionId id, const Submit& first)
+    PeerSession(DdsHub& hub, SessionId id, const Submit& first)
         : DdsSession(hub, id, hub.options.slowReaderBytes, State::Open),
           hub_(hub),
           client_(first.client),
@@ -46,7 +46,7 @@ public:
                     dds::Writer<dds::BesideSample>(*hub.domain, partition)});
     }
 
-    ~Session() override {
+    ~PeerSession() override {
         // Cyclone may wait for a reader that hangs.
         if (writers_) hub_.background([writers = std::move(writers_)] {});
     }
@@ -297,7 +297,7 @@ private:
 }  // namespace
 
 std::shared_ptr<DdsSession> createDdsSession(DdsHub& hub, SessionId id, const Submit& first) {
-    return std::make_shared<Session>(hub, id, first);
+    return std::make_shared<PeerSession>(hub, id, first);
 }
 
 }  // namespace usdlive::server

@@ -21,16 +21,15 @@ using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 using Executor = asio::io_context::executor_type;
 using Acceptor = asio::basic_socket_acceptor<tcp, Executor>;
-using Timer = asio::basic_waitable_timer<steady_clock, asio::wait_traits<steady_clock>, Executor>;
 
 // Most likely no file descriptors are left: open connections are served on.
 constexpr milliseconds kAcceptPause{100};
-constexpr milliseconds kLongestSweep{1'000};
+constexpr milliseconds kLongestHeaderSweep{1'000};
 
-class Server final : public HttpServer, public HttpHub {
+class BeastHttpServer final : public HttpServer, public HttpHub {
 public:
-    Server(asio::io_context& io, HttpServerOptions options, HttpRouter router, Log& log,
-           Acceptor acceptor)
+    BeastHttpServer(asio::io_context& io, HttpServerOptions options, HttpRouter router, Log& log,
+                    Acceptor acceptor)
         : HttpHub(io, std::move(options), std::move(router), log),
           acceptor_(std::move(acceptor)),
           endpoint_(acceptor_.local_endpoint()),
@@ -40,7 +39,7 @@ public:
         sweepLater();
     }
 
-    ~Server() override {
+    ~BeastHttpServer() override {
         for (const auto& [key, connection] : std::exchange(connections_, {})) connection->abandon();
     }
 
@@ -99,7 +98,7 @@ private:
 
     // One timer for all connections.
     void sweepLater() {
-        sweepTimer_.expires_after(std::min(kLongestSweep, options.headerTime / 4));
+        sweepTimer_.expires_after(std::min(kLongestHeaderSweep, options.headerTime / 4));
         sweepTimer_.async_wait(whileAlive(life_, [this](boost::system::error_code error) {
             if (error) return;
             const auto connections = connections_;  // its members go while they are visited
@@ -149,8 +148,8 @@ Result<std::unique_ptr<HttpServer>> createHttpServer(asio::io_context& io,
                                                      Log& log) {
     auto acceptor = listenAt(io, options);
     if (!acceptor) return tl::unexpected(acceptor.error());
-    return std::make_unique<Server>(io, std::move(options), std::move(router), log,
-                                    std::move(*acceptor));
+    return std::make_unique<BeastHttpServer>(io, std::move(options), std::move(router), log,
+                                             std::move(*acceptor));
 }
 
 }  // namespace usdlive::server

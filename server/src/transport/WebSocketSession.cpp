@@ -121,9 +121,10 @@ private:
     std::size_t bytes_ = 0;
 };
 
-class Session final : public WebSocketSession, public std::enable_shared_from_this<Session> {
+class BeastSession final : public WebSocketSession,
+                           public std::enable_shared_from_this<BeastSession> {
 public:
-    Session(WebSocketHub& hub, SessionId id, Socket socket, std::unique_ptr<Upgrade> upgrade)
+    BeastSession(WebSocketHub& hub, SessionId id, Socket socket, std::unique_ptr<Upgrade> upgrade)
         : WebSocketSession(hub, id, hub.options.slowReaderBytes, State::Opening),
           hub_(hub),
           upgrade_(std::move(upgrade)),
@@ -312,7 +313,7 @@ private:
 std::shared_ptr<WebSocketSession> createWebSocketSession(WebSocketHub& hub, SessionId id,
                                                          Socket socket,
                                                          std::unique_ptr<Upgrade> upgrade) {
-    return std::make_shared<Session>(hub, id, std::move(socket), std::move(upgrade));
+    return std::make_shared<BeastSession>(hub, id, std::move(socket), std::move(upgrade));
 }
 
 }  // namespace usdlive::server

@@ -23,8 +23,6 @@ namespace asio = boost::asio;
 using asio::ip::tcp;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
-using Timer = asio::basic_waitable_timer<steady_clock, asio::wait_traits<steady_clock>,
-                                         asio::io_context::executor_type>;
 
 constexpr milliseconds kLongestSweep{1'000};
 constexpr milliseconds kStopSweep{50};

@@ -37,7 +37,7 @@ namespace {
 constexpr std::size_t kMaxMirroredSamples = 256;
 
 // By value: a reference to the schema's would be looked up at each use.
-struct Names {
+struct LayerFields {
     const TfToken& value = pxr::SdfFieldKeys->Default;
     const TfToken& samples = pxr::SdfFieldKeys->TimeSamples;
     const TfToken& spline = pxr::SdfFieldKeys->Spline;
@@ -46,8 +46,8 @@ struct Names {
     const TfToken& custom = pxr::SdfFieldKeys->Custom;
     const TfToken& variability = pxr::SdfFieldKeys->Variability;
 };
-const Names& names() {
-    static const Names all;
+const LayerFields& names() {
+    static const LayerFields all;
     return all;
 }
 

@@ -15,7 +15,7 @@ using pxr::SdfPath;
 namespace {
 
 const std::string kLinks = "specs_linking";
-using Names = pxr::VtArray<std::string>;
+using LinkedLayers = pxr::VtArray<std::string>;
 
 }  // namespace
 
@@ -131,7 +131,7 @@ LayerResult<SpecsLinking::Paths> SpecsLinking::change(Table changed) {
     const auto root = context_.host.rootLayer();
     pxr::VtDictionary stored;
     for (const auto& [spec, layers] : changed) {
-        Names names;
+        LinkedLayers names;
         for (const auto& layer : layers) names.push_back(relativeTo(root, layer));
         stored[spec.GetString()] = pxr::VtValue::Take(names);
     }
@@ -170,8 +170,8 @@ void SpecsLinking::dataChanged() {
     const auto root = context_.host.rootLayer();
     Table stored;
     for (const auto& [spec, value] : omniDictionary(root, kLinks)) {
-        if (!SdfPath::IsValidPathString(spec) || !value.IsHolding<Names>()) continue;
-        for (const auto& name : value.UncheckedGet<Names>())
+        if (!SdfPath::IsValidPathString(spec) || !value.IsHolding<LinkedLayers>()) continue;
+        for (const auto& name : value.UncheckedGet<LinkedLayers>())
             stored[SdfPath(spec)].insert(storedLayer(root, name));
     }
     if (stored == links_) return;

@@ -50,6 +50,8 @@ struct ListedProjects {
 /// A. Other addresses are returned as they are, and so are those of servers that do not answer.
 [[nodiscard]] ServerAddress findProject(ServerAddress address, std::chrono::milliseconds timeout);
 
+inline constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
+
 /// One client's line to a server, kept up: connects, and after a loss connects again with growing
 /// delays (0.1 s to 5 s, full jitter), until closed. Works on a thread of its own; what happened is
 /// fetched by poll() from any one thread, so that nothing of it runs on the editor's.
@@ -74,7 +76,8 @@ public:
     [[nodiscard]] virtual std::vector<Happening> poll(std::size_t most) = 0;
     /// Blocks until something is there for poll(), or the time is over. True: something is there.
     virtual bool wait(std::chrono::milliseconds time) = 0;
-    /// Bytes handed to send() and not yet on their way: beside-the-stream work waits for this.
+    /// Bytes handed to send() and not yet on their way: big values and their like wait for this,
+    /// while it is more than kMaxQueuedBytes, so that edits pass them soon.
     [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
     /// Drops the connection; a new one is tried at once (for who saw nonsense).
     virtual void reset() = 0;

@@ -1,0 +1,80 @@
+"""Checks that two source files of one target do not define the same private name.
+
+The sanitizer and fuzzing builds compile several files of a target as one, so a class or a constant in an unnamed
+namespace must not have the name of another one in the same target. The release build does not notice.
+"""
+
+import collections
+import pathlib
+import re
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+# The folders whose files are one target (see the CMakeLists.txt of common, client and server). Files that CMake keeps
+# out of unity builds (SKIP_UNITY_BUILD_INCLUSION) are found there.
+TARGETS = [
+    ["common/src/core", "common/src/layer", "common/src/protocol"],
+    ["common/src/dds"],
+    ["common/src/usd"],
+    ["client/src/session"],
+    ["client/src/transport"],
+    ["client/src/usd"],
+    ["server/src/project"],
+    ["server/src/storage"],
+    ["server/src/transport"],
+    ["server/src/files"],
+    ["server/src/app"],
+]
+
+NAMED = re.compile(
+    r"^(?:template <.*> )?(?:class|struct|enum class|enum) (\w+)"
+    r"|^(?:inline )?(?:constexpr|const) [\w:<>, *&]+? (\w+)\s*(?:=|\{|\[)"
+    r"|^thread_local [\w:<>, *&]+? (\w+)\s*(?:=|\{|;)"
+    r"|^using (\w+) ="
+)
+FUNCTION = re.compile(r"^[\w:<>,\[\] *&]+?[ *&](\w+\([^;]*)")
+ALONE = re.compile(r"([\w./]+\.cpp)[^)]*SKIP_UNITY_BUILD_INCLUSION")
+
+
+def compiled_alone():
+    lists = [ROOT / end / "CMakeLists.txt" for end in ("common", "client", "server")]
+    return {(path.parent / name).resolve() for path in lists for name in ALONE.findall(path.read_text("utf-8"))}
+
+
+def private_names(path):
+    """(name, what is written of it) for each thing that an unnamed namespace of the file defines."""
+    inside = False
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for number, line in enumerate(lines):
+        if line == "namespace {":
+            inside = True
+        elif line.startswith("}  // namespace"):
+            inside = False
+        elif inside and line and not line[0].isspace():
+            if (match := NAMED.match(line)) and not line.endswith(";" if line.startswith(("class", "struct")) else "\0"):
+                name = next(group for group in match.groups() if group)
+                yield name, line if line.startswith("using") else None
+            elif match := FUNCTION.match(line):
+                # Overloads may stand beside each other; equal signatures may not.
+                signature = match.group(1)
+                while ")" not in signature and number + 1 < len(lines):
+                    number += 1
+                    signature += lines[number].strip()
+                yield re.sub(r"\s+", " ", signature.rpartition(")")[0]), None
+
+
+def test_private_names_of_a_target_differ():
+    alone = compiled_alone()
+    clashes = []
+    for folders in TARGETS:
+        places = collections.defaultdict(dict)
+        for folder in folders:
+            for path in sorted((ROOT / folder).rglob("*.cpp")):
+                if path not in alone:
+                    for name, text in private_names(path):
+                        places[name][path.relative_to(ROOT)] = text
+        for name, texts in places.items():
+            same_alias = None not in texts.values() and len(set(texts.values())) == 1
+            if len(texts) > 1 and not same_alias:
+                clashes.append(f"{name}: {', '.join(map(str, texts))}")
+    assert not clashes, "defined in several files of one target:\n" + "\n".join(clashes)
