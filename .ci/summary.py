@@ -1,7 +1,7 @@
-"""Sums up what the steps of `./run test` left in the results folder; the last line is for machines.
+"""Sums up the reports of the steps of `./run test`. The last line of its output is for machines.
 
-Usage: summary.py FOLDER STEP... where a STEP has a report in the folder (STEP.xml; for ctest also a .json of
-each executable) or is NAME=passed or NAME=failed. A step without its report has failed.
+Usage: summary.py FOLDER STEP... A STEP is NAME=passed, NAME=failed, or the name of a report in the folder (STEP.xml;
+for ctest also a .json of each executable). A step without its report has failed.
 """
 
 import json
@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ElementTree
 
 
 def junit_cases(path):
-    """(name, passed) of every case that was not skipped."""
+    """Yields (name, passed) for each case that was not skipped."""
     for case in ElementTree.parse(path).iter("testcase"):
         if case.find("skipped") is None:
             failed = case.find("failure") is not None or case.find("error") is not None
@@ -26,7 +26,8 @@ def gtest_cases(path):
 
 
 def ctest_cases(path):
-    """The cases of each executable; for one that crashed, or failed with all cases passed, one failure."""
+    """Yields the cases of each executable, and one failure more for an executable that crashed, or that failed
+    although all its cases passed."""
     for name, passed in junit_cases(path):
         report = path.with_name(f"{name}.json")
         cases = list(gtest_cases(report)) if report.exists() else [(name, passed)]
@@ -37,8 +38,8 @@ def ctest_cases(path):
 
 
 def step_cases(folder, step):
-    name, told, result = step.partition("=")
-    if told:
+    name, has_result, result = step.partition("=")
+    if has_result:
         return [(name, result == "passed")]
     report = folder / f"{name}.xml"
     if not report.exists():

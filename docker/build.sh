@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# docker/build.sh FOLDER: builds the server and the command line tool into FOLDER, with all that they need but
-# system packages, whose names it leaves in FOLDER/apt.txt. As root on a bare Debian 12; it is the image's
-# first stage.
+# docker/build.sh FOLDER: builds the server and the command line tool into FOLDER, with everything they need except
+# system packages; it writes the names of those to FOLDER/apt.txt. This is the image's first stage. Run it as root on
+# a bare Debian 12.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 readonly out=$1

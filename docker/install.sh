@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# docker/install.sh FOLDER UID: what the programs in FOLDER, as docker/build.sh made it, need to run as a user
-# of their own. As root on a bare Debian 12; it is the image's second stage.
+# docker/install.sh FOLDER UID: installs the system packages for the programs in FOLDER, which docker/build.sh
+# created, and adds the user that runs them. This is the image's second stage. Run it as root on a bare Debian 12.
 set -euo pipefail
 readonly folder=$1 uid=$2
 
