@@ -1,13 +1,13 @@
-// What does a frame of auto authoring cost, and what does asking for a layer's state?
+// Measures the cost of a frame of auto authoring, and of queries of a layer's state.
 //
 //   --edits=10000  --layers=8  --rounds=15  --states=200
 //
-// `edits` attributes are written into the delegate, and one update() distributes them over `layers`
-// sublayers. `ratio` is to as many SdfLayer::SetField calls of the same edits in one change block,
-// in the same run. `first` is the frame in which the delegate had nothing of them before.
-// `recomposed` counts the prims that had to be composed again in all frames after it, of `composed`
-// that the stage has, and `recomposedFirst` those of the first. The other line is of queries on a
-// stack of `states` layers, each of a file. Medians of the rounds.
+// Writes `edits` attributes into the delegate; one update() distributes them over `layers`
+// sublayers. `ratio` compares it with as many SdfLayer::SetField calls of the same edits in one
+// change block, in the same run. `first` is the frame before which the delegate was empty.
+// `recomposed` counts the prims that all frames after it composed again, of `composed` prims of the
+// stage; `recomposedFirst` counts those of the first frame. The second line measures queries on a
+// stack of `states` layers, each with a file. Figures are medians of the rounds.
 #include <pxr/base/gf/vec3d.h>
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
@@ -73,7 +73,7 @@ void check(const LayerVector& all, const Paths& paths, int round) {
     for (std::size_t i = 0; i < paths.size(); ++i)
         if (all[i % all.size()]->GetField(paths[i], pxr::SdfFieldKeys->Default) !=
             valueOf(round, i))
-            throw std::runtime_error("an edit is not where it belongs");
+            throw std::runtime_error("an edit is in the wrong layer");
 }
 
 void measureDistribution(int edits, int count, int rounds) {
@@ -89,7 +89,7 @@ void measureDistribution(int edits, int count, int rounds) {
     if (const auto set = instance.setEditMode(layers::LayerEditMode::AutoAuthoring); !set)
         throw std::runtime_error(set.error().text);
     instance.update(0);
-    // Asks for all prims, so that each one that the frame has thrown away is composed again.
+    // Queries all prims, so that each prim that the frame has invalidated is composed again.
     const auto composed = [&] {
         (void)host.usedLayers();
         return host.composition()->primsComposed();
@@ -101,7 +101,7 @@ void measureDistribution(int edits, int count, int rounds) {
     for (int round = 0; round <= rounds; ++round) {
         author(host.editTarget(), paths, round);
         const auto begin = Clock::now();
-        instance.update(0);  // no time passes: files are another matter
+        instance.update(0);  // no time passes, so that files are not checked
         const double ms = millisecondsSince(begin);
         (void)instance.takeEvents();
         check(all, paths, round);

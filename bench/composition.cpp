@@ -1,15 +1,16 @@
-// What does an edit of one value cost a composition that is kept, and what does it compose again?
+// Measures the cost of an edit of one value for a composition that is kept, and counts the prims
+// that it composes again.
 //
 //   --layers=32  --prims=10000  --edits=2000  --rounds=9
 //
 // A root layer has `layers` sublayers; each of `prims` prims is defined in one of them and has an
-// opinion in the next, and every tenth references an asset. All of it is composed once. Then values
-// are set one by one, and the edited prim is asked for after each. `ratio` is to bare
-// SdfLayer::SetField calls of the same edits on copies of the layers, which nobody follows. `anew`
-// is the rival: the composition is thrown away at each edit and composes the prim that is asked
-// for; `anewAll` composes all prims. `arc` adds a reference to one prim and asks for that prim,
-// `usedLayers` is what a look through the whole stage costs after it. `recomposed` counts prims,
-// over all edits of a run. Medians of the rounds.
+// opinion in the next, and every tenth references an asset. All prims are composed once. Then
+// values are set one by one, and the edited prim is queried after each. `ratio` compares this with
+// bare SdfLayer::SetField calls of the same edits on copies of the layers without listeners. `anew`
+// is for comparison: each edit discards the composition and composes the queried prim; `anewAll`
+// composes all prims. `arc` adds a reference to one prim and queries it; `usedLayers` is the query
+// of the whole stage after that. `recomposed` counts prims, over all edits of a run. Figures are
+// medians of the rounds.
 #include "usdlive/client/usd/stage/Composition.h"
 
 #include <pxr/base/tf/notice.h>
@@ -72,7 +73,7 @@ Layers makeLayers(int count, const Paths& prims) {
     return all;
 }
 
-/// Lets a composition follow all layers of this process for as long as it lives.
+/// Makes a composition follow all layers of this process during its own lifetime.
 class Following : public pxr::TfWeakBase {
 public:
     explicit Following(Composition& composition)
@@ -88,7 +89,7 @@ private:
     pxr::TfNotice::Key key_;
 };
 
-/// Sets `edits` values, one after the other, and calls `ask` with the prim after each.
+/// Sets `edits` values, one after the other, and calls `ask` with the prim after each one.
 template <class Ask>
 double setValues(const Layers& layers, const Paths& prims, int edits, int round, Ask ask) {
     struct Edit {

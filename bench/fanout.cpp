@@ -1,13 +1,13 @@
-// What does it cost the server, and how long does it take, to bring small edits to N clients?
+// Measures the server's cost, and the latency, of sending small edits to N clients.
 //
 //   --transport=websocket|dds
 //   --clients=2,10,50,200  --edits=1,16  --seconds=5  --flush-interval=0  --durability=sync|os
 //
-// 4 writers make 60 transactions a second each. The server has a core of its own. The ceiling of
-// WebSockets is a bare Beast broadcaster that sends as many bytes to as many, a frame for each
-// transaction, and stores nothing; the durable one appends each to a file and syncs it first, which
-// is the least that an acknowledgement costs. That of DDS is Cyclone's ddsperf with as many
-// readers.
+// 4 writers make 60 transactions a second each. The server runs on its own core. The ceiling for
+// WebSockets is a bare Beast broadcaster. It sends the same number of bytes to the same number of
+// clients, one frame for each transaction, and stores nothing. The durable ceiling appends each
+// message to a file and syncs it first, which is the minimum cost of an acknowledgement. The
+// ceiling for DDS is Cyclone's ddsperf with the same number of readers.
 #include "support/Fanout.h"
 
 #include <stdexcept>
@@ -27,7 +27,7 @@ int main(int argc, char** argv) {
         configuration.transport = arguments.text("--transport", configuration.transport);
         const bool dds = configuration.transport == "dds";
         if (!dds && configuration.transport != "websocket")
-            throw std::runtime_error("--transport is websocket or dds");
+            throw std::runtime_error("--transport must be websocket or dds");
         const auto clients = arguments.numbers(
             "--clients", dds ? std::vector{2, 10, 50} : std::vector{2, 10, 50, 200});
         const auto edits = arguments.numbers("--edits", {1});

@@ -1,13 +1,13 @@
-// What does it cost the server to bring a layer in from its file, and to write a big one?
+// Measures the server's cost of importing a layer from its file, and of saving a big one.
 //
 //   --mib=100  --formats=usda,usdc  --fields=1000000
 //
 // save: an editor authors `mib` of points in four arrays and saves them; `plainMs` is Sdf's own
-// Export of the same layer, which reads nothing back. `serverMib` is the server's peak beyond what
-// it had before. `saveAgainMs`: once more, where a file of that size is to be replaced. Beside the
-// save another author edits another layer, one edit after the other: `editMs` from an edit until it
-// is acknowledged, `quietEditMs` before the save. import: the server takes a `.usda` of `fields`
-// double3 in, and serves it to another process.
+// Export of the same layer, which does not read the file back. `serverMib` is the server's peak
+// memory minus its memory before. `saveAgainMs` is a second save, which replaces a file of that
+// size. Meanwhile another author edits another layer, one edit after the other: `editMs` is from an
+// edit to its acknowledgement, `quietEditMs` the same before the save. import: the server imports a
+// `.usda` of `fields` double3 and serves it to another process.
 #include <pxr/base/gf/vec3f.h>
 #include <pxr/base/vt/array.h>
 #include <pxr/usd/sdf/attributeSpec.h>
@@ -40,11 +40,11 @@ constexpr int kArrays = 4;
 constexpr const char* kOther = "other.usda";
 const pxr::SdfPath kEdited("/Edited.value");
 
-/// The memory of a process, as the kernel counts it.
+/// Reads the memory of a process as the kernel counts it.
 class Memory {
 public:
     explicit Memory(pid_t process) : folder_("/proc/" + std::to_string(process)) {
-        std::ofstream(folder_ / "clear_refs") << "5";  // forgets the peak so far
+        std::ofstream(folder_ / "clear_refs") << "5";  // resets the peak
         before_ = mib("VmRSS");
     }
     [[nodiscard]] double before() const { return before_; }
@@ -55,7 +55,7 @@ private:
         std::ifstream status(folder_ / "status");
         for (std::string line; std::getline(status, line);)
             if (line.starts_with(name)) return std::stod(line.substr(name.size() + 1)) / 1024;
-        throw std::runtime_error("the kernel does not tell " + name);
+        throw std::runtime_error("cannot read " + name + " from /proc");
     }
 
     const fs::path folder_;
@@ -76,13 +76,13 @@ void writePoints(const pxr::SdfLayerHandle& layer, int mib) {
     }
 }
 
-/// Somebody else, who sets one number again and again.
+/// Another author, who sets one number again and again.
 class Author {
 public:
     explicit Author(const std::string& url) : live_(url) {
         live_.layer = live_.client->openLayer({kOther}).value();
     }
-    /// One edit; how long it took until the server had it.
+    /// Makes one edit. Returns the time until the server has acknowledged it.
     double edit() {
         const auto begin = Clock::now();
         live_.layer->SetField(kEdited, pxr::SdfFieldKeys->Default, pxr::VtValue(++number_));
@@ -125,7 +125,7 @@ void measureSave(const std::string& format, int mib) {
     LiveClient editor(server.url());
     editor.layer = editor.client->openLayer(id).value();
     writePoints(editor.layer, mib);
-    if (!editor.client->flush(120'000)) throw std::runtime_error("the points do not arrive");
+    if (!editor.client->flush(120'000)) throw std::runtime_error("the points are not acknowledged");
     Author other(server.url());
     auto begin = Clock::now();
     Latencies quiet = editUntil(other, [&] { return millisecondsSince(begin) > 2'000; });
@@ -148,7 +148,7 @@ void measureSave(const std::string& format, int mib) {
 
     editor.layer->SetField(pxr::SdfPath("/Mesh"), pxr::SdfFieldKeys->Active, pxr::VtValue(true));
     begin = Clock::now();
-    if (!editor.client->saveAndWait({id})) throw std::runtime_error("it is not saved again");
+    if (!editor.client->saveAndWait({id})) throw std::runtime_error("the second save failed");
     const double againMs = millisecondsSince(begin);
 
     begin = Clock::now();

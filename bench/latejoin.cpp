@@ -1,11 +1,12 @@
-// How long does somebody wait who joins a large layer?
+// Measures how long a client that joins a large layer waits.
 //
 //   --fields=100000,1000000
 //
-// From openLayer() of a fresh client over a real socket until the SdfLayer is filled. The ceiling
-// is to set the same specs and fields, whose paths and values are there already, in a bare SdfData.
-// `clientCpuMs` and `serverCpuMs` are all threads' work, which a busy machine changes little.
-// `longestTickMs` is of another client, an editor of 60 frames a second that gives each tick 4 ms.
+// Measures from openLayer() of a fresh client over a real socket until the SdfLayer is filled. The
+// ceiling sets the same specs and fields in a bare SdfData, with paths and values that are in
+// memory already. `clientCpuMs` and `serverCpuMs` include all threads; a busy machine changes them
+// little. `longestTickMs` is from another client, an editor of 60 frames a second that gives each
+// tick 4 ms.
 #include <pxr/usd/sdf/data.h>
 
 #include <algorithm>
@@ -47,12 +48,12 @@ double fillBareData(const pxr::SdfLayerHandle& layer) {
     return millisecondsSince(begin);
 }
 
-// Joins as an editor does whose stage has just composed the layer.
+// Joins like an editor whose stage has just composed the layer.
 double longestTick(LiveClient& joining) {
     using namespace std::chrono_literals;
     joining.layer =
         pxr::SdfLayer::FindOrOpen((joining.client->cacheFolder() / kLayer.value).string());
-    if (!joining.layer) throw std::runtime_error("the layer's placeholder is not there");
+    if (!joining.layer) throw std::runtime_error("the layer has no placeholder");
     double longest = 0;
     std::size_t filling = 0;
     while (filling > 0 || joining.layer->GetRootPrims().empty()) {

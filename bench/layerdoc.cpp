@@ -1,4 +1,4 @@
-// How long does one edit of a LayerDoc take?
+// Measures how long one edit of a LayerDoc takes.
 #include "usdlive/common/layer/LayerDoc.h"
 
 #include <benchmark/benchmark.h>
@@ -18,7 +18,7 @@ SetField setDouble(const char* field, double number) {
     return {field, {}, doubleValue(number), ValueType::None};
 }
 
-// `wide` prims with one attribute each, below /World/set.
+// Creates `wide` prims with one attribute each, below /World/set.
 LayerDoc makeDoc(int wide, std::vector<std::string>* attributes = nullptr) {
     LayerDoc doc;
     (void)doc.apply("/World", kPrim);

@@ -1,9 +1,9 @@
-// How much memory does a spec with one value need in the server?
+// Measures the server's memory for a spec with one value.
 //
 //   --specs=1000000
 //
-// Attributes with a value each, ten to a prim; the prims count as specs, too, and have none. By the
-// server's allocator.
+// Creates attributes with a value each, ten for a prim; the prims count as specs, too, and have no
+// value. The memory is measured by the server's allocator.
 #include <jemalloc/jemalloc.h>
 
 #include <nlohmann/json.hpp>
@@ -20,11 +20,11 @@ using namespace usdlive::bench;
 namespace {
 
 std::size_t usedBytes() {
-    std::uint64_t epoch = 1;  // figures are made anew
+    std::uint64_t epoch = 1;  // makes jemalloc update its figures
     std::size_t bytes = 0, size = sizeof bytes;
     if (mallctl("epoch", nullptr, nullptr, &epoch, sizeof epoch) != 0 ||
         mallctl("stats.allocated", &bytes, &size, nullptr, 0) != 0)
-        throw std::runtime_error("the allocator does not tell what is used");
+        throw std::runtime_error("cannot read the allocator's figures");
     return bytes;
 }
 
@@ -42,7 +42,7 @@ void measure(const char* name, int specs, const Value& value) {
         if (i % kAttributesPerPrim == 0)
             apply(doc, path.substr(0, path.find('.')), CreateSpec{SpecKind::Prim});
         apply(doc, path, CreateSpec{SpecKind::Attribute});
-        // Values of their own, as they come from a file or the network.
+        // Values that share no memory, as they come from a file or the network.
         const Value own =
             value.type() == ValueType::Double ? doubleValue(i) : Value(value.type(), value.bytes());
         apply(doc, path, SetField{"default", {}, own, ValueType::None});

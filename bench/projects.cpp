@@ -1,12 +1,12 @@
-// What does a busy project cost another one of the same server process?
+// Measures the cost of a busy project for another project of the same server process.
 //
 //   --writers=8  --edits=20  --seconds=5  --huge=400000  --idle=50
 //
-// An editor writes one value at a time into a quiet project and waits until it is acknowledged,
-// while `writers` write 60 transactions a second of `edits` edits each into a busy one. Then one
-// transaction of `huge` edits goes into the busy project. `same` is with both projects in one
-// process, `other` with a process for each: the rival, which shares nothing but the machine.
-// `alone` is without any load. `kib` is what each of `idle` projects without a session adds to a
+// An editor writes one value at a time into a quiet project and waits for its acknowledgement.
+// Meanwhile `writers` write 60 transactions a second, of `edits` edits each, into a busy project.
+// Then one transaction of `huge` edits goes into the busy project. `same` has both projects in one
+// process. `other` has a process for each, for comparison: they share only the machine. `alone` is
+// without load. `kib` is the memory that each of `idle` projects without a session adds to a
 // process.
 #include <pxr/base/gf/vec3d.h>
 #include <pxr/usd/sdf/changeBlock.h>
@@ -64,7 +64,7 @@ private:
     std::optional<ServerProcess> busy_, quiet_;
 };
 
-/// Times from a write to its acknowledgement, one after the other, until `isOver`.
+/// Measures times from a write to its acknowledgement, one after the other, until `isOver`.
 template <class IsOver>
 std::vector<float> probe(LiveClient& editor, IsOver isOver) {
     std::vector<float> times;
@@ -115,7 +115,7 @@ nlohmann::ordered_json besideWriters(const Plan& plan, bool isOneProcess) {
     return found;
 }
 
-/// The other editor is this program again, so that its work delays nobody here.
+/// The other editor is this program, started again, so that its work delays nothing here.
 void runHuge(char** argv) {
     LiveClient author(argv[2]);
     author.open();

@@ -1,10 +1,10 @@
-// How long is a project away when its server was killed?
+// Measures how long a project is unavailable after its server was killed.
 //
 //   --fields=100000
 //
-// From the start of the new process until a fresh client has the layer; `listenMs` is when it
-// listened; the CPU times are all threads' work, which a busy machine changes little. The server is
-// killed two seconds after the layer was brought in.
+// Measures from the start of the new process until a fresh client has the layer. `listenMs` is the
+// time until the server listens. The CPU times include all threads; a busy machine changes them
+// little. The server is killed two seconds after the layer was imported.
 #include <chrono>
 #include <nlohmann/json.hpp>
 #include <optional>

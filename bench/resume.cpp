@@ -1,12 +1,12 @@
-// What does it cost an editor to come back with work that was made without a connection?
+// Measures an editor's cost of coming back with work that was made without a connection.
 //
 //   --pending=1000,10000,100000,1000000  --attributes=10000  --budget=4
 //
-// A client's server is killed; the client edits `pending` frames, one attribute in each, and ticks
+// A client's server is killed. The client edits `pending` frames, one attribute in each, and ticks
 // after each. The server is started again. `longestTickMs` is the longest of all tick(budget) from
-// then on until everything is committed, `longestTickCpuMs` the same by the thread's own clock (on
-// a machine with other work), `totalMs` the time of all, `cpuMs` this process's time of it. The
-// memory is the client's when it begins to send.
+// then on until everything is committed; `longestTickCpuMs` is the same in CPU time of the thread
+// (for a machine with other work). `totalMs` is the whole time, `cpuMs` this process's CPU time of
+// it. The memory is the client's when it begins to send.
 #include <pxr/base/gf/vec3d.h>
 #include <pxr/usd/sdf/path.h>
 #include <sys/resource.h>
@@ -53,7 +53,7 @@ double peakMib() {
     return double(used.ru_maxrss) / 1024;
 }
 
-// Returns the longest of the ticks until `done`.
+// Ticks until `done`. Returns the longest tick.
 template <class Done>
 Longest tickUntil(LiveClient& editor, double budgetMs, const Done& done) {
     Longest longest;

@@ -1,10 +1,11 @@
-// How many edits a second can the server order, store and bring to 10 clients?
+// Measures how many edits a second the server can order, store and send to 10 clients.
 //
 //   --durability=sync,os  --fields=1000,100000,1000000  --edits=1  --window=256  --clients=10
 //   --seconds=5
 //
-// 4 writers write as fast as they are acknowledged, `window` transactions at a time. The ceiling is
-// a bare Beast relay that joins what one turn of its event loop brings, and stores nothing.
+// 4 writers write as fast as they are acknowledged, each with `window` unacknowledged transactions.
+// The ceiling is a bare Beast relay, which joins the messages of one turn of its event loop and
+// stores nothing.
 #include <sstream>
 #include <string>
 

@@ -1,19 +1,20 @@
-// What does a project of a studio's size cost who opens a little of it?
+// Measures the cost of a project of a studio's size for a client that opens a small part of it.
 //
 //   --layers=50000  --open=2000
 //
-// So many layers, in folders of a hundred; a root layer has `open` of them as references and the
-// rest as payloads. `listenMs`: from the start of the server's process until it listens.
-// `connectMs`: a connect to a fresh cache folder, and how long until every layer has its
-// placeholder; `longestTickMs`: of the ticks until then, one each 2 ms. `openMs`: the root and what
-// it brings in. The idle ticks are 300, one a millisecond: the median and the 99th percentile.
+// Creates `layers` layers, in folders of a hundred; a root layer has `open` of them as references
+// and the rest as payloads. `listenMs`: from the start of the server's process until it listens.
+// `connectMs`: a connect with a fresh cache folder, and the time until every layer has its
+// placeholder; `longestTickMs`: the longest of the ticks until then, one every 2 ms. `openMs`:
+// opening the root and the layers that it uses. The idle ticks are 300, one a millisecond: the
+// median and the 99th percentile.
 //
 //   --big=100  --mib=10
 //
-// What does the server keep of layers that nobody has open any more? So many layers with that much
-// text each, of attributes with a double3, are opened and closed by one client after the other.
-// `serverPeakMiB`, `serverMiB`: the server's memory at its most, and at the end. `openMs`: the
-// median of opening one, import included.
+// Measures the server's memory for layers that nobody has open any more. One client after the other
+// opens and closes `big` layers with `mib` of text each, of attributes with a double3.
+// `serverPeakMiB` and `serverMiB`: the server's memory at its peak, and at the end. `openMs`: the
+// median time to open one, with the import.
 #include <chrono>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -102,12 +103,12 @@ void measure(int layers, int open) {
               .dump());
 }
 
-// Of /proc/<pid>/status: "VmHWM", "VmRSS".
+// Reads "VmHWM" or "VmRSS" from /proc/<pid>/status.
 double memoryMib(pid_t process, const std::string& name) {
     std::ifstream status("/proc/" + std::to_string(process) + "/status");
     for (std::string line; std::getline(status, line);)
         if (line.starts_with(name + ":")) return std::stod(line.substr(name.size() + 1)) / 1024;
-    throw std::runtime_error("the server's memory is not told");
+    throw std::runtime_error("cannot read the memory of the server from /proc");
 }
 
 void writeBig(const fs::path& file, int mib) {

@@ -1,17 +1,17 @@
-// What does it cost an editor to follow others?
+// Measures an editor's cost of following others.
 //
 //   --edits=10000  --rounds=5  --prims=20000
 //
-// One client's tick() applies what another one has authored and what has arrived already: as one
-// transaction, and as one for each edit. `ratio` is to as many SdfLayer::SetField calls in one
-// change block. Medians of the rounds.
+// One client's tick() applies edits that another one authored and that have arrived already: as one
+// transaction, and as one for each edit. `ratio` compares it with as many SdfLayer::SetField calls
+// in one change block. Figures are medians of the rounds.
 //
 // `override` is the first opinion on a deep prim in an empty sublayer, and its removal, on a stage
-// of so many prims that both editors have composed. `ratio` is of the follower's tick to what the
-// edit cost its author, both with what they compose again.
+// of `prims` prims that both editors have composed. `ratio` compares the follower's tick with the
+// cost of the edit for its author, both with their recomposition.
 //
-// `arrayMiB` is one array that the editor itself sets: its longest tick until the server has it.
-// `ratio` is to what encoding the array takes, which happens beside the frame.
+// `arrayMiB` is one array that the editor itself sets: its longest tick until the server has the
+// array. `ratio` compares it with the time of encoding the array, which happens beside the frame.
 #include <pxr/base/gf/vec3d.h>
 #include <pxr/base/gf/vec3f.h>
 #include <pxr/base/vt/array.h>
@@ -62,7 +62,7 @@ void author(LiveClient& author, const Paths& paths, int round, bool together) {
         if (!together) author.client->tick();
     }
     if (!author.client->flush(60'000)) throw std::runtime_error("the edits were not committed");
-    // The other one's network thread has it soon, too.
+    // Waits until the network thread of the other client has received it, too.
     std::this_thread::sleep_for(std::chrono::milliseconds(300));
 }
 
@@ -117,7 +117,7 @@ void writeStage(const std::filesystem::path& folder, int prims) {
     set << "}\n";
 }
 
-// What one editor has of the stage.
+// One editor's client, layer and stage.
 struct Editor {
     explicit Editor(const std::string& url) : client(url) {
         client.open();
@@ -197,7 +197,7 @@ void measureOverrides(int prims, int rounds) {
     measureOverride("removed", author, follower, rounds, remove, write);
 }
 
-// ---- an array of one's own
+// ---- an array that the editor sets
 
 struct NoBlobs final : usdlive::usd::BlobSink {
     void keepBlob(const usdlive::Hash&, usdlive::SharedBytes) override {}

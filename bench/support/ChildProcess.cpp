@@ -51,7 +51,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& command, const std::v
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (::getppid() != parent) ::_exit(1);
     pin(cores);
-    ::dup2(STDERR_FILENO, STDOUT_FILENO);  // what we print is for programs
+    ::dup2(STDERR_FILENO, STDOUT_FILENO);  // stdout of this program is read by programs
     ::execv(arguments[0], arguments.data());
     ::_exit(127);
 }

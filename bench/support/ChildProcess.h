@@ -7,30 +7,31 @@
 
 namespace usdlive::bench {
 
-/// Cores for who is measured and for who measures, so that neither takes the other's time. With one
-/// core only, both are that one.
+/// Separate cores for the measured and the measuring processes, so that neither takes the other's
+/// time. With one core, both are the same.
 struct Cores {
     std::vector<int> server, load;
 };
 [[nodiscard]] Cores shareCores();
 void pinThisThread(const std::vector<int>& cores);
 
-/// Another program, pinned to some cores. Killed with its owner, or when the owner itself dies.
+/// Another program, pinned to some cores. It is killed with its owner, and when the owner's process
+/// dies.
 class ChildProcess {
 public:
-    /// Throws when it cannot be started. No cores: not pinned.
+    /// Throws when the program cannot be started. Without cores it is not pinned.
     ChildProcess(const std::vector<std::string>& command, const std::vector<int>& cores);
     ~ChildProcess() { kill(); }
     ChildProcess(const ChildProcess&) = delete;
     ChildProcess& operator=(const ChildProcess&) = delete;
 
-    /// kill -9, and waits until it is gone.
+    /// Kills the process (SIGKILL) and waits until it has ended.
     void kill();
     [[nodiscard]] bool isRunning();
-    /// It has ended by itself, with 0.
+    /// True if the process has ended by itself with exit status 0.
     [[nodiscard]] bool succeeded() const { return succeeded_; }
     [[nodiscard]] pid_t pid() const { return pid_; }
-    /// User and system time of all its threads, in seconds, to the nanosecond.
+    /// The user and system time of all its threads, in seconds, to the nanosecond.
     [[nodiscard]] double cpuSeconds() const;
 
 private:
@@ -38,10 +39,10 @@ private:
     bool succeeded_ = false;
 };
 
-/// Of all threads of this process.
+/// The CPU time of all threads of this process, in seconds.
 [[nodiscard]] double ownCpuSeconds();
 
-/// A file that stands beside this program.
+/// The path of a file in the folder of this program.
 [[nodiscard]] std::string besideThisProgram(const std::string& name);
 
 }  // namespace usdlive::bench

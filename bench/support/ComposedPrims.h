@@ -10,7 +10,7 @@
 
 namespace usdlive::bench {
 
-/// All prim indexes of a stage. As a UsdStage does, it composes a prim and all below it again,
+/// All prim indexes of a stage. Like a UsdStage, it composes a prim and everything below it again,
 /// within the change notice, when Pcp says that the change is significant.
 class ComposedPrims : public pxr::TfWeakBase {
 public:
@@ -19,7 +19,7 @@ public:
     ComposedPrims(const ComposedPrims&) = delete;
     ComposedPrims& operator=(const ComposedPrims&) = delete;
 
-    /// How often a prim was composed since the last call.
+    /// The number of compositions of prims since the last call.
     [[nodiscard]] std::size_t takeComposed();
 
 private:

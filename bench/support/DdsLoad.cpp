@@ -26,10 +26,10 @@ using client::Connection;
 using std::chrono::milliseconds;
 
 constexpr auto kWaitForAll = std::chrono::seconds(60);
-// Of ddsperf's writer; each process has a port by its index.
+// The index of ddsperf's writer; each process has a port that follows from its index.
 constexpr int kWriterIndex = 100;
 
-/// What all connections share.
+/// State that all connections share.
 struct Run {
     std::mutex mutex;
     Dialect& dialect;
@@ -114,7 +114,7 @@ private:
     std::thread thread_;
 };
 
-/// Writes in turns, evenly, for so long.
+/// Writes in turns, evenly spaced, for `seconds`.
 void write(const LoadPlan& plan, std::vector<std::unique_ptr<Line>>& lines, double seconds,
            std::size_t& turn) {
     const auto begin = Clock::now();
@@ -145,7 +145,7 @@ LoadFigures runDdsLoad(const LoadPlan& wanted, Dialect& dialect,
         lines.push_back(std::make_unique<Line>(run, number, std::move(*connection)));
         const auto end = Clock::now() + kWaitForAll;
         while (!lines.back()->isReady()) {
-            if (Clock::now() > end) throw std::runtime_error("a client does not get in");
+            if (Clock::now() > end) throw std::runtime_error("a client gets no welcome");
             std::this_thread::sleep_for(milliseconds(1));
         }
     }
@@ -180,8 +180,9 @@ LoadFigures runDdsPerf(const LoadPlan& plan, std::size_t frameBytes,
     const TemporaryFolder folder;
     const auto config = folder.path() / "cyclone.xml";
     std::ofstream(config) << dds::cycloneConfig(settings).value();
-    // Each would find each, and have an answering writer for it: with 52 processes the machine does
-    // nothing else. So that readers know the writer alone, it is where they look for others.
+    // By default each process would discover each other one and create a writer to answer it; with
+    // 52 processes the machine does nothing else. Therefore the readers search for others only at
+    // the writer's address.
     const auto configure = [&](const std::string& discovery) {
         const std::string beside =
             "<CycloneDDS><Domain><General><AllowMulticast>asm"
@@ -216,7 +217,7 @@ LoadFigures runDdsPerf(const LoadPlan& plan, std::size_t frameBytes,
         figures.seconds = millisecondsSince(begin) / 1000;
         figures.delivered = std::uint64_t(figures.seconds * perSecond * plan.connections);
     }
-    // A tenth of them are answered, which is the only latency that it tells.
+    // The readers answer a tenth of the samples; ddsperf prints the latency of these only.
     std::string command = program + " -D " + std::to_string(int(plan.seconds) + 2);
     for (const std::string& word : publish) command += " " + word;
     command += " 10% 2>&1";
@@ -231,7 +232,7 @@ LoadFigures runDdsPerf(const LoadPlan& plan, std::size_t frameBytes,
         middle.push_back(std::stof(found[1]) / 1000);
         high.push_back(std::stof(found[2]) / 1000);
     }
-    // Of each second and reader; the median of them says what is usual.
+    // ddsperf prints figures for each second and reader; the median of them is the usual one.
     figures.p50Ms = percentile(middle, 0.5);
     figures.p99Ms = percentile(high, 0.5);
     figures.frameBytes = frameBytes;

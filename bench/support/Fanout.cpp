@@ -19,7 +19,7 @@ namespace usdlive::bench {
 
 namespace {
 
-/// What it takes to have half a KiB more of a file on disk, in milliseconds.
+/// Measures the time of appending and syncing half a KiB, in milliseconds.
 std::vector<float> measureSyncs(const std::filesystem::path& folder) {
     constexpr int kSyncs = 200;
     const auto path = folder / "sync";
@@ -36,7 +36,7 @@ std::vector<float> measureSyncs(const std::filesystem::path& folder) {
     return times;
 }
 
-/// A domain of the run's own.
+/// The settings of a DDS domain that only this run uses.
 dds::DomainSettings ddsSettings() {
     dds::DomainSettings settings;
     settings.domain = std::random_device()() % 90;
@@ -46,7 +46,7 @@ dds::DomainSettings ddsSettings() {
 LoadFigures measureServer(const FanoutConfiguration& configuration, const LoadPlan& plan,
                           const Cores& cores, const std::filesystem::path& folder) {
     writeLayer(folder, configuration.fields);
-    // What is measured finds the layer in the store.
+    // Imports the layer first, so that the measured server finds it in its store.
     joinElsewhere(ServerProcess(folder, {"--min-free-mib=1"}, {}).url());
     std::vector<std::string> options{
         "--flush-interval-ms=" + std::to_string(configuration.flushIntervalMs),
@@ -64,12 +64,12 @@ LoadFigures measureServer(const FanoutConfiguration& configuration, const LoadPl
     return runLoad(plan, dialect, server.port(), server.process());
 }
 
-/// ddsperf does not always tell it.
+/// ddsperf does not always print this figure.
 nlohmann::ordered_json orNothing(double figure) {
     return figure > 0 ? nlohmann::ordered_json(figure) : nlohmann::ordered_json();
 }
 
-/// `log`: of one that stores what it sends.
+/// `log`: measures the ceiling that stores the messages before it sends them.
 LoadFigures measureCeiling(const LoadFigures& real, const LoadPlan& plan, const Cores& cores,
                            const std::filesystem::path& folder, const std::filesystem::path& log) {
     const BroadcasterOptions options{folder / (log.empty() ? "ceiling-port" : "durable-port"),

@@ -4,18 +4,18 @@
 
 namespace usdlive::bench {
 
-/// What `fanout` and `saturate` are asked for.
+/// The configuration of `fanout` and `saturate`.
 struct FanoutConfiguration {
     int clients = 0;
     int edits = 1;
     int fields = 1000;
-    int window = 0;  ///< 0: 60 transactions a second and writer
+    int window = 0;  ///< 0: 60 transactions a second for each writer
     double seconds = 5;
     int flushIntervalMs = 0;
     std::string durability = "sync";
     std::string transport = "websocket";  ///< or "dds", on loopback
 };
-/// Measures the real server, then its ceiling, and prints both as a JSON line.
+/// Measures the real server, then its ceiling, and prints both as one JSON line.
 void measureFanout(const char* name, const FanoutConfiguration& configuration);
 
 }  // namespace usdlive::bench

@@ -14,11 +14,11 @@ using Clock = std::chrono::steady_clock;
     return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
 }
 
-/// 0 for no values. Sorts part of them.
+/// Returns 0 if there are no values. Sorts part of them.
 [[nodiscard]] double percentile(std::vector<float>& values, double part);
 
-/// `--name=value` or `--name value` of a command line, in the order asked for. Throws on what
-/// nobody asked for.
+/// The arguments `--name=value` or `--name value` of a command line. Throws on arguments that the
+/// program does not query.
 class Arguments {
 public:
     Arguments(int argc, char** argv);
@@ -26,17 +26,18 @@ public:
     [[nodiscard]] int number(std::string_view name, int otherwise);
     [[nodiscard]] std::string text(std::string_view name, std::string otherwise);
     [[nodiscard]] bool flag(std::string_view name);
-    /// After all that is known was asked for.
+    /// Call this after querying all known arguments.
     void finish() const;
 
 private:
     std::vector<std::string> left_;
 };
 
-/// One line of figures (JSON), on stdout.
+/// Prints one line of figures (JSON) to stdout.
 void print(std::string_view figures);
 
-/// A main(): runs `body` and returns the exit status. What it throws is told as by bench `name`.
+/// The body of a main(): runs `body` and returns the exit status. Prints what it throws, with the
+/// bench's `name`.
 [[nodiscard]] int runBench(const char* name, const std::function<void()>& body);
 
 }  // namespace usdlive::bench

@@ -33,18 +33,18 @@ void LiveClient::open() { layer = orThrow(client->openLayer(kLayer)); }
 void checkLayer(const pxr::SdfLayerHandle& layer, int fields) {
     const pxr::SdfPath last(attributePath(fields - 1));
     if (!layer || !layer->HasField(last, pxr::SdfFieldKeys->Default))
-        throw std::runtime_error("the layer is not whole");
+        throw std::runtime_error("the layer is incomplete");
 }
 
 void joinElsewhere(const std::string& url) {
-    // While the server brings a huge layer in, it may be taken for dead.
+    // While the server imports a huge layer, a client may treat it as dead and reconnect.
     constexpr int kAttempts = 10;
     for (int i = 0; i < kAttempts; ++i) {
         ChildProcess other({"/proc/self/exe", std::string(kVerb), url}, {});
         while (other.isRunning()) std::this_thread::sleep_for(std::chrono::milliseconds(10));
         if (other.succeeded()) return;
     }
-    throw std::runtime_error("the layer cannot be joined");
+    throw std::runtime_error("cannot join the layer");
 }
 
 bool isJoin(int argc, char** argv) { return argc == 3 && argv[1] == kVerb; }

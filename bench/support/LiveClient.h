@@ -9,7 +9,7 @@
 
 namespace usdlive::bench {
 
-/// A client, and its live layer. Throws where either cannot be had.
+/// A client and its live layer. The constructor throws when one of them cannot be created.
 struct LiveClient {
     explicit LiveClient(const std::string& url);
     void open();
@@ -18,16 +18,17 @@ struct LiveClient {
     pxr::SdfLayerRefPtr layer;
 };
 
-/// Throws unless the layer that writeLayer() made is there up to its last field.
+/// Throws unless the layer that writeLayer() created is complete up to its last field.
 void checkLayer(const pxr::SdfLayerHandle& layer, int fields);
 
-/// Has the server bring the layer in from its file: another process joins it and goes, so that
-/// nothing of it is left in this one. `isJoin`: main() is that other process.
+/// Makes the server import the layer from its file: another process joins the layer and ends, so
+/// that this process keeps nothing of it. main() runs that other process when `isJoin` returns
+/// true.
 void joinElsewhere(const std::string& url);
 [[nodiscard]] bool isJoin(int argc, char** argv);
 void runJoin(char** argv);
 
-/// What an editor has long done when it joins: OpenUSD's plugins and schemas are loaded.
+/// Loads OpenUSD's plugins and schemas, which an editor has loaded long before it joins.
 void loadUsd();
 
 }  // namespace usdlive::bench

@@ -35,7 +35,7 @@ std::string clientName(int connection) {
 
 void append(Bytes& to, const Bytes& what) { to.insert(to.end(), what.begin(), what.end()); }
 
-/// What all connections share.
+/// State that all connections share.
 struct Run {
     Run(const LoadPlan& plan, Dialect& dialect) : plan(plan), dialect(dialect) {
         sent.resize(static_cast<std::size_t>(plan.writers));
@@ -56,7 +56,7 @@ class Line {
 public:
     Line(Run& run, int number, std::uint16_t port)
         : run_(run), number_(number), stream_(run.io), pace_(run.io) {
-        // One after the other and blocking: nothing is measured yet.
+        // One connection after the other, blocking: nothing is measured yet.
         auto& socket = beast::get_lowest_layer(stream_);
         socket.connect({asio::ip::make_address("127.0.0.1"), port});
         socket.set_option(tcp::no_delay(true));
@@ -72,7 +72,7 @@ public:
         read();
     }
 
-    /// The first at `first`.
+    /// Writes at an even pace; the first transaction at `first`.
     void writePaced(Clock::time_point first) {
         next_ = first;
         pace();
@@ -196,7 +196,7 @@ Bytes UsdliveDialect::submission(int writer, std::uint64_t sequence) {
 }
 
 bool UsdliveDialect::read(ByteView frame, std::vector<Delivery>& deliveries) {
-    // The server's own frames need no verification, and nothing but the names is looked at.
+    // Frames of our own server need no verification; only the names are read.
     const auto* root = wire::GetFrame(frame.data());
     if (const auto* commit = root->body_as_Commit()) {
         revision_ = std::max(revision_, commit->revision());
@@ -214,7 +214,7 @@ bool UsdliveDialect::read(ByteView frame, std::vector<Delivery>& deliveries) {
             throw std::runtime_error("the server says: " + error->message);
         if (const auto* welcome = std::get_if<Welcome>(&*message)) {
             revision_ = std::max(revision_, welcome->revision);
-            // The first one waits for the layer.
+            // Only the first connection waits for the layer.
             return std::exchange(greeted_, true);
         }
     }

@@ -9,27 +9,29 @@
 
 namespace usdlive::bench {
 
-/// How a kind of server is spoken to.
+/// The protocol of a kind of server.
 class Dialect {
 public:
     virtual ~Dialect() = default;
     [[nodiscard]] virtual std::string path() const = 0;
-    /// The first message of a connection; empty: none, and it is ready at once.
+    /// The first message of a connection. Empty: there is none, and the connection is ready at
+    /// once.
     [[nodiscard]] virtual Bytes greeting(int connection) = 0;
-    /// The transaction, framed.
+    /// Returns the transaction as a frame.
     [[nodiscard]] virtual Bytes submission(int writer, std::uint64_t sequence) = 0;
 
     struct Delivery {
         int writer;
         std::uint64_t sequence;
     };
-    /// Adds what a frame (without its length) brings. True: the connection is ready now. Throws on
-    /// an error or a refusal.
+    /// Adds the deliveries of a frame (without its length). Returns true when the connection
+    /// becomes ready. Throws on an error or a refusal.
     virtual bool read(ByteView frame, std::vector<Delivery>& deliveries) = 0;
 };
 
-/// The real protocol: writers set `edits` double3 a transaction, all over the `fields` of a layer
-/// made by writeLayer(). Only the first connection opens it: commits come to all (SE1).
+/// The real protocol: writers set `edits` double3 in a transaction, in turn over all `fields` of a
+/// layer from writeLayer(). Only the first connection opens the layer: commits are sent to all
+/// (SE1).
 class UsdliveDialect final : public Dialect {
 public:
     UsdliveDialect(int edits, int fields, std::string path = "/live")
@@ -43,12 +45,12 @@ private:
     const int edits_;
     const int fields_;
     const std::string path_;
-    bool greeted_ = false;        // the first connection was
-    std::uint64_t revision_ = 0;  // the newest that anybody has
-    int next_ = 0;                // field to be set
+    bool greeted_ = false;        // the first connection has been greeted
+    std::uint64_t revision_ = 0;  // the newest that any connection has received
+    int next_ = 0;                // the next field to set
 };
 
-/// What the broadcaster speaks.
+/// The protocol of the broadcaster.
 class RelayDialect final : public Dialect {
 public:
     explicit RelayDialect(std::size_t submissionBytes) : submissionBytes_(submissionBytes) {}
@@ -62,22 +64,22 @@ private:
 };
 
 struct LoadPlan {
-    int connections = 2;  ///< all of them read; the first `writers` write, too
+    int connections = 2;  ///< all of them read; the first `writers` also write
     int writers = 4;
-    double perSecond = 60;  ///< transactions of each writer, at even distances from the others'
-    int window = 0;         ///< instead: as many as are unacknowledged at a time
+    double perSecond = 60;  ///< transactions of each writer, evenly spaced with those of the others
+    int window = 0;         ///< instead of a rate: the number of unacknowledged transactions
     double warmUpSeconds = 1;
     double seconds = 5;
 };
 struct LoadFigures {
     double seconds = 0;
-    double cpuSeconds = 0;        ///< of the server
-    std::uint64_t delivered = 0;  ///< transactions, each as often as somebody got it
-    double p50Ms = 0, p99Ms = 0;  ///< from writing it to its delivery
-    std::size_t frameBytes = 0;   ///< of a delivered one, with its length
+    double cpuSeconds = 0;        ///< CPU time of the server
+    std::uint64_t delivered = 0;  ///< transactions, counted once for each receiver
+    double p50Ms = 0, p99Ms = 0;  ///< from writing a transaction to its delivery
+    std::size_t frameBytes = 0;   ///< of a delivered frame, with its length
     std::size_t submissionBytes = 0;
 };
-/// Runs in this thread until the plan is fulfilled.
+/// Runs in this thread until the plan is done.
 [[nodiscard]] LoadFigures runLoad(const LoadPlan& plan, Dialect& dialect, std::uint16_t port,
                                   const ChildProcess& server);
 

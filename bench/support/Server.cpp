@@ -11,7 +11,7 @@ namespace usdlive::bench {
 
 TemporaryFolder::TemporaryFolder() {
     std::string name = std::filesystem::temp_directory_path() / "usdlive-bench-XXXXXX";
-    if (!::mkdtemp(name.data())) throw std::runtime_error("no temporary folder can be made");
+    if (!::mkdtemp(name.data())) throw std::runtime_error("cannot create a temporary folder");
     path_ = name;
 }
 

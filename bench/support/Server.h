@@ -11,7 +11,7 @@
 
 namespace usdlive::bench {
 
-/// A folder below the system's temporary folder, removed at the end.
+/// A folder below the system's temporary folder. The destructor removes it.
 class TemporaryFolder {
 public:
     TemporaryFolder();
@@ -27,15 +27,15 @@ private:
 inline const LayerId kLayer{"shot.usda"};
 inline constexpr int kAttributesPerPrim = 10;
 
-/// Path of attribute number `index` of the layer that writeLayer() makes.
+/// The path of attribute number `index` in the layer that writeLayer() creates.
 [[nodiscard]] std::string attributePath(int index);
-/// `fields` attributes with a double3 each, ten to a prim, as kLayer in the folder.
+/// Writes a layer kLayer with `fields` attributes to the folder, a double3 each, ten for a prim.
 void writeLayer(const std::filesystem::path& folder, int fields);
 
-/// The port that a program writes into a file, once it is there. Throws when it ends instead.
+/// Waits for the port that a program writes into a file. Throws when the program ends instead.
 [[nodiscard]] std::uint16_t awaitPort(ChildProcess& child, const std::filesystem::path& portFile);
 
-/// The real server, serving a folder on a port; 0: on a free one.
+/// The real server, which serves a folder on a port; 0: on a free one.
 class ServerProcess {
 public:
     ServerProcess(const std::filesystem::path& folder, const std::vector<std::string>& options,
