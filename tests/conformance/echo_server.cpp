@@ -1,5 +1,5 @@
-// The product's WebSocket server before an application that sends back what comes, text included.
-// What the conformance suite is run against, and in no product. Prints its port.
+// Runs the product's WebSocket server with an application that echoes all messages, also text. Used
+// only by the conformance suite. Prints its port.
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
@@ -17,8 +17,8 @@ public:
     explicit Echo(boost::asio::io_context& network) : network_(network) {}
 
     void opened(SessionId) override {}
-    // Reads on in the next turn, when the answer is on its way: the suite wants each message
-    // answered by one of its own, also before a frame that ends the session.
+    // Reads the next message in the next turn, when the answer is on its way: the suite wants an
+    // answer for each message, also before a frame that ends the session.
     void received(SessionId session, ByteView message) override {
         server->send(session, std::make_shared<const Bytes>(message.begin(), message.end()));
         server->setReading(session, false);

@@ -1,5 +1,5 @@
-// The C++ editor of the demo: `demo_editor URL OUTPUT`. Keys the humanoid sample by sample at 60
-// frames a second until it reads `finish`; otherwise as editor.py.
+// The demo's editor in C++: `demo_editor URL OUTPUT`. It keys the humanoid sample by sample at 60
+// frames a second until it reads `finish`; otherwise it behaves like editor.py.
 
 #include <poll.h>
 #include <pxr/usd/sdf/attributeSpec.h>
@@ -60,7 +60,8 @@ struct Report {
     }
 };
 
-/// One sample of a turning joint on the layer; the others of the shot see it move.
+/// Writes one sample of a turning joint to the layer; the stages of the other editors show the
+/// motion.
 void key(const pxr::SdfLayerHandle& anim, int frame) {
     const pxr::SdfPath path("/Shot/Cast/Humanoid.userProperties:turn");
     if (!anim->GetPropertyAtPath(path)) {

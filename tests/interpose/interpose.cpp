@@ -1,17 +1,17 @@
-// Loaded into a server with LD_PRELOAD: writes down what it does to the files below a folder, and
-// makes one of its calls fail. For tests/integration/crash_prefix_test.py and failing_io_test.py,
-// which rebuild from the trace what a crash may have left.
+// A library for LD_PRELOAD in a server: it records the server's calls on files below a folder, and
+// makes one of the calls fail. tests/integration/crash_prefix_test.py and failing_io_test.py use it
+// to rebuild the files that a crash may leave.
 //
 //   USDLIVE_IO_FOLDER  the folder
 //   USDLIVE_IO_TRACE   the file to append to
-//   USDLIVE_IO_FAULT   KIND:N:WHAT[+]: the N-th call of the kind in this process (with +, all from
-//                      there on). KIND: write, sync, rename, create. WHAT: EIO, ENOSPC, SHORT (half
-//                      of it is written), TORN (as SHORT, then ENOSPC), KILL (the process ends
-//                      before the call).
+//   USDLIVE_IO_FAULT   KIND:N:WHAT[+]: the N-th call of the kind in this process (with +, this and
+//                      all later ones). KIND: write, sync, rename, create. WHAT: EIO, ENOSPC,
+//                      SHORT (half of it is written), TORN (like SHORT, then ENOSPC), KILL (the
+//                      process ends before the call).
 //
-// Calls are one after the other: what the trace says before a sync was written before it. Only the
-// calls that the server's libraries make today are here; the test compares what it rebuilds with
-// the files, and so notices when there are others.
+// Calls are recorded one after the other: writes that the trace has before a sync happened before
+// it. The library wraps only the calls that the server's libraries make today. The tests compare
+// the rebuilt files with the real ones, and so notice other calls.
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -60,7 +60,7 @@ template <class Function>
 Function* next(const char* name) {
     return reinterpret_cast<Function*>(::dlsym(RTLD_NEXT, name));
 }
-// The next function of this name: the one that does it.
+// Returns the next function of this name, which does the real work.
 #define NEXT(name) (next<decltype(name)>(#name))
 
 class Recorder {
@@ -101,7 +101,7 @@ public:
         if (::writev(trace_, parts, 3) != bytes) std::abort();
     }
 
-    /// What becomes of this call. Sets errno for Error; Kill does not return.
+    /// Decides the fault of this call. Sets errno for Error; Kill does not return.
     What fault(std::string_view kind) {
         if (kind != kind_) return What::Nothing;
         ++count_;
@@ -115,7 +115,7 @@ public:
 
     [[nodiscard]] std::string_view inFolder(const char* path) const {
         const std::string_view text(path);
-        return text.substr(std::min(text.size(), folder_.size()));  // nothing: the folder itself
+        return text.substr(std::min(text.size(), folder_.size()));  // empty: the folder itself
     }
 
     Recorder() {
@@ -146,7 +146,7 @@ private:
     bool files_[kMostFiles] = {};
 };
 
-// Never destroyed: others write to their last breath.
+// Never destroyed: other threads write until the process ends.
 Recorder& recorder() {
     static auto* const recorder = new Recorder;
     return *recorder;
@@ -167,7 +167,7 @@ int sync(int file, int (*function)(int)) {
     return done;
 }
 
-/// `write` writes so many bytes, `offset` says afterwards where they begin.
+/// `write` writes that many bytes; `offset` returns their position afterwards.
 template <class Write, class Offset>
 ssize_t written(int file, const void* data, size_t size, Write&& write, Offset&& offset) {
     Recorder& trace = recorder();
@@ -277,7 +277,7 @@ int unlink(const char* path) noexcept {
     return done;
 }
 
-// std::filesystem::remove_all: the folder by its number.
+// std::filesystem::remove_all uses a file descriptor for the folder.
 int unlinkat(int folder, const char* name, int flags) noexcept {
     std::string path = name;
     if (path.front() != '/') {

@@ -1,9 +1,9 @@
-// A program that takes part in usdlive's DDS domain and knows no more of it than the IDL: reads
-// what any tool may read, and sends what no client would. USDLIVE_DDS_DOMAIN and _INTERFACE as
-// everywhere.
+// A program that takes part in usdlive's DDS domain and uses only the IDL: it reads what any tool
+// may read, and sends samples that no client sends. USDLIVE_DDS_DOMAIN and USDLIVE_DDS_INTERFACE
+// work as in the client.
 //
-//   stranger read SECONDS           what is told of layers and people, a line each
-//   stranger send WHAT COUNT        samples of a kind (kOdd below) to the server that is heard of
+//   stranger read SECONDS           prints the states of layers and the presences, one a line
+//   stranger send WHAT COUNT        sends samples of a kind (see kOdd) to the discovered server
 #include <dds/dds.h>
 
 #include <chrono>
@@ -36,7 +36,7 @@ dds_entity_t checked(dds_entity_t entity) {
     return entity;
 }
 
-/// As a tool does it: the QoS that are asked for, and every partition of usdlive's.
+/// Reads like any DDS tool: with the requested QoS, and in every partition of usdlive.
 dds_entity_t readerOf(dds_entity_t participant, const dds_topic_descriptor_t& type,
                       const char* topic, bool isState, const char* partition) {
     dds_qos_t* qos = dds_create_qos();
@@ -63,7 +63,7 @@ void take(dds_entity_t reader, const std::function<void(const Sample&, bool gone
     }
 }
 
-// --- Reading
+// ---- Reading
 
 void print(const usdlive_dds_LayerState& state, bool gone) {
     if (gone) {
@@ -105,11 +105,11 @@ void read(dds_entity_t participant, double seconds) {
     }
 }
 
-// --- Sending
+// ---- Sending
 
 struct Seen {
     std::uint64_t server = 0;
-    std::uint64_t client = 0, connection = 0;  // of somebody else
+    std::uint64_t client = 0, connection = 0;  // those of another participant
 };
 
 std::string partitionOf(std::uint64_t server) {
@@ -151,9 +151,9 @@ Seen lookAround(dds_entity_t participant, bool needsClient) {
 
 using Odd = void (*)(usdlive_dds_Submit&, const Seen&, std::vector<std::uint8_t>&);
 const std::map<std::string, Odd> kOdd{
-    // A part of a stream that nobody has opened.
+    // A segment of a stream that was never opened.
     {"notGreeted", [](auto& submit, const Seen&, auto&) { submit.number = 1; }},
-    // In another one's name: its stream, its acknowledgements, its end.
+    // Samples in the name of another client: its stream, its acknowledgements, its end.
     {"otherClient",
      [](auto& submit, const Seen& seen, auto&) {
          submit.client = seen.client;
@@ -162,7 +162,7 @@ const std::map<std::string, Odd> kOdd{
          submit.ackReply = submit.ackBeside = 1'000'000;
          submit.flags = 2;
      }},
-    // A newer connection in another one's name, which would end it.
+    // A newer connection in the name of another client, which would end that client's session.
     {"otherConnection",
      [](auto& submit, const Seen& seen, auto&) {
          submit.client = seen.client;

@@ -6,14 +6,14 @@
 
 namespace usdlive::bombs {
 
-/// What a call took: the most memory it had from `operator new` at once, and processor time.
+/// The cost of a call: its peak of memory from `operator new`, and its processor time.
 struct Cost {
     std::size_t bytes = 0;
     std::chrono::milliseconds time{};
 };
 [[nodiscard]] Cost costOf(const std::function<void()>& call);
 
-/// How much longer sanitizers and unoptimised code may take.
+/// The allowed factor for sanitizers and unoptimised code.
 #if defined(__OPTIMIZE__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 inline constexpr int kSlowness = 1;
 #else

@@ -1,4 +1,5 @@
-// Few bytes that ask for much (F4): refused by a declared limit, and what they cost is measured.
+// Tests that few bytes which claim a large content (F4) are refused by a declared limit, and
+// measures their cost.
 #include <gtest/gtest.h>
 
 #include <limits>
@@ -19,7 +20,7 @@ constexpr std::size_t kMib = 1024 * 1024;
 template <class T>
 using Offset = flatbuffers::Offset<T>;
 
-/// The code with which `call` refuses; it may take `mostBytes` of memory and 50 ms.
+/// Returns the code with which `call` refuses; the call may take `mostBytes` of memory and 50 ms.
 template <class Call>
 ErrorCode refusal(const Call& call, std::size_t mostBytes) {
     auto code = ErrorCode::Internal;
@@ -32,7 +33,7 @@ ErrorCode refusal(const Call& call, std::size_t mostBytes) {
     return code;
 }
 
-// --- Values
+// ---- Values
 
 Bytes field(ValueType type, const Bytes& content) {
     Bytes out;
@@ -43,7 +44,7 @@ Bytes field(ValueType type, const Bytes& content) {
     return out;
 }
 
-/// A count, with ten bytes behind.
+/// A count, followed by only ten bytes.
 template <class T>
 Bytes counting(T count, Bytes before = {}) {
     appendNumber<T>(before, count);
@@ -59,7 +60,7 @@ TEST(ValueBombs, F4CountsThatNothingStandsBehindAllocateNothing) {
     for (const Bytes& bomb :
          {field(arrayOf(ValueType::Float3), counting<std::uint64_t>(1ULL << 31)),
           field(arrayOf(ValueType::Float3), counting(most)),
-          field(arrayOf(ValueType::Matrix4d), counting(most / 128 + 1)),  // wraps round to 0
+          field(arrayOf(ValueType::Matrix4d), counting(most / 128 + 1)),  // its size overflows to 0
           field(arrayOf(ValueType::Token), counting(most)),
           field(arrayEditOf(ValueType::Int), counting(most)),
           field(ValueType::String, counting(many)), field(ValueType::TokenVector, counting(many)),
@@ -89,7 +90,7 @@ TEST(ValueBombs, F4AMillionItemsCostWhatTheyAre) {
     EXPECT_LE(cost.bytes, 8 * bytes.size());
 }
 
-// --- Texts
+// ---- Texts
 
 TEST(TextBombs, F4DeepAndLongPathsAreRefused) {
     std::string deep;
@@ -113,7 +114,7 @@ TEST(TextBombs, F4DeepAndLongJsonIsRefused) {
     EXPECT_EQ(decode("\"" + std::string(64 * kMib, 'a') + "\""), ErrorCode::MalformedControl);
 }
 
-// --- Compressed parts
+// ---- Compressed chunks
 
 TEST(CompressedBombs, F4PartsThatInflateToMoreAreRefused) {
     const Bytes bomb = deflate(Bytes(100 * kMib, 0));
@@ -126,14 +127,14 @@ TEST(CompressedBombs, F4PartsThatInflateToMoreAreRefused) {
         };
         EXPECT_EQ(refusal(snapshot, 64 * 1024), ErrorCode::MalformedFrame);
     }
-    // A size in its header that is a lie.
+    // The size in the header of this chunk is false.
     Bytes lie = deflate(Bytes(kChunkBytes, 0));
     lie.resize(lie.size() / 2);
     EXPECT_EQ(refusal([&] { return inflate(lie, kChunkBytes, kChunkBytes); }, 2 * kChunkBytes),
               ErrorCode::MalformedFrame);
 }
 
-// --- Frames that refer to the same thing very often (FR7)
+// ---- Frames that refer to the same element very often (FR7)
 
 class FrameBomb {
 public:
@@ -156,7 +157,7 @@ public:
             wire::CreateEraseField(builder, name, wire::Part::DictionaryKey, key.Union());
         return wire::CreateEdit(builder, 0, path, 0, 0, wire::Action::EraseField, erase.Union());
     }
-    /// A frame of about `size` bytes with the edit as often as it may.
+    /// Returns a frame of about `size` bytes that contains the edit as often as possible.
     Bytes submit(Offset<wire::Edit> edit, std::size_t size, std::size_t layers = 1) {
         const auto edits = builder.CreateVector(std::vector(size / 40, edit));
         const auto names =
@@ -180,7 +181,8 @@ void expectBounded(const Bytes& bomb) {
     });
     EXPECT_EQ(code, ErrorCode::MalformedFrame);
     EXPECT_LE(cost.bytes, limit + limit / 2);
-    EXPECT_LE(cost.time.count(), 500 * kSlowness);  // what is built before the limit is met
+    // Includes the part that is built before the limit is reached.
+    EXPECT_LE(cost.time.count(), 500 * kSlowness);
 }
 
 constexpr std::size_t kBombBytes = 8 * kMib;
@@ -209,7 +211,7 @@ TEST(FrameBombs, FR7TheSameLayerOverAndOver) {
     expectBounded(bomb.submit(bomb.deletion("/A"), kBombBytes, kBombBytes / 5));
 }
 
-// The verifier looked at each part of each edit's key: a frame of 1 MiB took it 12 s.
+// The verifier visited each part of each edit's key: a frame of 1 MiB took 12 s.
 TEST(FrameBombs, FR7TheSameKeyOverAndOverIsRefusedBeforeItIsVerified) {
     FrameBomb submitted;
     const Bytes bomb = submitted.submit(submitted.eraseKey(kBombBytes / 10), kBombBytes);
@@ -232,7 +234,7 @@ TEST(FrameBombs, FR7TheSameKeyOverAndOverIsRefusedBeforeItIsVerified) {
 }
 
 TEST(FrameBombs, FR1AMessageOfFramesTooSmallIsRefusedAtTheFirst) {
-    const Bytes message(64 * kMib, 1);  // each says it has 0x01010101 bytes
+    const Bytes message(64 * kMib, 1);  // each part claims 0x01010101 bytes
     EXPECT_EQ(refusal([&] { return splitMessage(message); }, 4096), ErrorCode::MalformedFrame);
     Bytes small;
     for (std::size_t frame = 0; frame < 1'000'000; ++frame)

@@ -1,4 +1,4 @@
-// The samples of tests/vectors as the tests of C++ read them.
+// Reads the samples of tests/vectors for the C++ tests.
 #pragma once
 
 #include <cstdlib>
@@ -8,7 +8,8 @@
 
 namespace usdlive::test {
 
-/// USDLIVE_WRITE_VECTORS is set: samples that have no bytes yet get them.
+/// True if USDLIVE_WRITE_VECTORS is set: the tests then fill in the bytes of samples that have
+/// none.
 inline bool writesVectors() { return std::getenv("USDLIVE_WRITE_VECTORS") != nullptr; }
 
 inline std::string vectorsFile(const char* name) { return std::string(USDLIVE_VECTORS "/") + name; }
@@ -23,7 +24,7 @@ inline std::string toHex(ByteView bytes) {
     return hex;
 }
 
-/// Precondition: pairs of hexadecimal digits.
+/// Precondition: `hex` consists of pairs of hexadecimal digits.
 inline Bytes fromHex(const std::string& hex) {
     Bytes bytes;
     for (std::size_t at = 0; at + 1 < hex.size(); at += 2)

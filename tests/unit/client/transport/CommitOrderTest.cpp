@@ -117,7 +117,7 @@ TEST_F(CommitOrderTest, DD7AsksForWhatIsMissingAfterAWhile) {
 TEST_F(CommitOrderTest, DD7TheLastCommitIsMissedToo) {
     reply("live", {0, false, 5});
     EXPECT_EQ(taken(order_), Texts{"live"});
-    order_.sent(5);  // as a keep-alive says
+    order_.sent(5);  // as in a keep-alive
     EXPECT_EQ(taken(order_), Texts{});
     const auto asked = order_.toAsk(kStart + 100ms);
     ASSERT_TRUE(asked);
@@ -134,8 +134,9 @@ TEST_F(CommitOrderTest, BoundsWhatItKeeps) {
     ASSERT_TRUE(order_.deadline());
 }
 
-// A server that sends a session everything that a project does, and a network that loses, doubles
-// and reorders what both topics carry. What comes has the order in which it was sent.
+// A server that sends everything that a project does, and a network that loses, duplicates and
+// reorders the samples of both topics. The messages must arrive in the order in which they were
+// sent.
 TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
     for (unsigned seed = 0; seed < 200; ++seed) {
         SCOPED_TRACE(seed);
@@ -157,7 +158,7 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
                     way.emplace(now + std::chrono::milliseconds(random() % 40), what);
         };
 
-        // The server's side, as DdsSession does it.
+        // The server's side, as DdsSession implements it.
         std::vector<std::string> expected, got;
         std::map<Revision, std::uint64_t> positions;
         Revision head = random() % 10, last = 0;
@@ -182,7 +183,7 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
                     break;
                 case 1:
                 case 2:
-                    if (!live) {  // what it has missed meanwhile, one by one
+                    if (!live) {  // the commits that it missed, one by one
                         for (Revision past = heldSince + 1; past <= head; ++past)
                             push("p" + std::to_string(past), {last});
                         live = true;
@@ -239,8 +240,9 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
             if (actions == 0 && sender.isEmpty()) break;
         }
 
-        // Messages that left in one segment arrive as one. A commit that the server does not count
-        // for the session, being busy with a log, may come before the log: it comes again in it.
+        // Messages that were sent in one segment arrive as one. While the server is busy with a
+        // log, it does not count a commit for the session; the commit may arrive before the log,
+        // and again in it.
         std::string all, wanted;
         for (std::size_t index = 0, at = 0; index < got.size(); ++index) {
             while (at < expected.size() && wanted.size() < all.size() + got[index].size() &&
@@ -250,7 +252,7 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
                 if (at < expected.size() && expected[at] == got[index])
                     wanted += expected[at++];
                 else
-                    continue;  // early
+                    continue;  // too early
             }
             all += got[index];
         }

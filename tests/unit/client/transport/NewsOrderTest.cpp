@@ -44,7 +44,7 @@ std::string text(const Presences& people) {
     return text;
 }
 
-/// Commits that come by the topic from `next` on.
+/// Takes commits from the topic, from `next` on.
 CommitOrder liveFrom(Revision next) {
     CommitOrder commits(1'000);
     Segment segment;
@@ -63,7 +63,7 @@ TEST(NewsOrder, DD11NothingIsToldBeforeTheStreamSaysFromWhen) {
     news.state(3, 0, state("a", 3));
     news.state(5, 0, state("b", 5));
     EXPECT_EQ(text(news.takeStates(commits)), "");
-    news.statesFrom(4);  // a is in what the stream brought
+    news.statesFrom(4);  // layer a is in the states of the stream
     EXPECT_EQ(text(news.takeStates(commits)), "b5 ");
     news.state(2, 0, state("c", 2));
     EXPECT_EQ(text(news.takeStates(commits)), "");
@@ -75,9 +75,9 @@ TEST(NewsOrder, DD11TheLatestStateIsToldOnce) {
     news.statesFrom(1);
     news.state(1, 0, state("a", 1));
     news.state(2, 0, state("a", 2));
-    news.state(1, 0, state("a", 1));  // late
+    news.state(1, 0, state("a", 1));  // too late
     EXPECT_EQ(text(news.takeStates(commits)), "a2 ");
-    news.state(2, 0, state("a", 2));  // DDS brings it again to who was away
+    news.state(2, 0, state("a", 2));  // DDS delivers it again to a reader that was away
     EXPECT_EQ(text(news.takeStates(commits)), "");
 }
 
@@ -112,7 +112,7 @@ TEST(NewsOrder, DD12TellsOthersThanTheFirstAndWhoIsGone) {
     EXPECT_EQ(text(news.takePresences(kNow)), "");
     news.presencesFrom(3, {{presence("ada", 1), presence("cy", 2)}, {}}, kNow);
     EXPECT_EQ(text(news.takePresences(kNow)), "bo4 ");
-    news.presence(4, presence("bo", 4), kNow + 1s);  // said again
+    news.presence(4, presence("bo", 4), kNow + 1s);  // repeated
     news.presence(5, presence("ada", 5), kNow + 1s);
     EXPECT_EQ(text(news.takePresences(kNow + 1s)), "ada5 ");
     news.gone({"bo"});

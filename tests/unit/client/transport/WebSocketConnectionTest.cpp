@@ -25,7 +25,7 @@ SharedBytes bytesOf(std::string_view text) {
     return std::make_shared<const Bytes>(view.begin(), view.end());
 }
 
-// A server that does, on the thread of the test, just what the test says.
+// A server that runs on the test's thread and does only what the test requests.
 class SmallServer {
 public:
     explicit SmallServer(std::uint16_t port = 0)
@@ -69,7 +69,8 @@ std::string codeOfRead(Socket& socket) {
     return error.message();
 }
 
-// So long only when it fails: a sanitizer on a busy machine takes 10 s for the largest messages.
+// A long time, which only a failure needs: a sanitizer on a busy machine takes 10 s for the largest
+// messages.
 std::optional<Connection::Happening> next(Connection& connection) {
     if (!connection.wait(60s)) return std::nullopt;
     auto happenings = connection.poll(1);
@@ -114,7 +115,7 @@ TEST(WebSocketConnection, SpeaksBinaryAtLive) {
     EXPECT_EQ(nextMessage(*connection), "more");
 }
 
-// As editors have it: what arrives is read, by a reader of each connection.
+// As in an editor: a reader for each connection decodes what arrives.
 TEST(WebSocketConnection, BringsFrames) {
     LayerDoc doc;
     ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
@@ -242,7 +243,7 @@ TEST(WebSocketConnection, SendsNothingOfAnEarlierConnectionToALaterOne) {
         auto socket = server.accept();
         ASSERT_TRUE(isNext<Connection::Opened>(*connection));
     }
-    // The second one is open already when the owner still thinks of the first.
+    // The second connection is open while its owner still uses the first.
     auto socket = server.accept();
     for (int i = 0; i < 50; ++i) {
         connection->send(bytesOf("late"));
@@ -320,8 +321,8 @@ TEST(WebSocketConnection, LeavesAPeerThatDoesNotAnswer) {
     EXPECT_LT(std::chrono::steady_clock::now() - start, 2s);
 }
 
-// The peer reads and answers nothing: the pings find out. Slow by nature, hence the only one of its
-// kind.
+// The peer receives and does not answer; the pings notice this. Only one test does this, because it
+// is slow.
 TEST(WebSocketConnection, NoticesADeadPeer) {
     SmallServer server;
     const auto connection = client::createWebSocketConnection(server.address());

@@ -1,4 +1,4 @@
-// Big arrays are encoded beside the frame, and come out as they would within it.
+// Tests that big arrays are encoded beside the frame, with the same result as within it.
 #include "usdlive/client/usd/ArrayEncodings.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +23,7 @@ pxr::VtValue points(std::size_t count, float x) {
 
 class ArrayEncodingsTest : public testing::Test {
 protected:
-    // Nothing is encoded before.
+    // Lets the worker start; nothing is encoded before.
     void letWorkerGo() { gate_.set_value(); }
     void waitForWorker() {
         std::promise<void> done;
@@ -75,7 +75,7 @@ TEST_F(ArrayEncodingsTest, WhatIsWrittenAgainMeanwhileIsEncodedWithinTheFrame) {
     Kept direct;
     EXPECT_EQ(usd::encodeLeaf(second, encodings_), usd::encodeLeaf(second, direct));
     encodings_.clear();
-    // And so are the next ones, for a while.
+    // And so are the next arrays, for a while.
     const auto third = points(400'000, 3);
     EXPECT_TRUE(encodings_.areReady({third}, 10 + ArrayEncodings::kAtOnceMs - 1));
     EXPECT_FALSE(encodings_.areReady({third}, 10 + ArrayEncodings::kAtOnceMs));

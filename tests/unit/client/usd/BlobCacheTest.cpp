@@ -25,10 +25,10 @@ SharedBytes bytes(int fill, std::size_t size = 1000) {
     return std::make_shared<const Bytes>(size, std::uint8_t(fill));
 }
 Hash hashOf(const SharedBytes& bytes) { return sha256(ByteView(*bytes)); }
-// The names of values that are in folders of one cache's own.
+// Returns the names of values in folders that belong to one cache.
 std::set<std::string> ownFiles(const Folder& folder) {
     std::set<std::string> found;
-    std::error_code ignored;  // they are removed meanwhile
+    std::error_code ignored;  // another thread removes files meanwhile
     for (fs::recursive_directory_iterator entry(folder.path, ignored), end; entry != end;
          entry.increment(ignored))
         if (entry->path().parent_path() != folder.path)
@@ -114,8 +114,8 @@ TEST(BlobCache, WhatIsKeptStaysWhateverOthersRemove) {
     EXPECT_TRUE(ownFiles(folder).empty());
 }
 
-// The values on the way of a drag: only what work still names is kept, and what the server has
-// is cached.
+// The intermediate values of a drag: values that work still names are kept, and values that the
+// server has are cached.
 TEST(BlobCache, B7OnlyWhatIsStillNamedIsKept) {
     const Folder folder;
     {
@@ -135,7 +135,7 @@ TEST(BlobCache, B7OnlyWhatIsStillNamedIsKept) {
         EXPECT_EQ(ownFiles(folder), last);
         EXPECT_EQ(*cache.blob(hashOf(bytes(199))), *bytes(199));
         EXPECT_TRUE(cache.holds(hashOf(bytes(199))));
-        // One that is let go and written again is kept.
+        // A value that is released and written again is kept.
         cache.keepOnly({}, {});
         cache.keepBlob(hashOf(bytes(199)), bytes(199));
         EXPECT_EQ(*cache.blob(hashOf(bytes(199))), *bytes(199));

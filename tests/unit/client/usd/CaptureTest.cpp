@@ -36,7 +36,7 @@ std::string text(const pxr::SdfLayerHandle& layer) {
     return exported;
 }
 
-// A layer that an editor writes, the model as the session would have it, and a layer that follows.
+// A layer that an editor writes, the model that a session would keep, and a layer that follows.
 class Loopback : public ::testing::Test {
 protected:
     void SetUp() override { start(pxr::SdfLayer::CreateAnonymous(".usda")); }
@@ -52,7 +52,7 @@ protected:
         reader = std::make_unique<usd::SdfLayerStore>(follower, blobs, nullptr);
     }
 
-    // Seals, and does with the edits what a session and another editor do.
+    // Seals the frame, and applies the edits like a session and another editor.
     std::vector<AuthoredEdit> seal() {
         const pxr::TfErrorMark complaints;
         auto sealed = capture->seal(*writer, blobs);
@@ -176,7 +176,7 @@ TEST_F(CaptureTest, OfManySamplesOnlyTheOneWrittenIsTold) {
     seal();
     layer->SetTimeSample(x->GetPath(), 7, 70.0);
     layer->EraseTimeSample(x->GetPath(), 8);
-    layer->SetTimeSample(x->GetPath(), 9, 9.0);  // as it was
+    layer->SetTimeSample(x->GetPath(), 9, 9.0);  // the value that it has already
     const auto edits = seal();
     ASSERT_EQ(edits.size(), 2u);
     EXPECT_EQ(std::get<SampleTime>(std::get<SetField>(edits[0].action).part).time, 7);
@@ -197,7 +197,7 @@ TEST_F(CaptureTest, ADictionaryIsToldByItsKeys) {
     ASSERT_EQ(edits.size(), 1u);
     EXPECT_EQ(std::get<DictionaryKey>(std::get<SetField>(edits[0].action).part).path,
               (std::vector<std::string>{"a", "c"}));
-    // A value in the way of a nested key gives way, and emptied dictionaries go.
+    // A value at the place of a nested key is replaced, and emptied dictionaries disappear.
     layer->SetFieldDictValueByKey(a->GetPath(), pxr::SdfFieldKeys->CustomData,
                                   pxr::TfToken("a:c:d"), 4);
     seal();
@@ -253,7 +253,7 @@ TEST_F(CaptureTest, WhatCannotBeCarriedIsToldAndUndone) {
     expectSame();
 }
 
-// D1: such a value would hang everybody's composition.
+// D1: such a value would hang the composition of everybody.
 TEST_F(CaptureTest, AForbiddenValueIsToldAndUndone) {
     layer->SetTimeCodesPerSecond(30);
     seal();
@@ -296,7 +296,7 @@ TEST_F(CaptureTest, ED9AValueOfAnotherTypeIsToldAndUndone) {
     EXPECT_NE(lost[0].reason.message.find("double"), std::string::npos) << lost[0].reason.message;
     EXPECT_EQ(x->GetDefaultValue(), pxr::VtValue(1.0));
     expectSame();
-    // With its type it fits.
+    // With its type set as well, the value fits.
     layer->SetField(x->GetPath(), pxr::SdfFieldKeys->Default, std::string("text"));
     layer->SetField(x->GetPath(), pxr::SdfFieldKeys->TypeName, pxr::TfToken("string"));
     EXPECT_EQ(seal().size(), 2u);
@@ -330,7 +330,7 @@ TEST_F(CaptureTest, WhatOpenUsdReadsOtherwiseIsToldAndUndone) {
     EXPECT_EQ(lost[0].reason.code, ErrorCode::UnsupportedValue);
     EXPECT_FALSE(e->HasDefaultValue());
     EXPECT_EQ(set("/a{x(0.5)}"), 1u);
-    // ED11. Sdf itself refuses it only of some callers.
+    // ED11. Sdf itself refuses it from some callers only.
     layer->SetFieldDictValueByKey(a->GetPath(), pxr::SdfFieldKeys->CustomData, pxr::TfToken("path"),
                                   pxr::VtValue(pxr::SdfPath("/A")));
     EXPECT_TRUE(seal().empty());
@@ -358,7 +358,7 @@ TEST_F(CaptureTest, AReplacementThatTellsNothingIsComparedWhole) {
     prim("C");
     seal();
     {
-        // Behind the back of the capture.
+        // Changes the layer without the capture's knowledge.
         writer.reset();
         layer->ImportFromString(
             "#usda 1.0\n(\n \"new\"\n)\nclass \"C\" {\n rel x\n}\ndef \"A\" {\n rel x\n "
@@ -381,7 +381,7 @@ TEST_F(CaptureTest, ImportReplacesASpecByOneOfAnotherKind) {
     expectSame();
 }
 
-// Anything an editor may do, in ticks of random length.
+// Any edits of an editor, in ticks of random length.
 TEST_F(CaptureTest, FollowsAnyEditing) {
     const char* given = std::getenv("USDLIVE_CAPTURE_SEEDS");
     const unsigned seeds = given ? unsigned(std::atoi(given)) : 150;

@@ -169,7 +169,7 @@ TEST_F(ClientTest, EditsGoBothWays) {
     EXPECT_EQ(ada->pendingTransactions(), 0u);
 }
 
-// M1: parts are sent also of a field that was not there before.
+// M1: parts are sent also for a field that did not exist before.
 TEST_F(ClientTest, M1TwoWhoWriteTheFirstPartsOfAFieldBothKeepTheirs) {
     server.files[kRoot] = docOf("def \"World\" {\n double x\n rel r\n rel e\n}\n");
     const auto ada = connect("ada"), bo = connect("bo");
@@ -230,7 +230,7 @@ TEST_F(ClientTest, M1TwoWhoWriteTheFirstPartsOfAFieldBothKeepTheirs) {
     EXPECT_EQ(hers->GetNumTimeSamplesForPath(x), 4u);
 }
 
-// M13: what was created by both at once has the parts of both.
+// M13: a spec that both created at once has the parts of both.
 TEST_F(ClientTest, M13TwoWhoCreateOneSpecBothKeepWhatTheyWriteThere) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
@@ -259,7 +259,7 @@ TEST_F(ClientTest, M13TwoWhoCreateOneSpecBothKeepWhatTheyWriteThere) {
     EXPECT_EQ(prim->GetReferenceList().GetPrependedItems().size(), 2u);
     EXPECT_EQ(his->GetNumTimeSamplesForPath(SdfPath("/New.a")), 4u);
 
-    // Only an explicit change makes a def an over.
+    // Only an explicit change turns a def into an over.
     his->GetPrimAtPath(SdfPath("/New"))->SetSpecifier(pxr::SdfSpecifierOver);
     tick({bo.get(), ada.get()});
     EXPECT_EQ(hers->GetPrimAtPath(SdfPath("/New"))->GetSpecifier(), pxr::SdfSpecifierOver);
@@ -282,7 +282,7 @@ TEST_F(ClientTest, ALayerIsClosedToTheEditorUntilItIsThere) {
     ada->tick();
     const auto place = (ada->cacheFolder() / kLook.value).string();
     const auto layer = SdfLayer::FindOrOpen(place);  // as composition does
-    // A client looks for such layers now and then only.
+    // A client looks for such layers only from time to time.
     const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(5);
     while (layer->PermissionToEdit() && std::chrono::steady_clock::now() < end) {
         ada->tick();
@@ -298,7 +298,7 @@ TEST_F(ClientTest, ALayerIsClosedToTheEditorUntilItIsThere) {
     EXPECT_NE(serverText(kLook).find("mine"), std::string::npos);
 }
 
-// M12: what was written into the placeholder before anybody knew of it.
+// M12: edits that were written into the placeholder before the client knew that it was loaded.
 TEST_F(ClientTest, M12WorkOfBeforeALayerWasLiveIsKept) {
     const auto ada = connect("ada");
     const auto layer = SdfLayer::FindOrOpen((ada->cacheFolder() / kLook.value).string());
@@ -352,7 +352,7 @@ TEST_F(ClientTest, AValueThatCannotBeSharedIsToldAndUndone) {
     EXPECT_EQ(ada->lostWorkCount(), 1u);
 }
 
-// M12 means the content: what capture gives up, too.
+// M12 includes the content of writes that capture cannot share.
 TEST_F(ClientTest, M12AWriteThatIsGivenUpKeepsItsContent) {
     const auto ada = connect("ada");
     const auto layer = open(*ada, kRoot);
@@ -433,7 +433,7 @@ TEST_F(ClientTest, BigValuesTravelBesideTheStream) {
     EXPECT_EQ(server.blobs.size(), 1u);
     tick({ada.get(), bo.get()}, 40);
     EXPECT_EQ(exportedText(his), exportedText(hers));
-    // Who comes later waits for them, too.
+    // A client that connects later also waits for them.
     const auto cy = connect("cy");
     EXPECT_EQ(exportedText(open(*cy, kRoot)), exportedText(hers));
 }
@@ -476,7 +476,7 @@ TEST_F(ClientTest, AReloadBringsTheProjectBackAndHarmsNobody) {
     hers->SetComment("kept");
     tick({ada.get(), bo.get()});
     const auto before = exportedText(his);
-    hers->Reload(true);  // the file is an empty placeholder
+    hers->Reload(true);  // its file is an empty placeholder
     EXPECT_NE(exportedText(hers), before);
     tick({ada.get(), bo.get()});
     EXPECT_EQ(exportedText(his), before);
@@ -555,7 +555,7 @@ TEST_F(ClientTest, ClosedMeansOnItsOwn) {
     EXPECT_EQ(his->GetComment(), "last");
     EXPECT_EQ(hers->GetDocumentation(), "");
     EXPECT_TRUE(hers->PermissionToEdit());
-    // Opened again it is the project's.
+    // When it is opened again, it has the project's content.
     EXPECT_EQ(exportedText(open(*ada, kRoot)), exportedText(his));
 }
 
@@ -584,7 +584,7 @@ TEST_F(ClientTest, AttachesLayersOpenedFromAFolder) {
     mine->SetDocumentation("shared");
     tick({ada.get(), bo.get()});
     EXPECT_EQ(his->GetDocumentation(), "shared");
-    // What composition opens from there later becomes live, too.
+    // Layers that composition opens later from there become live, too.
     const auto anim = SdfLayer::FindOrOpen((folder / kAnim.value).string());
     ada->tick();
     std::this_thread::sleep_for(std::chrono::milliseconds(120));
@@ -626,7 +626,7 @@ TEST_F(ClientTest, SavesOnTheServer) {
     EXPECT_EQ(server.saved, std::vector{kRoot});
 }
 
-// Several editors at once, with losses of the connection, until everything has arrived: M8.
+// Several editors edit at once and lose their connections, until everything has arrived: M8.
 TEST_F(ClientTest, M8AllEditorsEndAlike) {
     const char* given = std::getenv("USDLIVE_CLIENT_SEEDS");
     const unsigned seeds = given ? unsigned(std::atoi(given)) : 30;

@@ -91,7 +91,7 @@ TEST_F(JournalTest, IsGoneWhenAllIsAnswered) {
     EXPECT_FALSE(fs::is_empty(folder));
 }
 
-// A crash may cut the file anywhere: what is whole is kept.
+// A crash may cut the file anywhere: complete records are kept.
 TEST_F(JournalTest, ATornRecordEndsTheJournal) {
     {
         Journal journal(folder, kClient, blobs);
@@ -110,7 +110,7 @@ TEST_F(JournalTest, ATornRecordEndsTheJournal) {
     EXPECT_EQ(before, 0u);
 }
 
-// B7: a drag changes its work again and again; only the values that the work still names are kept.
+// B7: a drag replaces its work again and again; only the values that the work still names are kept.
 TEST_F(JournalTest, B7KeepsTheBigValuesThatItsWorkNames) {
     const auto dragged = [&](int number) {
         const auto bytes = std::make_shared<const Bytes>(1'000, std::uint8_t(number));
@@ -142,7 +142,7 @@ TEST_F(JournalTest, B7KeepsTheBigValuesThatItsWorkNames) {
     EXPECT_FALSE(fs::exists(values));
 }
 
-// As on a full disk: the value has room, and the record that names it has not.
+// Simulates a full disk: there is room for the value, but not for the record that names it.
 TEST_F(JournalTest, B7OfWorkThatCannotBeWrittenNoValuesStay) {
     const auto bytes = std::make_shared<const Bytes>(1'000, std::uint8_t(1));
     const Hash hash = sha256(ByteView(*bytes));

@@ -27,7 +27,7 @@ std::string textOf(const pxr::SdfLayerHandle& layer) {
     return text;
 }
 
-// Of several parts.
+// Returns a doc that takes several steps to build.
 LayerDoc bigDoc(const std::string& name, int prims = 6'000) {
     LayerDoc doc;
     EXPECT_TRUE(doc.apply("/" + name, CreateSpec{SpecKind::Prim}));
@@ -60,7 +60,7 @@ protected:
         view = doc;
         live.reset(doc);
     }
-    // As a session joins a layer to which nothing was committed meanwhile.
+    // Joins a layer to which nothing was committed meanwhile.
     void join(const Parts& parts, const LayerDoc& doc) {
         arrive(parts);
         live.arrived(doc);
@@ -123,7 +123,7 @@ TEST_F(LiveLayerTest, IsMadeAnewWhereMuchWasCommittedSince) {
     expectView();
 }
 
-// Somebody who reloads a layer goes on with it after the next tick.
+// Code that reloads a layer may use it after the next tick.
 TEST_F(LiveLayerTest, ASmallOneIsThereAtOnce) {
     show(bigDoc("W", 500));
     live.fill();

@@ -15,14 +15,14 @@ namespace usdlive::tests {
 
 class MemoryConnection;
 
-/// The real project of a server, in this process and in memory. It works when one of its
+/// The real project of a server, in this process and in memory. It works whenever one of its
 /// connections is polled.
 class MemoryServer final : public server::AllPorts {
 public:
     explicit MemoryServer(std::map<LayerId, LayerDoc> files);
 
     [[nodiscard]] std::unique_ptr<client::Connection> connect();
-    /// Cuts every connection, and lets none be made until it is true again.
+    /// False cuts every connection and refuses new ones until it is set to true.
     void setReachable(bool reachable);
     [[nodiscard]] const LayerDoc& doc(const LayerId& layer) const {
         return *project_->layer(layer);
@@ -61,7 +61,7 @@ public:
     void happened(const server::Happening& happening) override {
         logged.emplace_back(happening.what);
     }
-    // A line takes everything, and these tests ask for none of the rest.
+    // A connection accepts all data, and these tests need none of the other functions.
     bool holdCommits(server::SessionId) override { return false; }
     void releaseCommits(server::SessionId, Revision) override {}
     bool congested(server::SessionId) override { return false; }

@@ -116,7 +116,8 @@ VtValue RandomEditor::value(std::size_t type) {
     }
 }
 
-// Not the last one: Sdf writes a path expression in a dictionary as text that does not parse.
+// Leaves out the last type: Sdf writes a path expression in a dictionary as text that does not
+// parse.
 VtValue RandomEditor::value() { return value(pick(types().size() - 1)); }
 
 VtValue RandomEditor::valueFor(const Path& attribute) {
@@ -473,7 +474,7 @@ std::string RandomEditor::copy() {
     if (from.IsEmpty() || paths(true, false).size() > 30) return "nothing";
     const Path to = parent.AppendChild(TfToken(name()));
     if (to.HasPrefix(from) || from.HasPrefix(to)) return "nothing";
-    // Onto a property of the other kind Sdf copies fields that do not belong there.
+    // When Sdf copies onto a property of the other kind, it copies fields that do not belong there.
     if (layer_->HasField(to, SdfChildrenKeys->PropertyChildren)) return "nothing";
     SdfCopySpec(layer_, from, layer_, to);
     return "copy " + from.GetString() + " " + to.GetString();

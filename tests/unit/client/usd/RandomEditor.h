@@ -10,14 +10,14 @@
 
 namespace usdlive::tests {
 
-/// Does what an editor does to a layer, through the API of Sdf, at random: each kind of spec and
-/// field, namespace edits, whole replacements. From a seed, so that a run can be had again.
+/// Edits a layer at random through Sdf's API, like an editor: each kind of spec and field,
+/// namespace edits, whole replacements. It uses a seed, so that a run can be repeated.
 class RandomEditor {
 public:
     explicit RandomEditor(pxr::SdfLayerRefPtr layer, unsigned seed)
         : layer_(std::move(layer)), random_(seed) {}
 
-    /// One thing; says what.
+    /// Makes one edit and returns its description.
     std::string step();
 
 private:

@@ -7,7 +7,7 @@
 
 using namespace usdlive;
 
-// Samples of FIPS 180-4.
+// The samples are those of FIPS 180-4.
 TEST(Hash, IsSha256) {
     EXPECT_EQ(sha256(ByteView{}).hex(),
               "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");

@@ -22,7 +22,7 @@ TEST(UserColour, PS3IsTheSameForOneAndAnotherForOthers) {
     EXPECT_GT(colours.size(), 95u);
 }
 
-// As Python's colorsys makes it of the first 16 bits of the name's SHA-256.
+// The values were computed with Python's colorsys from the first 16 bits of the name's SHA-256.
 TEST(UserColour, PS3IsWhatTheDocumentationSays) {
     const auto ada = userColour({"ada"});
     EXPECT_NEAR(ada[0], 0.95000, 1e-4);

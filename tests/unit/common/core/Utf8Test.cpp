@@ -8,9 +8,9 @@ using namespace usdlive;
 
 namespace {
 
-const std::string kAscii = "abcdefgh";  // one step of the fast way
+const std::string kAscii = "abcdefgh";  // one step of the fast loop
 
-// The definition, too simple to be wrong: every code point that is none of the surrogates.
+// Encodes a code point by the definition, as simply as possible; surrogates are not allowed.
 std::string encode(char32_t point) {
     const auto continuation = [&](int shift) { return char(0x80 | ((point >> shift) & 0x3F)); };
     if (point < 0x80) return {char(point)};

@@ -123,7 +123,7 @@ TEST(SegmentReceiver, DD4BoundsWhatItKeeps) {
     EXPECT_EQ(small.next(), std::nullopt);
 }
 
-// Two ends, and between them what loses, doubles and reorders samples in both directions.
+// Two ends, and between them a network that loses, duplicates and reorders samples both ways.
 TEST(SegmentStream, DD4BringsEverythingInOrderOverABadNetwork) {
     for (unsigned seed = 0; seed < 60; ++seed) {
         SCOPED_TRACE(seed);

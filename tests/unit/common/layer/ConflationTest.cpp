@@ -37,7 +37,8 @@ TEST(Conflation, CF1AWholeFieldCoversItsParts) {
     const Edit whole{kLayer, {"/A", {}}, EraseField{"customData", {}}};
     EXPECT_EQ(conflated({key({"a"}, 1), whole}), (Edits{whole}));
     EXPECT_EQ(conflated({whole, key({"a"}, 1)}), (Edits{whole, key({"a"}, 1)}));
-    // An erased part leaves a field of another form alone, so what made it one has to stay.
+    // Erasing a part does not change a field of another form. Therefore the edit that gave the
+    // field this form must stay.
     const Edit part{kLayer, {"/A", {}}, EraseField{"customData", DictionaryKey{{"a"}}}};
     EXPECT_EQ(conflated({key({"a"}, 1), part}), (Edits{key({"a"}, 1), part}));
 }
@@ -49,7 +50,7 @@ TEST(Conflation, CF1NothingIsDroppedAcrossWhatChangesTheNamespace) {
         << "of another layer";
 }
 
-// Whatever is edited, the layer is the same in the end.
+// After any edits, the result is the same layer.
 TEST(Conflation, CF1LeadsToTheSameLayer) {
     std::size_t all = 0, left = 0;
     for (unsigned seed = 0; seed < 500; ++seed) {
@@ -64,7 +65,7 @@ TEST(Conflation, CF1LeadsToTheSameLayer) {
         Edits edits;
         for (int step = 0; step < 60; ++step) {
             auto [path, action] = random.edit(doc);
-            // Mostly values, again and again.
+            // Most edits set values, so that the same values are set repeatedly.
             const bool isField = std::holds_alternative<SetField>(action) ||
                                  std::holds_alternative<EraseField>(action);
             if (!isField && !random.chance(20)) continue;

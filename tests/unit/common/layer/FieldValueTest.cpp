@@ -133,7 +133,7 @@ TEST(FieldValue, V10DictionariesNestAtMost64Deep) {
     EXPECT_FALSE(isDecodable(FieldValue(nested(500))));
 }
 
-// So that a proper leaf is proper wherever it is put.
+// The validity of a leaf does not depend on its place.
 TEST(FieldValue, V10LevelsAreCountedAnewInsideALeaf) {
     Dictionary deepest;
     deepest.entries.emplace("leaf", Value(ValueType::Unregistered, unregisteredNested(64)));
@@ -214,7 +214,7 @@ TEST(FieldValue, V9LeafsInsideLeafsAreNoBlobs) {
     EXPECT_FALSE(validateValue(ValueType::Unregistered, bytes));
 }
 
-// A few bytes that claim much: the answer comes at once and without the memory.
+// A few bytes that claim a large content are refused at once and without allocating the memory.
 TEST(FieldValue, V10CountsAreNotBelieved) {
     const Bytes huge(8, 0xFF);
     for (const auto type : {ValueType::Dictionary, ValueType::TimeSamples})
@@ -307,7 +307,7 @@ void mutate(Bytes& bytes, std::mt19937& random) {
 
 }  // namespace
 
-// V10 is canonical: bytes are refused, or are the only ones that say what they say.
+// V10 is canonical: bytes are either refused, or the only encoding of their content.
 TEST(FieldValue, V10MutatedBytesAreRefusedOrEncodeToThemselves) {
     int accepted = 0, refused = 0;
     for (unsigned seed = 0; seed < 1500; ++seed) {

@@ -17,7 +17,7 @@ SetField sample(double time, Value value) {
 }
 SetField defaultIs(Value value) { return {"default", {}, std::move(value), {}}; }
 
-// A layer with the attribute /A.x, and authors who have seen what was there at first.
+// A layer with the attribute /A.x, and authors who have seen only its first content.
 class FileRules : public ::testing::Test {
 protected:
     FileRules() {
@@ -83,7 +83,7 @@ TEST_F(FileRules, ED9AValueOfAnotherTypeThanTheAttributesIsDropped) {
     EXPECT_EQ(dropped({edit("/A.x", sample(1, kString)), edit("/A.x", sample(2, kDouble))}), one);
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(kInt))}), Drops()) << "written alike";
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(Value(ValueType::Block, Bytes{})))}), Drops());
-    // The order of the edits of one frame says nothing.
+    // The order of the edits of one frame does not matter.
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(kString)), edit("/A.x", typeIs("string"))}), Drops());
     EXPECT_EQ(*field("default"), FieldValue(kString));
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(kDouble))}), one) << "by one who saw a double";
@@ -100,7 +100,7 @@ TEST_F(FileRules, ED9AValueGoesWithItsType) {
                       edit("/A.x", CreateSpec{SpecKind::Attribute}), edit("/A.x", typeIs("double")),
                       edit("/A.x", defaultIs(kDouble)), edit("/A.x", sample(1, kDouble))});
     const Revision base = revision;
-    // What erases them follows the edits that were submitted, at where the attribute went.
+    // The erasing edits follow the submitted ones, and address the attribute at its new place.
     const Outcome retyped =
         submit(base, {edit("/A.x", typeIs("string")), edit("/A", MoveSpec{{"/", {}}, "B"}),
                       edit("/B.y", defaultIs(kInt)), edit("/A", SetField{"comment", {}, kString})});

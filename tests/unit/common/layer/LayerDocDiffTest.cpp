@@ -18,7 +18,8 @@ LayerDoc docWith(const std::vector<std::string>& prims) {
     return doc;
 }
 
-// The edits apply without errors and give `to`, order included.
+// Returns the difference, and checks that its edits apply without errors and result in `to`, order
+// included.
 Edits checkedDifference(const LayerDoc& from, const LayerDoc& to) {
     const auto edits = difference(from, to);
     LayerDoc trial = from;
@@ -130,7 +131,7 @@ TEST(LayerDocDiff, APlaceTakenByANewSpecOfTheSameKindIsEditedInPlace) {
     mustApply(to, "/A", CreateSpec{SpecKind::Prim});
     mustApply(to, "/A/C", CreateSpec{SpecKind::Prim});
     const auto edits = checkedDifference(from, to);
-    EXPECT_EQ(edits.size(), 2U);  // C created, B deleted, A stays
+    EXPECT_EQ(edits.size(), 2U);  // creates C, deletes B, keeps A
 }
 
 TEST(LayerDocDiff, AnotherKindIsDeletedAndCreated) {
@@ -164,7 +165,8 @@ TEST(LayerDocDiff, LooksOnlyWhereStructureIsNotShared) {
     EXPECT_EQ(checkedDifference(from, to).size(), 4U);
 }
 
-// Also with ids that mean different specs in the two, which must cost edits but never truth.
+// Ids may mean different specs in the two docs. This may cost edits, but must not change the
+// result.
 TEST(LayerDocDiff, LeadsFromAnyDocToAnyOther) {
     for (unsigned seed = 0; seed < seedsOf(3000); ++seed) {
         SCOPED_TRACE(seed);
@@ -288,7 +290,7 @@ TEST(FieldDifference, M1AnAuthorSendsPartsAlsoWhereTheWholeIsShorter) {
     EXPECT_EQ(partsOf(nullptr, Dictionary{}), whole);
     EXPECT_EQ(partsOf(&explicitly, tokens("")), whole);
     EXPECT_EQ(partsOf(nullptr, tokens("aa")), whole);
-    // Each of so many would cost everybody as much as the whole.
+    // So many parts would be longer than the whole field.
     TimeSamples many;
     for (int time = 0; time < 5000; ++time) many.samples.emplace_back(time, intValue(1));
     EXPECT_EQ(partsOf(nullptr, many), whole);
@@ -303,7 +305,7 @@ TEST(FieldDifference, M13UnitesThePartsOfTwo) {
         if (present.type() != added.type()) {
             EXPECT_EQ(united, added);
         }
-        // Whoever adds his parts to that changes nothing.
+        // Adding these parts to that list changes nothing.
         const auto* list = added.as<ListOp>();
         if (!list) {
             EXPECT_EQ(unitedParts("f", united, added), united);
@@ -321,7 +323,7 @@ TEST(FieldDifference, IsExactForAnyContents) {
         SCOPED_TRACE(step);
         const FieldValue from = random.content();
         FieldValue to = random.content();
-        if (random.chance(2)) {  // a relative of `from`
+        if (random.chance(2)) {  // a doc derived from `from`
             LayerDoc doc = docWith({"/A"});
             mustApply(doc, "/A", SetField{"f", {}, from, ValueType::None});
             for (std::size_t i = random.below(4); i > 0; --i)

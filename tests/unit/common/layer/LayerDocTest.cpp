@@ -16,7 +16,7 @@ using namespace usdlive;
 
 namespace {
 
-// The edit is refused and nothing changes.
+// Checks that the edit is refused and changes nothing.
 ErrorCode refusalOf(LayerDoc& doc, const std::string& path, const EditAction& action) {
     const LayerDoc before = doc;
     const auto applied = doc.apply(path, action);
@@ -80,7 +80,7 @@ Dictionary dictionary(std::map<std::string, Dictionary::Entry> entries) {
 
 }  // namespace
 
-// --- ED1-ED4, M2, M5: the namespace -----------------------------------------------------------
+// ---- ED1-ED4, M2, M5: the namespace
 
 TEST(LayerDoc, BeginsWithThePseudoRootOnly) {
     const LayerDoc doc;
@@ -281,7 +281,7 @@ TEST(LayerDoc, ED4RenumbersWhenThereIsNoGapLeft) {
     EXPECT_TRUE(renumbered);
 }
 
-// --- ED5, ED6: fields -------------------------------------------------------------------------
+// ---- ED5, ED6: fields
 
 TEST(LayerDoc, ED5SetsAndED6ErasesAField) {
     LayerDoc doc = abc();
@@ -345,7 +345,7 @@ TEST(LayerDoc, ED7FieldsAreOfOneKindOfProperty) {
                          {"timeSamples", SampleTime{1}, pathValue("/b"), ValueType::None}));
     EXPECT_TRUE(accepts("/a.relationship", setInt("weight", 1)));
     EXPECT_TRUE(accepts("/a", setInt("targetPaths", 1)));
-    // What is in a history stays readable, and can be taken away.
+    // Fields that a history contains stay readable and can be erased.
     mustApply(doc, "/a.relationship", setInt("typeName", 1));
     EXPECT_TRUE(doc.apply("/a.relationship", EraseField{"typeName", {}}, LayerDoc::By::Author));
 }
@@ -360,7 +360,7 @@ TEST(LayerDoc, D1RefusesTimeCodesThatHangComposition) {
         EXPECT_EQ(refusalOf(doc, "/", set(bad)), ErrorCode::ForbiddenValue);
     EXPECT_EQ(refusalOf(doc, "/", setInt("timeCodesPerSecond", 24)), ErrorCode::InvalidValue);
     mustApply(doc, "/", set(24));
-    mustApply(doc, "/a", set(0));  // means nothing there
+    mustApply(doc, "/a", set(0));  // has no meaning here
 }
 
 TEST(LayerDoc, ED5SetsOneDictionaryKey) {
@@ -371,14 +371,15 @@ TEST(LayerDoc, ED5SetsOneDictionaryKey) {
         *doc.field("/a", "d"),
         FieldValue(dictionary({{"x", dictionary({{"y", intValue(1)}, {"z", intValue(2)}})}})));
     EXPECT_FALSE(mustApply(doc, "/a", setKey({"x", "z"}, intValue(2))).changed);
-    mustApply(doc, "/a", setKey({"x", "y", "deep"}, intValue(3)));  // a value is in the way
+    mustApply(doc, "/a",
+              setKey({"x", "y", "deep"}, intValue(3)));  // a value is at the place of a dictionary
     mustApply(doc, "/a", setKey({"x", "z"}, dictionary({})));
     EXPECT_EQ(*doc.field("/a", "d"),
               FieldValue(dictionary({{"x", dictionary({{"y", dictionary({{"deep", intValue(3)}})},
                                                        {"z", dictionary({})}})}})));
 }
 
-// As measured with Usd: ClearCustomDataByKey takes dictionaries that get empty along, and no
+// As measured with Usd: ClearCustomDataByKey also removes dictionaries that it empties, and no
 // others.
 TEST(LayerDoc, ED6ErasesOneDictionaryKeyAsSdfDoes) {
     LayerDoc doc = abc();
@@ -502,7 +503,7 @@ TEST(LayerDoc, ED5AMapOfStringsIsSortedAndOthersKeepTheirOrder) {
                                                      {stringValue("b"), intValue(2)},
                                                      {stringValue("c"), intValue(1)},
                                                      {stringValue("long"), intValue(1)}}}));
-    set(pathValue("/z"), 1);  // another form: begins anew
+    set(pathValue("/z"), 1);  // another form, which replaces the field
     set(pathValue("/a"), 2);
     set(pathValue("/z"), 3);
     EXPECT_EQ(*doc.field("/a", "m"),
@@ -521,7 +522,7 @@ TEST(LayerDoc, ED5APartOfAnotherFormReplacesIt) {
     EXPECT_EQ(*doc.field("/a", "d"), FieldValue(dictionary({{"x", intValue(1)}})));
 }
 
-// --- a model too simple to be wrong -----------------------------------------------------------
+// ---- comparison with a simple model
 
 namespace {
 
@@ -564,7 +565,7 @@ public:
         return spec;
     }
 
-    // Takes edits that LayerDoc took; `path` exists, except for a Create.
+    // Applies edits that LayerDoc accepted; `path` exists, except for a Create.
     void apply(const std::string& path, const EditAction& action) {
         auto elements = *specpath::parse(path);
         if (const auto* set = std::get_if<SetField>(&action)) {
@@ -638,12 +639,12 @@ TEST(LayerDoc, ED1ToED6DoWhatAModelDoes) {
             ASSERT_EQ(print(doc), expected);
             ASSERT_EQ(doc.specCount(), model.root.count());
         }
-        // Copies have stayed what they were.
+        // The copies are unchanged.
         for (const auto& [copy, text] : copies) ASSERT_EQ(print(copy), text);
     }
 }
 
-// Long lists have an index and several blocks; all of it must hold under copies.
+// Long lists have an index and several blocks. Both must stay correct when docs are copied.
 TEST(LayerDoc, ED1ToED4HoldInLongLists) {
     for (unsigned seed = 0; seed < 20; ++seed) {
         SCOPED_TRACE(seed);
@@ -723,7 +724,7 @@ TEST(LayerDoc, CopiesAreReadWhileAnotherIsEdited) {
     }
 }
 
-// --- rebuilding -------------------------------------------------------------------------------
+// ---- rebuilding
 
 TEST(LayerDocBuilder, GivesTheSameDocWithTheSameIds) {
     for (unsigned seed = 0; seed < 100; ++seed) {
@@ -757,7 +758,7 @@ TEST(LayerDocBuilder, SortsSiblingsByOrder) {
         ASSERT_TRUE(builder.addSpec(++id, kRootNode, order, SpecKind::Prim, name));
     LayerDoc doc = builder.finish();
     EXPECT_EQ(prims(doc), (Names{"a", "b", "c"}));
-    mustApply(doc, "/c", PlaceSpec{"a"});  // before order 0
+    mustApply(doc, "/c", PlaceSpec{"a"});  // gets an order below 0
     EXPECT_EQ(prims(doc), (Names{"c", "a", "b"}));
     EXPECT_EQ(doc.nextId(), id + 1);
 }

@@ -17,7 +17,7 @@ TEST(LayerLock, IsWhatWasMade) {
     EXPECT_EQ(lockOf(doc), LayerLock());
 }
 
-// customLayerData = { dictionary omni_layer = { bool locked = 1 } }
+// Kit's form: customLayerData = { dictionary omni_layer = { bool locked = 1 } }
 TEST(LayerLock, OfKitNamesNobody) {
     LayerDoc doc;
     mustApply(doc, {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked"}},

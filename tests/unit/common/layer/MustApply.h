@@ -16,7 +16,7 @@ inline LayerDoc::Applied mustApply(LayerDoc& doc, const std::string& path,
     return applied.value_or(LayerDoc::Applied{});
 }
 
-/// To the layer itself.
+/// Applies the edits to the layer itself.
 inline void mustApply(LayerDoc& doc, const std::vector<EditAction>& actions) {
     for (const EditAction& action : actions) mustApply(doc, "/", action);
 }

@@ -21,7 +21,7 @@ TEST(NamespaceLog, M3FollowsMovesOfTheSpecAndOfWhatIsAbove) {
     EXPECT_EQ(log.translate(kLayer, "/A/x.p", 0), "/C/y.p");
     EXPECT_EQ(log.translate(kLayer, "/B/x.p", 1), "/C/y.p");
     EXPECT_EQ(log.translate(kLayer, "/A/xx", 0), "/B/xx");
-    EXPECT_EQ(log.translate(kLayer, "/A", 1), "/A");  // another A, made since
+    EXPECT_EQ(log.translate(kLayer, "/A", 1), "/A");  // another A, created since
     EXPECT_EQ(log.translate(kOther, "/A", 0), "/A");
     EXPECT_EQ(log.translate(kLayer, "/", 0), "/");
 }
@@ -40,7 +40,7 @@ TEST(NamespaceLog, M4SaysThatASpecIsGone) {
     log.recordDelete(3, kLayer, "/A{v=}");
     log.recordMove(4, kLayer, "/A", "/B");
     EXPECT_EQ(log.translate(kLayer, "/A{v=one}C", 2), std::nullopt);
-    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C", 3), "/B{v=one}C");  // made anew
+    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C", 3), "/B{v=one}C");  // created again
     EXPECT_EQ(log.translate(kLayer, "/A.v", 2), "/B.v");
 }
 
@@ -85,7 +85,8 @@ TEST(NamespaceLog, PruneForgetsAndKeepsTheNumbers) {
     EXPECT_EQ(log.oldest(), 9U);
 }
 
-// Looked up where there are many entries, which must be as if each was looked at.
+// With many entries, the log uses an index. The result must be the same as from visiting each
+// entry.
 TEST(NamespaceLog, M3FollowsThroughManyEntries) {
     struct Move {
         Revision revision;
@@ -116,7 +117,7 @@ TEST(NamespaceLog, M3FollowsThroughManyEntries) {
                 log.recordMove(revision, kLayer, model.back().from, *model.back().to);
             else
                 log.recordDelete(revision, kLayer, model.back().from);
-            if (random.chance(20)) {  // taken back
+            if (random.chance(20)) {  // reverted
                 const auto mark = log.mark();
                 for (int i = 0; i < 5; ++i) log.recordDelete(revision, kLayer, path());
                 log.truncate(mark);
@@ -149,7 +150,7 @@ TEST(NamespaceLog, ALogAboveAnotherFollowsIt) {
     EXPECT_EQ(predicted.translate(kLayer, "/A.x", 0), "/A.x");
     EXPECT_EQ(predicted.translateFrom(kLayer, "/B", confirmed.mark()), "/A");
     EXPECT_EQ(predicted.translateFrom(kLayer, "/C", first), "/A");
-    // The first of them is confirmed: it stands below from now on.
+    // The first move is confirmed: from now on it is in the log below.
     confirmed.recordMove(2, kLayer, "/B", "/C");
     predicted.pruneBefore(first);
     EXPECT_EQ(predicted.translate(kLayer, "/A.x", 0), "/A.x");

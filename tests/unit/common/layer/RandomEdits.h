@@ -21,8 +21,8 @@ inline SetField setInt(std::string field, std::int32_t number) {
     return {std::move(field), {}, intValue(number), ValueType::None};
 }
 
-/// How many seeds of `all` a test plays. Under ASan each takes ten to forty times as long, and what
-/// that finds a quarter of them shows.
+/// Returns how many of `all` seeds a test runs. Under ASan each takes ten to forty times as long,
+/// and a quarter of the seeds finds the same errors of memory.
 constexpr unsigned seedsOf(unsigned all) {
 #ifdef __SANITIZE_ADDRESS__
     return all / 4;
@@ -31,7 +31,7 @@ constexpr unsigned seedsOf(unsigned all) {
 #endif
 }
 
-// Edits of a small world, where few names make for many meetings.
+// Random edits in a small namespace: few names cause many conflicts.
 class RandomEdits {
 public:
     explicit RandomEdits(unsigned seed) : random_(seed) {}
@@ -52,7 +52,7 @@ public:
 
     std::string name() { return std::string(1, static_cast<char>('a' + below(5))); }
 
-    // A path that may be there or not.
+    // Returns a path that may exist or not.
     std::pair<std::string, SpecKind> childOf(const std::string& parent) {
         const bool inVariantSet = parent.ends_with("=}");
         if (inVariantSet)
@@ -172,7 +172,7 @@ public:
         return made;
     }
 
-    // Any content of a field.
+    // Returns any content of a field.
     FieldValue content() {
         switch (below(5)) {
             case 0:

@@ -10,7 +10,7 @@
 
 namespace usdlive {
 
-/// Every type that a leaf may have.
+/// Returns all types that a leaf may have.
 inline std::vector<ValueType> allLeafTypes() {
     std::vector<ValueType> types;
     for (std::uint32_t number = 0; number <= 0xFFFF; ++number)
@@ -18,7 +18,7 @@ inline std::vector<ValueType> allLeafTypes() {
     return types;
 }
 
-/// Proper values of any type, from a seed.
+/// Random valid values of any type, from a seed.
 class RandomValue {
 public:
     explicit RandomValue(unsigned seed) : random_(seed) {}
@@ -244,7 +244,7 @@ private:
         }
     }
 
-    // A body is what an encoded composite has after its header of 11 bytes.
+    // Appends the body of an encoded composite, which follows its header of 11 bytes.
     void body(Bytes& out, const FieldValue& composite) {
         const Bytes encoded = encodeFieldValue(composite);
         appendBytes(out, ByteView(encoded).subspan(11));
@@ -260,7 +260,7 @@ private:
         body(out, listOpOf(ValueType::Unregistered, depth - 1));
     }
 
-    // Of types that hold no dictionary themselves, so that it ends.
+    // Returns a value of a type that contains no dictionary, so that the nesting ends.
     Value plainLeaf() {
         static constexpr ValueType kTypes[] = {
             ValueType::Double,          ValueType::String,         ValueType::Bool,

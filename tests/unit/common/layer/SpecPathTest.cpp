@@ -19,7 +19,7 @@ Elements parsed(std::string_view path) {
     return elements.value_or(Elements{});
 }
 
-// Joined from left to right.
+// Joins the elements from left to right.
 std::string built(const Elements& elements, std::size_t count) {
     std::string path = "/";
     for (std::size_t index = 0; index < count; ++index)
@@ -33,7 +33,7 @@ bool isPrefix(const Elements& ancestor, const Elements& path) {
            std::equal(ancestor.begin(), ancestor.end(), path.begin());
 }
 
-// Few and similar names, so that random paths share beginnings and tempt to match half a name.
+// Uses few and similar names, so that random paths often share a beginning or a part of a name.
 class RandomPaths {
 public:
     explicit RandomPaths(unsigned seed) : random_(seed) {}
@@ -103,7 +103,8 @@ TEST(SpecPath, PA1SplitsPathsIntoTheirElements) {
     EXPECT_EQ(parsed("/A{v=one}B/C{w=}").back(), (PathElement{VariantSets, "w"}));
 }
 
-// Compared with Sdf.Path.IsValidPathString of usd-core 26.8, which takes only the last group.
+// The results were compared with Sdf.Path.IsValidPathString of usd-core 26.8, which accepts only
+// the last group.
 TEST(SpecPath, PA1RefusesWhatIsNoPathOfASpec) {
     using namespace std::string_view_literals;
     for (const std::string_view path :
@@ -114,7 +115,8 @@ TEST(SpecPath, PA1RefusesWhatIsNoPathOfASpec) {
           "/A{v=a.b}"sv, "/A{v=..a}"sv, "/A{v=a:b}"sv, "/A{v=a b}"sv, "/A{v=a=b}"sv, "/A{v=a{}"sv,
           "/A{v=a}}"sv, "/A}"sv, "/A{v=one}/B"sv, "/A{v=one}B{"sv, "/A{v=\xC2\xB2}"sv,
           "/\xC2\xA0"sv, "/A\xFF"sv, "/A\xED\xA0\x80"sv, "/A\0B"sv,
-          // Paths to Sdf, but of no spec of ours, or not as Sdf writes them.
+          // Sdf accepts these paths, but they address no spec in usdlive, or Sdf writes them
+          // differently.
           "/A.r[/T]"sv, "/A.r[/T].x"sv, "/A{v=}B"sv, "/A{v=}.x"sv, "/A{v=}{w=a}"sv, "A"sv, "A/B"sv,
           "."sv, "../A"sv, "/A\nB"sv, "/A{v= one}"sv, "/A{v-w=a}"sv, "/A.x.mapper[/T]"sv,
           "/A.x.expression"sv}) {
@@ -215,7 +217,7 @@ TEST(SpecPath, ReplacePrefixMindsTheSeparators) {
     EXPECT_EQ(specpath::replacePrefix("/A.x:y", "/A.x:y", "/B.z"), "/B.z");
 }
 
-// Text operations against the same done with lists of elements.
+// Compares operations on text with the same operations on lists of elements.
 TEST(SpecPath, OperationsOnTextAgreeWithThoseOnElements) {
     for (unsigned seed = 0; seed < 5000; ++seed) {
         SCOPED_TRACE(seed);

@@ -21,7 +21,7 @@ MoveSpec moveTo(std::string parent, std::string name, std::optional<Creation> cr
 }
 const CreateSpec kPrim{SpecKind::Prim}, kAttribute{SpecKind::Attribute};
 
-// A server with one author, or several that share the client id but not the creations.
+// A server with one author, or with several that share the client id but not the creations.
 struct Server {
     LayerDocs layers{{kLayer, {}}, {kOther, {}}};
     NamespaceLog log;
@@ -39,7 +39,7 @@ struct Server {
         return outcome;
     }
 
-    // Another author's, on what is there now.
+    // Commits edits of another author, based on the current content.
     void foreign(std::vector<Edit> edits) {
         OwnCreations theirs;
         const Transaction transaction{{{"other"}, 1}, revision, 0, std::move(edits)};
@@ -195,7 +195,8 @@ TEST(TransactionExecutor, M2MergesAreKeptInTheCommit) {
     EXPECT_NE(server.doc().field("/A", "f"), nullptr);
 }
 
-// Simulated seed 8733: a server whose store was rolled back has another spec of that name.
+// Found by seed 8733 of the simulation: a server whose store was rolled back has another spec of
+// that name.
 TEST(TransactionExecutor, ED7AnEditForTheOtherKindOfPropertyIsDropped) {
     Server server;
     server.foreign({on("/A", kPrim), on("/A.x", CreateSpec{SpecKind::Relationship})});
@@ -280,25 +281,25 @@ TEST(TransactionExecutor, AReplicaThatDivergedNamesTheLayerAndKeepsTheOthers) {
     EXPECT_TRUE(layers[kOther].has("/X"));
 }
 
-// --- several authors with old bases -----------------------------------------------------------
+// ---- several authors with old bases
 
 namespace {
 
-// An edit of a random transaction, with what it has to do, by identity.
+// An edit of a random transaction, with its intended spec by identity.
 struct Intent {
-    NodeId target = 0;  // of the spec (for a Create: of the parent); 0 when never created
-    NodeId parent = 0;  // of a Move
+    NodeId target = 0;  // the spec (for a Create: the parent); 0 if it was never created
+    NodeId parent = 0;  // the new parent of a Move
 };
 
-// A spec that an author created: its id on the server (0 when it came to nothing) and where the
-// author believes it to stand.
+// A spec that an author created: its id on the server (0 if the creation failed) and the path that
+// the author knows.
 struct Made {
     NodeId node = 0;
     std::string local;
 };
 
-// Sees the project as of its base, and what it created since. Also runs a replica the way a client
-// does, whose predictions must come true.
+// An author who sees the project at its base, with its own creations since. It also runs a replica
+// like a client, whose predictions must be correct.
 struct Author {
     ClientId client;
     std::uint64_t sequence = 0;
@@ -351,7 +352,7 @@ private:
         }
     };
 
-    // A spec the author knows: by its path at the base, or by its creation.
+    // Returns a spec that the author knows: by its path at the base, or by its creation.
     Known known(Author& author) {
         std::vector<Known> all;
         author.seen.visit([&](const LayerDoc::SpecView& spec) {
@@ -418,11 +419,11 @@ private:
         commit(author, transaction, done);
     }
 
-    // Each edit arrived at the spec it was meant for, wherever that is, or was dropped since it is
-    // gone.
+    // Checks that each edit reached its intended spec, wherever that is, or was dropped because the
+    // spec was deleted.
     void check(Author& author, const Transaction& transaction, std::vector<Intent>& intents,
                const Executed& done) {
-        std::map<NodeId, NodeId> made;  // placeholders of this transaction
+        std::map<NodeId, NodeId> made;  // placeholder ids of this transaction
         const auto actual = [&](NodeId node) { return node > kUnknown - 100 ? made[node] : node; };
         auto executedEdit = done.edits.begin();
         auto droppedEdit = done.dropped.begin();
@@ -504,13 +505,13 @@ TEST(TransactionExecutor, M3ToM6HoldForTwoAuthorsWithOldBases) {
         dropped += authoring.dropped;
         refused += authoring.refused;
     }
-    // That the seeds reach all that is to be tested.
+    // Checks that the seeds reach all tested cases.
     EXPECT_GT(executed, 10 * kSeeds);
     EXPECT_GT(dropped, 10 * kSeeds);
     EXPECT_GT(refused, kSeeds);
 }
 
-// --- M13: a spec that two authors create at once ----------------------------------------------
+// ---- M13: a spec that two authors create at once
 
 namespace {
 
@@ -530,7 +531,7 @@ TEST(TransactionExecutor, M13AnOverMadeOnTheWayDemotesNothing) {
                 on("/B", kPrim, Creation{1, 0}), on("", specifierIs(kOver), Creation{1, 2})});
         EXPECT_EQ(*server.doc().field("/A", "specifier"), specifierIs(theirs).value);
         EXPECT_EQ(*server.doc().field("/A/B", "specifier"), specifierIs(kOver).value);
-        // The commit says what became of it, so that everybody else needs to know nothing of this.
+        // The commit contains the result, so that receivers need no special case.
         ASSERT_EQ(executed.edits.size(), 4u);
         EXPECT_EQ(executed.edits[1].edit.action, EditAction(specifierIs(theirs)));
         EXPECT_FALSE(executed.edits[1].applied.changed);
@@ -544,7 +545,7 @@ TEST(TransactionExecutor, M13AnExplicitSpecifierIsSet) {
     EXPECT_EQ(*server.doc().field("/A", "specifier"), specifierIs(kClass).value);
     server.accepted(0, {on("", specifierIs(kOver), Creation{1, 0})});
     EXPECT_EQ(*server.doc().field("/A", "specifier"), specifierIs(kOver).value);
-    // Deleted and created anew is another spec.
+    // A spec that was deleted and created again is another spec.
     server.accepted(0, {on("", specifierIs(kDef), Creation{1, 0})});
     server.accepted(
         2, {on("/A", DeleteSpec{}), on("/A", kPrim), on("", specifierIs(kOver), Creation{4, 1})});

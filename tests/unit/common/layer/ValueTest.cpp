@@ -35,7 +35,7 @@ Bytes numbers(std::initializer_list<std::type_identity_t<T>> given) {
     return out;
 }
 
-// Dictionary bodies, `levels` inside one another, the innermost empty.
+// Returns dictionary bodies, nested `levels` deep; the innermost is empty.
 Bytes nestedBody(std::size_t levels) {
     Bytes body = numbers<std::uint32_t>({0});
     for (; levels > 1; --levels) {
@@ -48,7 +48,7 @@ Bytes nestedBody(std::size_t levels) {
 
 Bytes unregisteredDictionary(std::size_t levels) { return joined({Bytes{1}, nestedBody(levels)}); }
 
-// List ops of unregistered values inside one another; the innermost is a text.
+// Returns nested list ops of unregistered values; the innermost is a text.
 Bytes unregisteredLists(std::size_t levels) {
     Bytes value = joined({Bytes{0}, text("x")});
     for (; levels > 0; --levels) {
@@ -65,7 +65,7 @@ constexpr std::uint64_t word(std::uint64_t operation, std::uint64_t count) {
     return operation << 56 | count;
 }
 
-// An edit of an array of floats with two literals.
+// Returns an edit of an array of floats with two literals.
 Bytes floatEdit(std::initializer_list<std::uint64_t> words) {
     return joined({numbers<std::uint64_t>({2}), numbers<float>({1, 2}),
                    numbers<std::uint64_t>({words.size()}), numbers<std::uint64_t>(words)});
@@ -249,7 +249,7 @@ TEST(Value, V5ArraysArePacked) {
     EXPECT_FALSE(isValid(arrayOf(ValueType::Token), joined({count(1), text("\xFF")})));
 }
 
-// Counts whose product with the element's size is small again.
+// Uses counts whose product with the element's size overflows to a small number.
 TEST(Value, V5CountsDoNotOverflow) {
     for (const auto type : allLeafTypes()) {
         if (std::uint16_t(type) < 0x100) continue;
@@ -264,7 +264,7 @@ TEST(Value, V5CountsDoNotOverflow) {
 TEST(Value, V6ArrayEditsAreLiteralsAndInstructions) {
     const ValueType type = arrayEditOf(ValueType::Float);
     constexpr auto kEnd = std::uint64_t(std::numeric_limits<std::int64_t>::min());
-    EXPECT_TRUE(isValid(type, numbers<std::uint64_t>({0, 0})));  // the one that changes nothing
+    EXPECT_TRUE(isValid(type, numbers<std::uint64_t>({0, 0})));  // the edit that changes nothing
     EXPECT_TRUE(isValid(type, floatEdit({word(0, 2), 0, 5, 1, std::uint64_t(-1)})));
     EXPECT_TRUE(isValid(type, floatEdit({word(2, 1), 1, kEnd, word(4, 2), 7, 8})));
     EXPECT_TRUE(isValid(type, floatEdit({word(5, 1), 10, word(8, 1), 10, 1, word(9, 1), 3})));
@@ -273,7 +273,7 @@ TEST(Value, V6ArrayEditsAreLiteralsAndInstructions) {
                                 numbers<std::uint64_t>({3, word(0, 1), 0, 0})})));
 }
 
-// Each of these makes Vt read memory that is not its own, run for ages, or take all memory.
+// Each of these makes Vt read foreign memory, run very long, or allocate all memory.
 TEST(Value, V6InstructionsThatVtDoesNotSurviveAreRefused) {
     const ValueType type = arrayEditOf(ValueType::Float);
     EXPECT_FALSE(isValid(type, floatEdit({word(10, 1), 0, 0}))) << "no such operation";
@@ -395,7 +395,7 @@ TEST(Value, V1ToV8RandomValuesOfEveryTypeAreAcceptedAndTheirBeginningsAreNot) {
     }
 }
 
-// Nothing crashes; the sanitizers see what is read.
+// Nothing crashes; the sanitizers check all reads.
 TEST(Value, V1ToV8AnyBytesAreAnsweredForEveryType) {
     std::mt19937 random(7);
     for (int round = 0; round < 300; ++round) {

@@ -129,7 +129,7 @@ TEST(Control, LengthsAreBounded) {
     Hello hello{1, 1, {}, {"c"}, {std::string(300, 'u')}, "", {}, {}};
     EXPECT_FALSE(decodeControl(encodeControl(hello)));
     ErrorMessage error{"internal", std::string(1'000'000, 'x'), false, {}, {}};
-    const auto decoded = decodeControl(encodeControl(error));  // cut when it is written
+    const auto decoded = decodeControl(encodeControl(error));  // the writer cuts long texts
     ASSERT_TRUE(decoded);
     EXPECT_EQ(std::get<ErrorMessage>(*decoded).message.size(), 64u * 1024);
 }

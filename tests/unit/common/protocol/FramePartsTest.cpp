@@ -89,7 +89,7 @@ TEST(FrameParts, FR8PartsThatDoNotFollowAreRefused) {
     EXPECT_FALSE(decodeFrame(encodedOf(encodeFrame(stub)))) << "what stands for many has none";
 }
 
-// 2 GiB cannot be built as one frame; nothing is built of what is not looked at.
+// 2 GiB cannot be built as one frame; only the parts that are requested are built.
 TEST(FrameParts, TheSizeIsKnownBeforeAnythingIsEncoded) {
     const FieldValue big(stringValue(std::string(200'000, 'x')));
     std::vector<Edit> edits;
@@ -104,7 +104,8 @@ TEST(FrameParts, TheSizeIsKnownBeforeAnythingIsEncoded) {
     EXPECT_LE(part.size(), kPartBytes + 1024);
 }
 
-// FR7's bounds grow with the frame, so a part is read however often its edits name the same.
+// FR7's bounds grow with the frame, so a part stays readable even if many of its edits name the
+// same layer.
 TEST(FrameParts, AnyPartCanBeRead) {
     const LayerId layer{std::string(250, 'l') + ".usda"};
     const std::string path = "/" + std::string(120, 'p');

@@ -72,7 +72,7 @@ TEST(Frame, CH2ImportStubDropsTheEditsOfAnImportOnly) {
 
 TEST(Frame, AnImportMakesTheWholeLayer) {
     LayerDoc doc;
-    std::string path = "/" + std::string(150, 'L');  // of those that are not shared (FR7)
+    std::string path = "/" + std::string(150, 'L');  // too long to be shared (FR7)
     for (const std::string& prim : {std::string("/A"), path}) {
         ASSERT_TRUE(doc.apply(prim, CreateSpec{SpecKind::Prim}));
         for (int number = 0; number < 20; ++number) {
@@ -144,7 +144,7 @@ TEST(Frame, AMessageIsSplitIntoItsFrames) {
     ASSERT_TRUE(frames);
     ASSERT_EQ(frames->size(), 2u);
     EXPECT_EQ((*frames)[0].size(), first - 4);
-    // Whatever stands before it in memory.
+    // The decoder accepts a frame at any address in memory.
     EXPECT_TRUE(decodeFrame((*frames)[1]));
 }
 
@@ -169,9 +169,9 @@ TEST(Frame, MessagesThatAreNoneAreRefused) {
     EXPECT_EQ(code({255, 255, 255, 255, 1}), ErrorCode::FrameTooLarge);
 }
 
-// --- What nobody of ours writes
+// ---- frames that usdlive never writes
 
-/// A frame with one edit, its parts given by hand.
+/// Builds a frame with one edit from parts that the test gives.
 class ByHand {
 public:
     flatbuffers::FlatBufferBuilder builder;
@@ -343,12 +343,12 @@ TEST(FrameDecoder, ChangedAndShortenedFramesDoNoHarm) {
                 frame[at] = random() % 2 ? std::uint8_t(random()) : std::uint8_t(frame[at] ^ 0x80);
         }
         const auto decoded = decodeFrame(frame);
-        // What it takes is in order: it can be written again.
+        // A decoded frame is valid: it can be encoded again.
         if (decoded) (void)encodeFrame(*decoded);
     }
 }
 
-// --- zstd
+// ---- zstd
 
 TEST(Compression, InflatesWhatItDeflated) {
     const Bytes raw(100'000, 7);

@@ -72,7 +72,7 @@ inline CommitFrame sampleConflated() {
     return frame;
 }
 
-/// One of each kind.
+/// Returns one frame of each kind.
 inline std::vector<Frame> sampleFrames() {
     return {SubmitFrame{{{{"client"}, 4}, 17, 5, everyKindOfEdit()}},
             CommitFrame{sampleCommit()},

@@ -50,7 +50,7 @@ void expectSame(const LayerDoc& doc, const std::vector<SnapshotFrame>& frames) {
     EXPECT_EQ(decoder.specs(), doc.specCount());
     LayerDoc copy = decoder.take();
     EXPECT_EQ(copy, doc);
-    // Orders and ids go with it, so that both go on alike.
+    // The snapshot contains orders and ids, so that both docs behave the same afterwards.
     EXPECT_EQ(copy.idsAlong("/B/Moved.x"), doc.idsAlong("/B/Moved.x"));
 }
 
@@ -88,7 +88,7 @@ TEST(Snapshot, SN1AFieldLongerThanAChunkIsCutToo) {
     expectSame(doc, framesOf(doc));
 }
 
-// --- What nobody of ours writes
+// ---- snapshots that usdlive never writes
 
 class Records {
 public:
@@ -182,7 +182,7 @@ TEST(SnapshotDecoder, RefusesChunksOutOfOrderAndBombs) {
     SnapshotFrame second = frames[0];
     second.index = 1;
     EXPECT_FALSE(skipped.add(second));
-    EXPECT_FALSE(skipped.add(frames[0]));  // for good
+    EXPECT_FALSE(skipped.add(frames[0]));  // it stays failed
 
     SnapshotDecoder after;
     EXPECT_EQ(after.add(frames[0]), true);

@@ -1,4 +1,4 @@
-// The frames of tests/vectors are read as they say.
+// Tests that the frames of tests/vectors decode to their described meaning.
 #include "unit/common/Vectors.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ namespace {
 
 const std::string kFrames = vectorsFile("frames.json");
 
-/// What each sample of a frame says, in the order of the file.
+/// The meaning of each sample of a frame, in the order of the file.
 std::vector<std::pair<std::string, Frame>> meanings() {
     Commit first = sampleCommit();
     first.revision = 1;

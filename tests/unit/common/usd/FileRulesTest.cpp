@@ -1,4 +1,5 @@
-// ED8-ED11 against OpenUSD itself: whatever authors do at once, the layer can be written and read.
+// Tests ED8-ED11 against OpenUSD itself: after any concurrent edits the layer can be written and
+// read.
 #include "usdlive/common/layer/FileRules.h"
 
 #include <gtest/gtest.h>
@@ -26,7 +27,7 @@ namespace {
 
 const LayerId kLayer{"a.usda"};
 
-// Several authors of one layer, each of whom has seen it as it was some revisions ago.
+// Several authors of one layer, each of whom sees it at some earlier revision.
 class Authors {
 public:
     explicit Authors(unsigned seed) : random_(seed), values_(seed) {
@@ -68,7 +69,7 @@ private:
             "Own",      "My Type",  "None",  "pathExpression", "token[]", ""};
         return random_.of(kNames);
     }
-    // Of a type that an attribute may have.
+    // Returns a value of a type that an attribute may have.
     Value someValue() {
         static const std::vector<ValueType> kTypes{
             ValueType::Double,         ValueType::Float,  ValueType::Int,
@@ -77,7 +78,7 @@ private:
             ValueType::Quatf,          ValueType::Block,  arrayOf(ValueType::Float),
             arrayOf(ValueType::String)};
         const ValueType type = random_.of(kTypes);
-        // Finite: a NaN is written without its bits.
+        // Finite, because a NaN is written without its bits.
         if (type == ValueType::Double) return doubleValue(double(random_.below(100)) / 8);
         if (type == ValueType::Float || type == ValueType::Float3 || type == ValueType::Half3 ||
             type == ValueType::Double3 || type == ValueType::Quatf)
@@ -218,7 +219,7 @@ TEST(FileRules, WhateverAuthorsDoAtOnceCanBeSavedAndReadBack) {
                 usdlive::test::MemoryBlobs blobs;
                 const auto layer = usd::makeLayer(authors.doc(), blobs, format);
                 ASSERT_TRUE(layer) << layer.error().message << authors.doc().dump();
-                // OpenUSD does not read the -nan that it writes.
+                // OpenUSD cannot read the -nan that it writes.
                 if (text(**layer).find("-nan") != std::string::npos) continue;
                 const auto file = (folder / ("a." + format)).string();
                 EXPECT_TRUE((*layer)->Export(file) && !complaints.hasErrors())

@@ -112,7 +112,7 @@ TEST(LayerFill, FillsAnEmptyLayerWithFewChangeEntries) {
     MemoryBlobs blobs;
     const auto source = fromText(kScene);
     const LayerDoc doc = *readLayer(source, blobs);
-    // As new, and as read from a file without prims: then there is an empty list of them.
+    // A new layer, and one read from a file without prims, which has an empty list of them.
     for (const auto& layer : {SdfLayer::CreateAnonymous(".usda"), fromText("#usda 1.0\n")}) {
         SdfLayerStore store(layer, blobs, nullptr);
         ChangeCount changes;
@@ -141,7 +141,7 @@ TEST(LayerFill, WhatIsAlreadyThereIsNotToldAgain) {
     EXPECT_EQ(textOf(layer), textOf(other));
 }
 
-// `==` says that they are the same; texts, and other editors, say that they are not.
+// `==` treats them as equal; their texts, and other editors, show a difference.
 TEST(LayerFill, TheSignOfZeroIsBroughtIn) {
     MemoryBlobs blobs;
     const auto with = [](const std::string& zero) {
@@ -209,7 +209,7 @@ TEST(LayerFill, OneFieldThatCannotBeHeldKeepsNothingElseAway) {
     ASSERT_FALSE(filled);
     EXPECT_THAT(filled.error().message, HasSubstr("/W, field assetInfo"));
     EXPECT_EQ(textOf(layer), textOf(fromText(kScene)));
-    // A file would lack it without a word.
+    // A file would silently lack it.
     const auto made = makeLayer(doc, blobs, "usda");
     ASSERT_FALSE(made);
     EXPECT_EQ(made.error().code, ErrorCode::InvalidValue);
@@ -252,7 +252,7 @@ TEST(LayerFill, ALayerKeepsItsKindOfData) {
     ASSERT_TRUE(layer);
     ASSERT_FALSE(layer->StreamsData());
     SdfLayerStore store(layer, blobs, nullptr);
-    for (int times = 0; times < 2; ++times) {  // into an empty one, and over what is there
+    for (int times = 0; times < 2; ++times) {  // into an empty layer, and over existing content
         fillWhole(doc, blobs, store);
         EXPECT_FALSE(layer->StreamsData());
         EXPECT_TRUE(*readLayer(layer, blobs) == doc);
@@ -286,7 +286,7 @@ TEST(ExportText, IsWhatALayerOfThatContentExports) {
     EXPECT_EQ(*exportText(LayerDoc(), blobs), textOf(SdfLayer::CreateAnonymous(".usda")));
 }
 
-// ED7 drops what no text holds, and nothing else.
+// ED7 drops exactly the fields that no text can hold.
 TEST(ExportText, ED7FieldsOfTheOtherKindOfPropertyDoNotSurviveIt) {
     MemoryBlobs blobs;
     const auto samples = [](const Value& value) { return TimeSamples{{{1, value}}}; };

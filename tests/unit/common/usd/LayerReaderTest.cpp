@@ -28,7 +28,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Stages of robots, cloth and machines that the package `newton` brings; it stands beside usd-core.
+// Stages of robots, cloth and machines from the package `newton`, which is installed beside
+// usd-core.
 fs::path newtonFolder() {
     if (const char* given = std::getenv("USDLIVE_NEWTON_DIR")) return given;
     Dl_info library{};
@@ -53,7 +54,7 @@ public:
 
 }  // namespace
 
-// Each of these is another layer.
+// Each of these differs from the layer.
 TEST(LayerReader, HoldsNothingElseThanTheDoc) {
     const auto layer = SdfLayer::CreateAnonymous(".usda");
     ASSERT_TRUE(

@@ -1,4 +1,4 @@
-// Metadata of plug-ins where some have the plug-in and others have not.
+// Tests metadata of plug-ins where only some processes have the plug-in.
 #include <gtest/gtest.h>
 #include <pxr/base/plug/registry.h>
 #include <pxr/base/vt/dictionary.h>
@@ -91,14 +91,14 @@ SetField setKey(const char* key, Value value) {
 
 TEST(RegisteredMetadata, V11BecomesWhatReadingTheFileGives) {
     usdlive::test::MemoryBlobs blobs;
-    // Here nobody knows them yet: as in a server without the studio's plug-ins.
+    // This process does not know the fields yet, like a server without the studio's plug-ins.
     const auto unknowing = opened();
     const SdfPath a("/A");
     const TfToken data("sData");
     ASSERT_TRUE(unknowing->GetField(a, TfToken("sInt")).IsHolding<pxr::SdfUnregisteredValue>());
     LayerDoc doc = *usd::readLayer(unknowing, blobs);
     EXPECT_TRUE(doc.field("/A", "sData")->as<Dictionary>()) << "its keys merge";
-    {  // A layer as it was opened takes keys, and so does one that was made of the doc.
+    {  // An opened layer accepts keys, and so does one that was created from the doc.
         usd::SdfLayerStore store(unknowing, blobs, nullptr);
         const auto same = *usd::makeLayer(doc, blobs, "usda");
         usd::SdfLayerStore made(same, blobs, nullptr);
@@ -140,13 +140,13 @@ TEST(RegisteredMetadata, V11BecomesWhatReadingTheFileGives) {
     EXPECT_EQ(received->GetField(a, TfToken("sInt")), pxr::VtValue(-7));
     EXPECT_TRUE(
         received->GetField(a, TfToken("sOnlyOnLayers")).IsHolding<pxr::SdfUnregisteredValue>());
-    // What knows them writes has the same text for who does not.
+    // A process without the plug-in writes the same text as one with it.
     std::string again;
     ASSERT_TRUE(received->ExportToString(&again));
     std::string ought;
     ASSERT_TRUE(read->ExportToString(&ought));
     EXPECT_EQ(again, ought);
-    // A text that is none of the type stays what it is.
+    // A text that does not fit the type stays unchanged.
     ASSERT_TRUE(doc.apply("/A", SetField{"sWrong",
                                          {},
                                          Value(ValueType::Unregistered,

@@ -34,7 +34,7 @@ using usdlive::test::MemoryBlobs;
 
 namespace {
 
-// Writes down what it is told.
+// Records the calls that it receives.
 class Log : public LayerWriteObserver {
 public:
     void specCreated(const SdfPath& path, SdfSpecType) override { add("create", path); }
@@ -65,7 +65,7 @@ private:
     std::vector<std::string> told_;
 };
 
-// Collects what Sdf tells all the world.
+// Collects the notices that Sdf sends to everybody.
 class Notices : public TfWeakBase {
 public:
     Notices() { TfNotice::Register(TfCreateWeakPtr(this), &Notices::handle); }
@@ -95,7 +95,7 @@ protected:
         apply(path, SetField{"typeName", {}, FieldValue(tokenValue(type))});
     }
     FieldValue field(const VtValue& value) { return *encodeValue(value, blobs); }
-    // A value that is a blob, which is then taken away.
+    // Returns a value that is a blob whose bytes are then removed.
     FieldValue missing() {
         MemoryBlobs elsewhere;
         const auto value = encodeValue(VtValue(big), elsewhere);
@@ -171,7 +171,7 @@ TEST_F(SdfLayerStoreTest, NeverTellsOfWhatItApplies) {
     EXPECT_THAT(log.take(), IsEmpty());
 }
 
-// Who answers a notice with an edit of their own is an editor.
+// A listener that answers a notice with its own edit is an editor.
 TEST_F(SdfLayerStoreTest, TellsOfWritesThatAnswerItsNotices) {
     Notices notices;
     notices.onNotice = [&] {
@@ -212,7 +212,7 @@ TEST_F(SdfLayerStoreTest, AppliedTargetsAreAsSdfKeepsThem) {
     EXPECT_THAT(targets(), IsEmpty());
 }
 
-// What a stage does not look at again, it would go on showing.
+// A stage would continue to show a spec that it does not look at again.
 TEST_F(SdfLayerStoreTest, RenamedVariantsAreSeenToComeAndGo) {
     prim("/A");
     apply("/A{v=}", CreateSpec{SpecKind::VariantSet});
@@ -299,7 +299,7 @@ TEST_F(SdfLayerStoreTest, RefusedEditsChangeNothing) {
     EXPECT_EQ(code("/A", SetField{"primChildren", {}, FieldValue(doubleValue(0))}),
               ErrorCode::InvalidEdit);
     EXPECT_EQ(code("/A//B", DeleteSpec{}), ErrorCode::InvalidPath);
-    // Would end every process with a stage of it.
+    // Otherwise this would end every process that has a stage with it.
     EXPECT_EQ(code("/A", SetField{"active", {}, field(VtValue(SdfPathExpression("//x")))}),
               ErrorCode::InvalidValue);
     EXPECT_EQ(code("/A", SetField{"kind", DictionaryKey{{"k"}},

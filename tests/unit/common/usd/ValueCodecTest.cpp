@@ -50,7 +50,7 @@ FieldValue encoded(const VtValue& value, MemoryBlobs& blobs) {
     return field ? *field : FieldValue();
 }
 
-// To the wire and back: the C++ type and content, and the bytes, stay.
+// Encodes and decodes: the C++ type, the content and the bytes must stay the same.
 void expectRoundTrip(const VtValue& value, const TfToken& field = kNoField) {
     SCOPED_TRACE(value.GetTypeName());
     MemoryBlobs blobs;
@@ -62,7 +62,7 @@ void expectRoundTrip(const VtValue& value, const TfToken& field = kNoField) {
     ASSERT_TRUE(back) << back.error().message;
     EXPECT_EQ(back->GetTypeName(), value.GetTypeName());
     EXPECT_EQ(encoded(*back, blobs), there);
-    // NaNs differ from themselves; their bytes were compared.
+    // A NaN differs from itself, but its bytes were compared.
     std::string text = TfStringify(value);
     if (text.find("nan") == std::string::npos) {
         EXPECT_EQ(*back, value);
@@ -88,7 +88,7 @@ Value text(ValueType type, std::string_view content) {
     return {type, string.bytes()};
 }
 
-// Some value of each type; numbers are any bits, text is text.
+// Returns some value of each type; numbers are any bits, text is text.
 template <class T>
 T sample(std::mt19937& random) {
     if constexpr (std::is_same_v<T, bool>) {
@@ -307,7 +307,7 @@ TEST(ValueCodec, V9BigLeavesBecomeBlobs) {
     EXPECT_TRUE(encoded(VtValue(std::string(kBigValueBytes, 'x')), blobs).as<Value>()->isBlob());
     expectRoundTrip(VtValue(VtDictionary{{"k", VtValue(big)}}));
     expectRoundTrip(VtValue(SdfTimeSampleMap{{1, VtValue(big)}}));
-    // Where the protocol has no blobs, it stays whole.
+    // Where the protocol allows no blobs, the value stays inline.
     expectRoundTrip(VtValue(SdfReference("", SdfPath(), SdfLayerOffset(), {{"k", VtValue(big)}})));
 
     EXPECT_EQ(decodeError(field), ErrorCode::BlobNotFound);
@@ -324,7 +324,7 @@ TEST(ValueCodec, V9ArraysShareTheMemoryOfTheirBlob) {
     auto value = *decodeValue(kNoField, field, blobs);
     const auto array = value.Remove<VtArray<GfVec3f>>();
     EXPECT_EQ(static_cast<const void*>(array.cdata()), kept->data() + sizeof(std::uint64_t));
-    // Who writes to an array has one of their own.
+    // Writing to an array makes a private copy.
     auto changed = array;
     changed[7] = GfVec3f(0);
     EXPECT_EQ(array[7], GfVec3f(1, 2, 3));
@@ -391,7 +391,7 @@ TEST(ValueCodec, WhatThisOpenUsdCannotHoldIsRefusedSilently) {
     EXPECT_EQ(decodeError(Value(ValueType(999), Bytes{})), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(Value(ValueType::Spline, Bytes{2, 0, 0, 0, 9, 9, 0, 0, 0, 0})),
               ErrorCode::InvalidValue);
-    // Custom data at a time, and no knots.
+    // Custom data at a time without knots.
     EXPECT_EQ(decodeError(Value(ValueType::Spline,
                                 Bytes{0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0})),
               ErrorCode::InvalidValue);
@@ -401,7 +401,7 @@ TEST(ValueCodec, WhatThisOpenUsdCannotHoldIsRefusedSilently) {
     EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
 
-// Bytes that may come from anybody: true ones, with a few changed.
+// Bytes from an untrusted peer: valid bytes with a few changes.
 TEST(ValueCodec, DamagedBytesNeverDoHarm) {
     testing::internal::CaptureStderr();
     MemoryBlobs blobs;
@@ -436,7 +436,7 @@ TEST(ValueCodec, DamagedBytesNeverDoHarm) {
         if (random() % 8 == 0) bytes.resize(random() % bytes.size());
         const auto back = decodeLeaf(Value(good.type(), std::move(bytes)), blobs);
         if (!back) continue;
-        TfStringify(*back);  // looks at all of it
+        TfStringify(*back);  // reads all of it
         double number = 0;
         if (back->IsHolding<TsSpline>())
             for (const double time : {-1e9, 0.0, 0.5, 7.0})

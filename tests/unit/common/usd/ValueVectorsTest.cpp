@@ -1,4 +1,4 @@
-// The values of tests/vectors are what OpenUSD reads from their text.
+// Tests that the values of tests/vectors are those that OpenUSD reads from their text.
 #include <gtest/gtest.h>
 #include <pxr/usd/sdf/layer.h>
 
@@ -35,7 +35,7 @@ TEST(Vectors, ValuesAreWhatOpenUsdReads) {
             sample["bytes"] = toHex(encodeFieldValue(*content));
         EXPECT_EQ(toHex(encodeFieldValue(*content)), sample["bytes"]);
 
-        // And the other way: into a layer that does not have the field.
+        // And in the other direction: into a layer that does not have the field.
         const auto decoded = decodeFieldValue(fromHex(sample["bytes"]));
         ASSERT_TRUE(decoded) << decoded.error().message;
         const auto other = pxr::SdfLayer::CreateAnonymous(".usda");

@@ -18,7 +18,7 @@ struct NoLog : Log {
     void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
 };
 
-/// The groups that a StorageThread has made, and when.
+/// Records the groups that a StorageThread appends, and when.
 class Groups {
 public:
     struct Group {

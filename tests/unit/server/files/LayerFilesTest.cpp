@@ -100,7 +100,7 @@ protected:
         EXPECT_TRUE(doc.apply("/New", SetField{"specifier", {}, def}));
         return doc;
     }
-    // Big, and no compression makes it small.
+    // Returns a big doc that cannot be compressed.
     LayerDoc bigDoc() {
         std::mt19937_64 random{7};
         VtArray<double> noise(60'000);
@@ -139,7 +139,8 @@ protected:
     std::string message;
 };
 
-// Runs it in a process of its own, whose limits and rights it may change; true if it returns true.
+// Runs `work` in a child process, whose limits and rights it may change. Returns true if `work`
+// returns true.
 bool inChild(const std::function<bool()>& work) {
     const pid_t child = fork();
     if (child == 0) _exit(work() ? 0 : 1);
@@ -209,7 +210,7 @@ TEST_F(LayerFilesTest, FI5SaysWhatIsSkippedAndWhy) {
 }
 
 TEST_F(LayerFilesTest, FI5ManyLinksToOneAnotherEnd) {
-    constexpr int kFolders = 12;  // 12! ways through them
+    constexpr int kFolders = 12;  // there are 12! ways through them
     for (int i = 0; i < kFolders; ++i) put("f" + std::to_string(i) + "/a.usda");
     for (int i = 0; i < kFolders; ++i)
         for (int j = 0; j < kFolders; ++j)
@@ -273,7 +274,7 @@ TEST_F(LayerFilesTest, ServesAFolderThatIsALink) {
 TEST_F(LayerFilesTest, ImportsWhatIsInTheFileNow) {
     const auto path = put("a.usda");
     const auto open = SdfLayer::FindOrOpen(path);
-    open->SetField(SdfPath("/A.x"), SdfFieldKeys->Default, 2.0);  // in memory only
+    open->SetField(SdfPath("/A.x"), SdfFieldKeys->Default, 2.0);  // changes it in memory only
     const auto doc = files->import(LayerId{"a.usda"});
     ASSERT_TRUE(doc) << doc.error().message;
     EXPECT_EQ(*doc->doc.field("/A.x", "default"), FieldValue(doubleValue(1)));
@@ -318,7 +319,7 @@ TEST_F(LayerFilesTest, SavesInTheFormatTheFileHas) {
     put("text.usd");
     const auto binary = folder / "binary.usd";
     ASSERT_TRUE(files->save(LayerId{"binary.usd"}, someDoc()));
-    EXPECT_TRUE(isCrate(binary));  // as every new .usd
+    EXPECT_TRUE(isCrate(binary));  // like every new .usd
     for (const char* name : {"text.usd", "new.usda", "new.usdc", "binary.usd"})
         ASSERT_TRUE(files->save(LayerId{name}, someDoc())) << name;
     EXPECT_FALSE(isCrate(folder / "text.usd"));
@@ -329,7 +330,7 @@ TEST_F(LayerFilesTest, SavesInTheFormatTheFileHas) {
         EXPECT_TRUE(files->import(LayerId{name})->doc == someDoc()) << name;
 }
 
-// Their text is written and parsed in parts, which show nowhere.
+// Their text is written and parsed in parts; the result must not show this.
 TEST_F(LayerFilesTest, BigArraysAreSavedAsTextAndReadBack) {
     LayerDoc doc = bigDoc();
     VtArray<GfVec3f> points(20'000, GfVec3f(1.5F, -0.0F, 1e-30F));
@@ -360,7 +361,7 @@ TEST_F(LayerFilesTest, BigArraysAreSavedAsTextAndReadBack) {
     EXPECT_EQ(text, textOf(folder / "a.usda"));
     EXPECT_THAT(text, testing::Not(HasSubstr("usdlive")));
 
-    // NaNs, and a text that looks as if it were an array's place: OpenUSD writes all of it.
+    // NaNs, and a text that looks like the placeholder of an array: OpenUSD writes all of it.
     points.front()[1] = std::numeric_limits<float>::quiet_NaN();
     add("others", "point3f[]", VtValue(points));
     ASSERT_TRUE(files->save(LayerId{"a.usda"}, doc));
@@ -396,7 +397,7 @@ TEST_F(LayerFilesTest, SavingKeepsThePermissions) {
 TEST_F(LayerFilesTest, WhatCannotBeSavedLeavesTheFileWhole) {
     const auto path = put("a.usda");
     LayerDoc doc = someDoc();
-    // Is written as text that cannot be read.
+    // This value is written as text that cannot be read.
     ASSERT_TRUE(doc.apply("/New", SetField{"customData", DictionaryKey{{"k"}},
                                            FieldValue(Value(ValueType::Opaque, Bytes{}))}));
     testing::internal::CaptureStderr();

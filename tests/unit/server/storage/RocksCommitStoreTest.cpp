@@ -62,7 +62,7 @@ bool keep(CommitStore& store, const TestCommits& commits) {
                                    commits.head.hash));
 }
 
-/// A copy of the store's folder as a killed process or a fault would leave it.
+/// Copies the store's folder in the state that a killed process or a fault leaves.
 void copyFolder(const fs::path& from, const fs::path& to) {
     fs::remove_all(to);
     fs::copy(from, to, fs::copy_options::recursive);
@@ -80,7 +80,7 @@ std::vector<fs::path> filesOf(const fs::path& folder, const std::string& extensi
 
 fs::path newestLog(const fs::path& folder) { return filesOf(folder, ".log").back(); }
 
-/// Opens a copy that was damaged. Either all is there, or something says that it is not.
+/// Opens a damaged copy. It must either be complete or report the damage.
 testing::AssertionResult openIsEqualOrCorrupt(const fs::path& folder, const TestCommits& commits) {
     const auto store = createRocksCommitStore(folder, options());
     const auto corrupt = [](const Error& error) {
@@ -167,12 +167,12 @@ TEST(RocksCommitStore, NeverServesAShortenedHistory) {
     }
 }
 
-// The damage is in a log, in tables, in what lists them, and in our own files.
+// The damage is in a log, in tables, in the files that list them, and in our own files.
 TEST(RocksCommitStore, AFlippedBitIsFoundOrHarmless) {
     TestFolder folder;
     TestCommits commits;
     const fs::path whole = folder.path / "a", damaged = folder.path / "b";
-    for (unsigned part = 0; part < 3; ++part) {  // each opening writes tables of the log
+    for (unsigned part = 0; part < 3; ++part) {  // each opening writes the log to tables
         const auto store = open(whole);
         append(*store, someCommits(commits, 30, part));
         ASSERT_TRUE(keep(*store, commits));
@@ -230,7 +230,7 @@ void writeFormat(const fs::path& folder, std::uint8_t number) {
         .write(reinterpret_cast<const char*>(format.data()), std::streamsize(format.size()));
 }
 
-/// The records themselves, while no store has them open.
+/// The raw records of a store that is not open.
 class RawRecords {
 public:
     explicit RawRecords(const fs::path& folder) {
@@ -290,7 +290,7 @@ TEST(RocksCommitStore, ASnapshotThatCannotBeReadIsMadeUpForByTheLog) {
     check([&] { fs::copy_file(other, kept, fs::copy_options::overwrite_existing); });
 }
 
-// Somebody has put an older copy of the database back.
+// Somebody restored an older copy of the database.
 TEST(RocksCommitStore, ASnapshotOfAnotherHistoryIsNotUsed) {
     TestFolder folder;
     TestCommits commits;
@@ -335,7 +335,7 @@ TEST(RocksCommitStore, ABaseThatIsDamagedIsFound) {
     expectDamaged();
     fs::resize_file(base, fs::file_size(base) / 2);
     expectDamaged();
-    {  // whole, and of another history
+    {  // a complete snapshot of another history
         TestFolder elsewhere;
         TestCommits others;
         const auto store = open(elsewhere.path);
@@ -347,7 +347,7 @@ TEST(RocksCommitStore, ABaseThatIsDamagedIsFound) {
     EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
 }
 
-// As a crash of the machine may leave it: the mark is not synced.
+// Simulates a crash of the machine: the mark is not synced.
 TEST(RocksCommitStore, AMarkThatIsOlderThanTheBaseDoesNoHarm) {
     TestFolder folder;
     TestCommits commits;
@@ -385,7 +385,7 @@ TEST(RocksCommitStore, WhatABaseReplacedIsRemoved) {
     ASSERT_EQ(after->layers.size(), 2u);
     EXPECT_GT(after->layers[0].base, 0u);
     store.reset();
-    // As a kill would leave it: what was written first, and what was to be removed.
+    // Simulates a kill: the new files were written, and the old ones were not removed.
     {
         std::ofstream(folder.path / "base" / "1-9999") << "of a base that never was";
     }
@@ -425,7 +425,7 @@ TEST(RocksCommitStore, AnOldRevisionBeginsWithTheNearestSnapshot) {
         for (const auto& [revision, dump] : stood) {
             if (revision < from) continue;
             EXPECT_EQ(store->layerAt(kLayer, revision).value()->dump(), dump);
-            // Seven snapshots of 800 commits; a commit costs some 500.
+            // Seven snapshots of 800 commits; executing a commit costs some 500.
             EXPECT_LT(costAt(revision), 250 * 600u) << revision;
         }
     };
@@ -484,7 +484,7 @@ TEST(RocksCommitStore, OlderFormatsThatAreReadAreTaken) {
     append(*open(folder.path), someCommits(commits, 100));
     writeFormat(folder.path, 2);
     EXPECT_EQ(open(folder.path)->head().hash, commits.head.hash);
-    writeFormat(folder.path, 3);  // and no commit is compressed
+    writeFormat(folder.path, 3);  // and compress no commit
     EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
 }
 
@@ -516,7 +516,7 @@ TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
         RawRecords raw(folder.path);
         const auto key = raw.keys(RawRecords::Commits)[0];
         std::string record = raw.get(RawRecords::Commits, key);
-        record[sizeof(Hash::bytes) + 4] ^= 1;  // its size
+        record[sizeof(Hash::bytes) + 4] ^= 1;  // the size of the content
         raw.put(RawRecords::Commits, key, record);
     }
     const auto damaged = createRocksCommitStore(folder.path, options());
@@ -636,7 +636,7 @@ TEST(RocksCommitStore, ReadersWorkWhileItAppends) {
     EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
 }
 
-/// A small disk of its own; needs root.
+/// A small separate disk; needs root.
 class SmallDisk {
 public:
     explicit SmallDisk(const char* size)
@@ -657,7 +657,7 @@ private:
     bool mounted_;
 };
 
-/// No file may get longer than this, as on a disk that fails.
+/// Limits the length of files, so that writes fail as on a failing disk.
 class FileLimit {
 public:
     explicit FileLimit(rlim_t bytes) {
@@ -705,7 +705,7 @@ TEST(RocksCommitStore, M14RecordsOfAHundredThousandClientsAreBounded) {
         const auto record = store->clientRecord(id(number));
         ASSERT_TRUE(record);
         if (record->last() == 0) {
-            // What it has committed is not newer than what clients are told.
+            // The client's commits are not newer than the revision that clients receive.
             ASSERT_LE(2 * number, store->forgottenUpTo());
             continue;
         }
@@ -743,7 +743,7 @@ CommitRecord bigCommit(TestCommits& commits, std::mt19937& random, std::size_t b
     return commits.next(kLayer, "/", SetField{"comment", {}, stringValue(text)});
 }
 
-// D1: RocksDB, as Debian builds it, ends the process when a write finds the disk full.
+// D1: RocksDB as built by Debian ends the process when a write finds the disk full.
 TEST(RocksCommitStore, AFullDiskRefusesAndGoesOn) {
     const SmallDisk disk("size=96m");
     if (!disk) GTEST_SKIP() << "cannot mount a small disk";
@@ -764,7 +764,7 @@ TEST(RocksCommitStore, AFullDiskRefusesAndGoesOn) {
             const auto commit = bigCommit(commits, random, 64 * 1024);
             const auto appended = store->append({&commit, 1});
             if (appended) {
-                // Somebody else fills the disk, too, down to nothing.
+                // Somebody else fills the disk as well, until nothing is free.
                 std::ofstream other(ballast, std::ios::app | std::ios::binary);
                 other << std::string(1024 * 1024, 'x');
                 continue;
@@ -775,7 +775,7 @@ TEST(RocksCommitStore, AFullDiskRefusesAndGoesOn) {
         }
         ASSERT_TRUE(full);
         EXPECT_EQ(store->head().revision, commits.head.revision);
-        // A log may get free yet, when what is in it has been written to a table.
+        // A log can still be freed after its content has been written to a table.
         for (int left = 20; left > 0 && (disk.free() > 0 || store->hasSpace()); --left) {
             std::ofstream(ballast, std::ios::app) << std::string(disk.free(), 'x');
             std::this_thread::sleep_for(std::chrono::milliseconds(150));
@@ -785,7 +785,7 @@ TEST(RocksCommitStore, AFullDiskRefusesAndGoesOn) {
         EXPECT_TRUE(store->loadLayer(kLayer)) << "reading goes on";
 
         if (round % 2) {
-            store.reset();  // closing needs no space
+            store.reset();  // closing the store needs no space
             fs::remove(ballast);
             store = std::move(*createRocksCommitStore(folder, tight));
         }

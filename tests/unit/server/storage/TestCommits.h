@@ -15,11 +15,11 @@
 
 namespace usdlive::server::test {
 
-/// Of what is imported.
+/// The file stamp of imported layers.
 inline const FileStamp kFile{{1, 2, 3, 4}, {}};
 
-/// Makes the commits of a project, one after the other, as Project would, and holds the layers that
-/// a store has to give back.
+/// Makes the commits of a project, one after the other, like Project, and keeps the layers that a
+/// store must return.
 class TestCommits {
 public:
     CommitRecord next(std::vector<Edit> edits) {
@@ -39,7 +39,7 @@ public:
     CommitRecord next(const LayerId& layer, const std::string& path, EditAction action) {
         return next({Edit{layer, {path, {}}, std::move(action)}});
     }
-    /// Of a layer that nobody opened before.
+    /// Makes the commit that imports a layer.
     CommitRecord import(const LayerId& layer, const LayerDoc& doc) {
         Commit commit = begin();
         commit.imported = layer;
@@ -51,13 +51,13 @@ public:
         layers[layer] = doc;
         return record;
     }
-    /// That says nothing.
+    /// Makes a commit without edits.
     CommitRecord empty() { return finish(begin()); }
 
     LayerDocs layers;
     CommitStore::Head head;
     TransactionId id{{"00112233445566778899aabbccddeeff"}, 0};
-    bool inParts = false;  ///< those with several edits (FR8)
+    bool inParts = false;  ///< commits with several edits (FR8)
 
 private:
     Commit begin() {
@@ -86,7 +86,7 @@ private:
     }
 };
 
-/// Edits of all kinds, of which most can be done.
+/// Makes edits of all kinds, most of which are valid.
 class RandomEdits {
 public:
     explicit RandomEdits(unsigned seed) : random_(seed) {}
@@ -161,7 +161,7 @@ private:
     std::mt19937 random_;
 };
 
-/// A folder that is deleted with everything in it.
+/// A folder that is deleted with all its content.
 class TestFolder {
 public:
     TestFolder() {

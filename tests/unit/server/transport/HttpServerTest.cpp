@@ -40,7 +40,7 @@ class NoLog final : public Log {
     void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
 };
 
-/// What the server told, for other threads to wait for.
+/// Records the server's calls, and lets other threads wait for them.
 class Recorder final : public SessionHandler {
 public:
     void opened(SessionId session) override {
@@ -144,7 +144,7 @@ protected:
         return [this](std::function<void()> job) { workers_.emplace_back(std::move(job)); };
     }
 
-    /// Calls the server on its thread, which must not wait for what that thread records.
+    /// Calls the server on its thread. That thread must not wait for its own records.
     template <class Function>
     auto onServer(Function function) {
         using Task = std::packaged_task<decltype(function(*server_))()>;
@@ -162,7 +162,7 @@ protected:
         return socket;
     }
 
-    /// All that the server answers to a request until it closes.
+    /// Returns everything that the server answers to a request until it closes the connection.
     std::string http(const std::string& request) {
         tcp::socket socket = connect();
         beast::error_code error;
@@ -185,7 +185,7 @@ protected:
             const auto data = buffer.data();
             return {static_cast<const char*>(data.data()), data.size()};
         }
-        /// The error message in the only frame of the next message.
+        /// Reads the error message in the only frame of the next message.
         ErrorMessage readError() {
             const std::string message = read();
             const auto frames = splitMessage(asBytes(message));
@@ -196,7 +196,7 @@ protected:
             const auto* error = decoded ? std::get_if<ErrorMessage>(&*decoded) : nullptr;
             return error ? *error : ErrorMessage{};
         }
-        /// The code the server closed with; 0 if it did not.
+        /// Returns the code with which the server closed; 0 if it did not.
         unsigned closeCode() {
             while (!read().empty()) continue;
             return stream.reason().code;
@@ -209,7 +209,8 @@ protected:
             client->stream.set_option(websocket::stream_base::decorator(
                 [origin](auto& request) { request.set("Origin", origin); }));
         client->stream.handshake("127.0.0.1", "/live");
-        recorder_.session(joined_++);  // the server may be told a little later than the client
+        recorder_.session(
+            joined_++);  // the server may notice the session a little later than the client
         return client;
     }
 
@@ -220,7 +221,7 @@ protected:
     std::shared_ptr<WebSocketTransport> server_;
     std::unique_ptr<HttpServer> http_;
     std::thread thread_;
-    std::vector<std::thread> workers_;  // one a job
+    std::vector<std::thread> workers_;  // one for each job
     std::uint16_t port_ = 0;
     std::size_t joined_ = 0;
 };
@@ -235,7 +236,7 @@ TEST_F(HttpServerTest, AnswersHttpRoutes) {
 
 TEST_F(HttpServerTest, AnswersLaterAndSaysWhenItTakesTooLong) {
     HttpServerOptions options;
-    options.headerTime = 400ms;  // how often it looks
+    options.headerTime = 400ms;  // also the interval of its checks
     options.answerTime = 200ms;
     start({}, options);
     EXPECT_THAT(http("GET /later HTTP/1.1\r\nHost: x\r\n\r\n"),
@@ -329,7 +330,7 @@ TEST_F(HttpServerTest, SendsAllOfATurnAsOneMessageInOrder) {
     std::string expected;
     std::vector<SharedBytes> frames;
     for (int frame = 0; frame < 500; ++frame) {
-        // Small ones, that are joined, and large ones, that are not.
+        // Small messages, which are joined, and large ones, which are not.
         frames.push_back(shared(std::to_string(frame) + std::string(frame % 7 ? 10 : 2000, '.')));
         expected += asText(*frames.back());
     }
@@ -337,7 +338,7 @@ TEST_F(HttpServerTest, SendsAllOfATurnAsOneMessageInOrder) {
         for (const auto& frame : frames) server.send(session, frame);
     });
     EXPECT_EQ(client->read(), expected);
-    // The client may have it before the server is told that it is sent.
+    // The client may receive it before the server is notified that it was sent.
     auto counters = onServer([](auto& server) { return server.counters(); });
     for (int turn = 0; turn < 1000 && counters.queuedBytes > 0; ++turn) {
         std::this_thread::sleep_for(1ms);
@@ -349,12 +350,12 @@ TEST_F(HttpServerTest, SendsAllOfATurnAsOneMessageInOrder) {
     EXPECT_EQ(counters.queuedBytes, 0u);
 }
 
-// Nagle's algorithm would hold a small commit back until the one before is acknowledged (40 ms).
+// Nagle's algorithm would delay a small commit until the one before is acknowledged (40 ms).
 TEST_F(HttpServerTest, SessionsHaveNoDelay) {
     start();
     const auto client = join();
     const auto local = client->stream.next_layer().local_endpoint();
-    // The server is in this process: its end is the descriptor whose peer the client is.
+    // The server is in this process: its socket is the descriptor whose peer is the client.
     int found = 0;
     for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
         const int descriptor = std::stoi(entry.path().filename());
@@ -429,7 +430,8 @@ TEST_F(HttpServerTest, CloseSendsWhatIsQueuedFirst) {
     EXPECT_TRUE(recorder_.waitClosed(session));
 }
 
-// A commit may be larger than what may wait, and its layer's state follows at once.
+// A commit may be larger than the bound for unsent data, and the state of its layer follows at
+// once.
 TEST_F(HttpServerTest, WhatFollowsALargeFrameDoesNotCutItsReader) {
     WebSocketOptions options;
     options.slowReaderBytes = 1 << 20;
@@ -451,7 +453,7 @@ TEST_F(HttpServerTest, WhatFollowsALargeFrameDoesNotCutItsReader) {
     EXPECT_EQ(recorder_.closedTimes(session), 0u);
 }
 
-// Sends until the session is cut: the system's buffers take some megabytes by themselves.
+// Sends until the session is cut: the system's buffers take some megabytes as well.
 TEST_F(HttpServerTest, CutsASlowReaderAndNoOther) {
     WebSocketOptions options;
     options.slowReaderBytes = 1 << 20;
@@ -476,7 +478,7 @@ TEST_F(HttpServerTest, CutsASlowReaderAndNoOther) {
     EXPECT_EQ(read, sent);
     EXPECT_EQ(onServer([](auto& server) { return server.counters().slowReaders; }), 1u);
 
-    // Reading at last, it learns why.
+    // When the client reads again, it receives the reason.
     std::string last, message;
     while (!(message = slow->read()).empty()) last = message;
     EXPECT_THAT(last, HasSubstr("slowReader"));
@@ -507,7 +509,7 @@ TEST_F(HttpServerTest, CutsAReaderThatStandsStill) {
     const SharedBytes large = shared(std::string(15 << 20, 'x'));
     onServer([&](auto& server) { server.send(session, large); });
     EXPECT_FALSE(recorder_.waitClosed(session, 200ms));
-    // 14 MiB above the usual megabyte have time for a thin line.
+    // 14 MiB above the usual megabyte get time for a slow connection.
     EXPECT_FALSE(recorder_.waitClosed(session, 500ms));
     client->stream.next_layer().close();
 
@@ -524,7 +526,7 @@ TEST_F(HttpServerTest, NoticesADeadPeer) {
     WebSocketOptions options;
     options.peerTime = 400ms;
     start(options);
-    const auto client = join();  // reads nothing, so it answers no ping
+    const auto client = join();  // it reads nothing, so it answers no ping
     EXPECT_FALSE(recorder_.waitClosed(recorder_.session(0), 200ms));
     EXPECT_TRUE(recorder_.waitClosed(recorder_.session(0), 2s));
 }
@@ -560,9 +562,9 @@ TEST_F(HttpServerTest, SourcesTakeTurnsAndLetSmallFramesPass) {
         server.sendBeside(session, source('b'));
     });
     std::this_thread::sleep_for(200ms);
-    EXPECT_LT(made, 2 * kChunks);  // lazily: the reader has not read yet
+    EXPECT_LT(made, 2 * kChunks);  // sources are read lazily: the reader has not read yet
 
-    // A small frame comes before the rest of the sources.
+    // A small frame is sent before the rest of the sources.
     onServer([&](auto& server) { server.send(session, shared("!")); });
     std::string all;
     while (all.size() < 2 * kChunk * kChunks + 1) all += client->read();
@@ -589,7 +591,7 @@ TEST_F(HttpServerTest, ReadsOnlyWhileItShould) {
     const auto client = join();
     const SessionId session = recorder_.session(0);
     onServer([&](auto& server) { server.setReading(session, false); });
-    client->send("one");  // the read that was running
+    client->send("one");  // the pending read
     EXPECT_EQ(recorder_.messages(session, 1).size(), 1u);
     client->send("two");
     std::this_thread::sleep_for(50ms);

@@ -52,7 +52,7 @@ void prepend(const SdfLayerRefPtr& layer, const SdfPath& path, const std::string
     layer->GetPrimAtPath(path)->GetReferenceList().Prepend(pxr::SdfReference("", SdfPath(target)));
 }
 
-/// Writes something of every kind.
+/// Makes an edit of each kind.
 void edit(const SdfLayerRefPtr& layer, std::mt19937& random) {
     const std::vector<std::string> names{"A", "B", "C"};
     const auto name = [&] { return names[random() % names.size()]; };
@@ -141,8 +141,8 @@ TEST(Recorder, WhateverIsRecordedIsTakenBackToTheLetter) {
     }
 }
 
-// Two edit one after the other; the first undoes. Registers that the second has written hold what
-// the second wrote, and others what they held before.
+// Two authors edit, one after the other; the first undoes. Registers that the second wrote keep
+// these values, and the others have their previous values.
 TEST(Recorder, AnUndoNeverWritesARegisterThatAnotherOneHasWrittenSince) {
     for (unsigned seed = 0; seed < 100; ++seed) {
         SCOPED_TRACE(seed);

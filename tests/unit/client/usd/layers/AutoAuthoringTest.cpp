@@ -98,7 +98,7 @@ TEST_F(AutoAuthoringTest, SamplesGoThroughTheOffsetOfTheLayerThatHasThem) {
     frame();
     const auto samples = weak->ListTimeSamplesForPath(SdfPath("/A.x"));
     EXPECT_EQ(samples, (std::set<double>{1, 10}));  // 10 * 2 + 10 = 30
-    // All of them, or those left out would be hidden.
+    // The delegate has all samples, or it would hide those left out.
     EXPECT_EQ(delegate->ListTimeSamplesForPath(SdfPath("/A.x")), (std::set<double>{12, 30}));
     delegate->EraseTimeSample(SdfPath("/A.x"), 30);
     frame();
@@ -136,7 +136,7 @@ TEST_F(AutoAuthoringTest, KeysOfOneDictionaryGoWhereTheyStand) {
     EXPECT_EQ(at(strong, "s"), 2);
     EXPECT_EQ(at(weak, "w"), 3);
     EXPECT_EQ(at(strong, "w"), 0);
-    // A dictionary that is set without a key takes the key away.
+    // Setting a dictionary without a key removes the key.
     delegate->SetField(path, field, pxr::VtDictionary{{"s", pxr::VtValue(4)}});
     frame();
     EXPECT_EQ(at(strong, "s"), 4);

@@ -19,8 +19,8 @@
 
 namespace usdlive::layers {
 
-/// A stage of a root layer, two sublayers and a session layer, all of them anonymous:
-/// `strong` above `weak`.
+/// A stage with a root layer, two sublayers (`strong` above `weak`) and a session layer, all of
+/// them anonymous.
 class LayersFixture : public testing::Test {
 protected:
     LayersFixture() {
@@ -54,7 +54,7 @@ protected:
 
     pxr::SdfLayerHandle target() { return host().editTarget(); }
 
-    /// The type of what was refused; nothing was.
+    /// Returns the type of the error; fails if there is none.
     template <class T>
     static std::optional<LayerErrorType> refusal(const LayerResult<T>& result) {
         return result ? std::nullopt : std::optional(result.error().type);

@@ -42,7 +42,7 @@ TEST_F(LayersStateTest, EachScopeOfMutenessKeepsItsOwnFlags) {
     events = frameEvents();
     EXPECT_TRUE(find(events, LayerEventType::MutenessScopeChanged));
 
-    // In global scope who mutes a layer means all of them, and it is kept.
+    // In global scope, muting on the stage mutes for everybody, and is stored.
     host().muteAndUnmute({strongId()}, {other});
     frame();
     EXPECT_TRUE(state().isLayerGloballyMuted(strongId()));
@@ -76,7 +76,7 @@ TEST_F(LayersStateTest, ALockStandsInTheLayerAndInTheRootsMap) {
     EXPECT_FALSE(state().isLayerLocked(strongId()));
     EXPECT_FALSE(layerFlags(root, "locked").at(strongId())) << "stays written";
 
-    // Either of the two is a lock.
+    // Either of the two flags is a lock.
     setLayerFlags(root, "locked", {{strongId(), true}});
     EXPECT_TRUE(state().isLayerLocked(strongId()));
     setLayerFlags(root, "locked", {{strongId(), false}});
@@ -187,7 +187,7 @@ TEST(LayersStateFiles, FilesAreWatched) {
     EXPECT_TRUE(has(look(), LayerEventType::LayerFilePermissionChanged));
     EXPECT_TRUE(state.isLayerReadonlyOnDisk(id));
     EXPECT_FALSE(state.isLayerWritable(id));
-    fs::remove_all(folder);  // a file that vanishes is nobody's news
+    fs::remove_all(folder);  // nobody is notified of a removed file
     (void)look();
     EXPECT_FALSE(state.isLayerOutdated(id));
 }

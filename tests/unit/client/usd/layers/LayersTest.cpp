@@ -57,7 +57,7 @@ TEST_F(LayersTest, ModesChangeAndAreTold) {
     EXPECT_TRUE(layers().setEditMode(LayerEditMode::Normal));
 }
 
-// The stage's composition is the only one, and an edit of a value throws nothing of it away.
+// There is only the stage's composition, and an edit of a value invalidates nothing in it.
 TEST_F(LayersTest, AValueThatIsDistributedComposesNothingAgain) {
     set(weak, "/A.x", 1);
     set(strong, "/A/B.y", 1);

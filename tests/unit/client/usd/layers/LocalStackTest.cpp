@@ -32,7 +32,7 @@ TEST_F(LocalStackTest, HasLayersStrongToWeakWithTheirWholeOffsets) {
     EXPECT_TRUE(stack.find(below));
 }
 
-// As a stage in Python, which composes elsewhere.
+// A stage like one in Python, which composes elsewhere.
 class ForeignHost final : public StageHost {
 public:
     explicit ForeignHost(StageHost& host) : host_(host) {}

@@ -84,7 +84,7 @@ TEST_F(SpecsLinkingTest, LinksAreFoundAgainAndFollowTheRootLayer) {
     closeStage();
     EXPECT_EQ(links().allLinks().at(SdfPath("/A.x")), std::vector{strong->GetIdentifier()});
     (void)frameEvents();
-    root->SetCustomLayerData({});  // as another editor's edit arrives
+    root->SetCustomLayerData({});  // like an edit of another editor
     EXPECT_FALSE(links().isSpecLinked(SdfPath("/A.x")));
     EXPECT_TRUE(find(frameEvents(), LayerEventType::SpecsLinkingChanged));
 }

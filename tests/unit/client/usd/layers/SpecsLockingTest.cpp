@@ -90,7 +90,7 @@ TEST_F(SpecsLockingTest, LocksAreFoundAgainAndFollowTheRootLayer) {
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 1);
     root->SetCustomLayerData({});
-    set(weak, "/A.x", 9);  // unlocked and edited by another one, at once
+    set(weak, "/A.x", 9);  // somebody else unlocked it and edits it at once
     frame();
     EXPECT_EQ(get(weak, "/A.x"), 9);
     EXPECT_FALSE(locks().isSpecLocked(SdfPath("/A.x")));

@@ -1,4 +1,4 @@
-// Composition is kept while values change, and follows where arcs and sublayers do.
+// Tests that a composition is kept while values change, and follows changes of arcs and sublayers.
 #include "usdlive/client/usd/stage/Composition.h"
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ using pxr::SdfLayerRefPtr;
 using pxr::SdfPath;
 using pxr::TfToken;
 
-// Follows as a stage does.
+// Follows the layers like a stage.
 class Followed : public pxr::TfWeakBase {
 public:
     Followed(const SdfLayerRefPtr& root, const SdfLayerRefPtr& session)
@@ -31,7 +31,7 @@ public:
     ~Followed() { pxr::TfNotice::Revoke(key_); }
 
     Composition composition;
-    // Have the local layers changed since this was last called?
+    // Returns true if the local layers have changed since the last call.
     bool stackChanged() {
         const auto now = composition.localRevision();
         return std::exchange(seen_, now) != now;
@@ -57,7 +57,7 @@ protected:
         for (const TfToken& name : composition.childNames(SdfPath(prim))) names.push_back(name);
         return names;
     }
-    // The composition below a prim, as text.
+    // Writes the composition below a prim as text.
     static void dump(Composition& composition, const SdfPath& prim, std::string& text) {
         const auto* index = composition.primIndex(prim);
         if (!index) return;
@@ -87,7 +87,7 @@ TEST_F(CompositionTest, AValueComposesNothingAgain) {
     EXPECT_EQ(composed, 4u);
     sub->SetField(SdfPath("/A/B"), pxr::SdfFieldKeys->Comment, std::string("a value"));
     root->SetField(SdfPath::AbsoluteRootPath(), pxr::SdfFieldKeys->Comment, std::string("another"));
-    pxr::SdfCreatePrimInLayer(root, SdfPath("/A/B"));  // a first override, which says nothing
+    pxr::SdfCreatePrimInLayer(root, SdfPath("/A/B"));  // a first override without any opinion
     dump(stage.composition, SdfPath::AbsoluteRootPath(), after);
     EXPECT_EQ(stage.composition.primsComposed(), composed);
     EXPECT_FALSE(stage.stackChanged());
@@ -169,7 +169,7 @@ TEST_F(CompositionTest, PayloadsAreComposedWhereTheyAreWanted) {
     EXPECT_EQ(stage.composition.primsComposed(), composed);
 }
 
-// Whatever is edited, what was kept is what a new composition makes of it.
+// After any edits, the kept composition equals a new one.
 TEST_F(CompositionTest, ItIsAsIfItWereComposedAnew) {
     std::mt19937 random(7);
     const std::vector<std::string> paths{"/A", "/A/B", "/A/B/C", "/D", "/D/E", "/F"};
@@ -191,8 +191,8 @@ TEST_F(CompositionTest, ItIsAsIfItWereComposedAnew) {
                 if (prim) prim->GetRealNameParent()->RemoveNameChild(prim);
                 break;
             case 3:
-                // No cycles, and no site twice: of those Pcp keeps what depends on the order of
-                // edits, also in a UsdStage.
+                // Leaves out cycles and repeated sites: for these, Pcp's result depends on the
+                // order of edits, also in a UsdStage.
                 if (prim && layer != asset && path.IsRootPrimPath())
                     prim->GetReferenceList().Prepend(
                         pxr::SdfReference(asset->GetIdentifier(), path));
