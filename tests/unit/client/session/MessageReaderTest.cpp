@@ -10,7 +10,7 @@ using namespace usdlive::client;
 
 namespace {
 
-// Of several chunks, with a field that takes more than one.
+// Returns a doc of several chunks, with a field that takes more than one.
 LayerDoc bigDoc() {
     LayerDoc doc;
     for (int i = 0; i < 4'000; ++i) {
@@ -38,7 +38,7 @@ T only(const ReceivedMessage& message) {
     return std::get<T>(*frame);
 }
 
-// As who makes a layer of the parts.
+// Builds a layer from the parts of a snapshot.
 class Remade {
 public:
     void add(const SnapshotPart& part) {
@@ -65,7 +65,7 @@ private:
 TEST(MessageReader, ReadsALayerAsADocAndAsParts) {
     const LayerDoc doc = bigDoc();
     MessageReader reader;
-    // Parts are looked at when all have come, as a worker may be behind.
+    // The parts are checked when all have arrived, because a worker may be behind.
     std::vector<std::shared_ptr<const SnapshotPart>> parts;
     std::optional<LayerDoc> whole;
     std::uint64_t specs = 0;
@@ -201,8 +201,8 @@ TEST_F(MessageReaderBlobs, PartsOfTwoComeInTurn) {
 TEST_F(MessageReaderBlobs, WhatDoesNotFitIsGivenUp) {
     EXPECT_EQ(read(0, kChunkBytes), nullptr);
     expectMismatch(read(2 * kChunkBytes, 1'000));
-    expectMismatch(read(kChunkBytes, kChunkBytes));  // of what is given up
-    EXPECT_EQ(read(0, kChunkBytes), nullptr);        // and from its start again
+    expectMismatch(read(kChunkBytes, kChunkBytes));  // the chunks of an abandoned request
+    EXPECT_EQ(read(0, kChunkBytes), nullptr);        // then from the start again
 }
 
 TEST_F(MessageReaderBlobs, V9BytesOfAnotherValueAreNotTaken) {

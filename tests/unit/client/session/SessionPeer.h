@@ -16,8 +16,8 @@ namespace usdlive::client::sessiontest {
 inline const LayerId kShot{"shot.usda"}, kLook{"look.usda"};
 inline const ClientId kMe{"me"}, kOther{"other"};
 
-/// A session with an editor whose layers are LayerDocs, and at its other end a server of the test's
-/// own: it executes what it is told to, when it is told to.
+/// A session with an editor whose layers are LayerDocs. At its other end is a server of the test,
+/// which executes what the test requests, when the test requests it.
 class SessionPeer : public SessionHost, public LayerView {
 public:
     explicit SessionPeer(Session::Options options = {})
@@ -28,12 +28,12 @@ public:
 
     // ---- the server
 
-    std::optional<MessageReader> reader{std::in_place};  // of the present connection
+    std::optional<MessageReader> reader{std::in_place};  // belongs to the current connection
     LayerDocs docs;
     NamespaceLog log;
     std::map<ClientId, OwnCreations> creations;
     std::vector<std::pair<Bytes, Hash>> history;  ///< frames with length, chain hashes
-    std::deque<Frame> sent;                       ///< by the session, not looked at yet
+    std::deque<Frame> sent;  ///< frames from the session that were not taken yet
     Epoch epoch = 1;
     std::vector<std::string> features{"previews", "previewValues"};
 
@@ -42,7 +42,7 @@ public:
         return revision == 0 ? Hash{} : history[revision - 1].second;
     }
 
-    /// Takes the next frame of this kind; what was sent before it is thrown away.
+    /// Takes the next frame of this kind; drops the frames before it.
     template <class F>
     std::optional<F> take() {
         while (!sent.empty()) {
@@ -66,7 +66,7 @@ public:
         return std::move(frame->transaction);
     }
 
-    /// What was sent in parts (FR8).
+    /// Takes a transaction that was sent in parts (FR8).
     Transaction takeParts() {
         SubmitParts parts;
         for (;;) {
@@ -81,7 +81,7 @@ public:
     void deliver(const Frame& frame) { session.received(reader->read(encodeFrame(frame))); }
     void deliver(const ControlMessage& message) { deliver(ControlFrame{encodeControl(message)}); }
 
-    /// Executes a transaction; the commit's frame waits in history.
+    /// Executes a transaction; the commit's frame is appended to `history`.
     Commit commit(const Transaction& transaction) {
         auto outcome =
             execute(docs, log, creations[transaction.id.client], transaction, head() + 1);
@@ -103,14 +103,14 @@ public:
         history.emplace_back(std::move(frame), hash);
         return commit;
     }
-    /// The same, and the session hears of it.
+    /// Does the same, and sends the commit to the session.
     Commit commitAndTell(const Transaction& transaction) {
         Commit made = commit(transaction);
         tell(made.revision);
         return made;
     }
     void tell(Revision revision) { session.received(reader->read(history[revision - 1].first)); }
-    /// Somebody else's transaction, as of now.
+    /// Returns a transaction of somebody else, based on the current content.
     Transaction foreign(std::vector<Edit> edits, std::uint64_t gesture = 0) {
         return {{kOther, ++lastForeign_}, head(), gesture, std::move(edits)};
     }
@@ -134,7 +134,7 @@ public:
         message.features = features;
         return message;
     }
-    /// Connects, and tells what was committed since the session was here last.
+    /// Connects, and sends the commits that the session has missed.
     Hello connect() {
         sent.clear();
         reader.emplace();
@@ -165,16 +165,16 @@ public:
     std::map<Hash, SharedBytes> blobs;
     std::vector<Event> events;
     Session session;
-    double clockMs = 0;  ///< a millisecond passes with every look at it
+    double clockMs = 0;  ///< each reading advances it by a millisecond
     std::int64_t nowMs = 0;
-    std::size_t shown = 0;  ///< edits and resets the editor was told
+    std::size_t shown = 0;  ///< edits and resets that the editor received
 
     bool advance(double budgetMs = 1e9) {
         const bool done = session.advance(budgetMs, nowMs += 16);
         for (Event& event : session.takeEvents()) events.push_back(std::move(event));
         return done;
     }
-    /// As an editor does it: into its layer, then to the session.
+    /// Authors edits like an editor: first in its layer, then in the session.
     void author(std::vector<AuthoredEdit> edits) {
         for (const AuthoredEdit& edit : edits)
             (void)editor.at(edit.layer).apply(edit.path, edit.action);
@@ -193,7 +193,8 @@ public:
         if (!value) return "-";
         return std::string(textOf(*value->as<Value>()).value_or("?"));
     }
-    /// The editor, the session's view and, when nothing is pending, the server agree.
+    /// True if the editor, the session's view and, when nothing is pending, the server have the
+    /// same content.
     [[nodiscard]] bool agrees() const {
         for (const auto& [layer, doc] : editor) {
             const LayerDoc* view = session.view(layer);
@@ -210,7 +211,7 @@ public:
         const auto split = splitMessage(*frames);
         for (const ByteView frame : *split) sent.push_back(*decodeFrame(frame));
     }
-    bool takesParts = true;  ///< the line is not behind
+    bool takesParts = true;  ///< the connection accepts more data
     bool takesMore() override { return takesParts; }
     SharedBytes localBlob(const Hash& hash) override {
         const auto found = blobs.find(hash);
@@ -219,7 +220,7 @@ public:
     void blobArrived(const Hash& hash, SharedBytes bytes, bool) override {
         blobs[hash] = std::move(bytes);
     }
-    bool needed = true;  ///< big values that have not come
+    bool needed = true;  ///< big values that have not arrived
     bool needsBlob(const Hash&) override { return needed; }
     void reset(const LayerId& layer, const LayerDoc& doc) override {
         ++shown;
@@ -242,7 +243,7 @@ private:
     std::uint64_t lastForeign_ = 0;
 };
 
-// ---- edits in few words
+// ---- short forms of edits
 
 inline EditAction setText(std::string field, std::string text) {
     return SetField{std::move(field), {}, stringValue(text), {}};

@@ -14,7 +14,7 @@ class SessionTest : public ::testing::Test {
 protected:
     SessionPeer peer;
 
-    // A shot with a prim /A that has an attribute, joined.
+    // Joins a shot with a prim /A that has an attribute.
     void joinShot() {
         peer.commit(peer.foreign({edit("/A", createPrim()), edit("/A.x", createAttribute()),
                                   edit("/A", setText("comment", "first"))}));
@@ -30,10 +30,10 @@ protected:
 
 // ---- sending
 
-// Found without a frame being built: beyond 2 GiB there is none.
+// This is found without building a frame: more than 2 GiB cannot be built.
 TEST_F(SessionTest, SE11WhatIsTooLargeForTheServerComesBackWithTheLimit) {
     joinShot();
-    // They share their bytes: 3 GiB cost nothing here.
+    // The edits share their bytes: 3 GiB cost nothing here.
     const FieldValue big(stringValue(std::string(2'000'000, 'x')));
     std::vector<AuthoredEdit> edits;
     for (int i = 0; i < 1'600; ++i)
@@ -122,7 +122,7 @@ TEST_F(SessionTest, FR8ACommitInPartsIsSeenWithItsLast) {
     EXPECT_TRUE(peer.editor.at(kShot).has("/B49"));
 }
 
-// ---- written again before it was sent
+// ---- values that are written again before they were sent
 
 TEST_F(SessionTest, SE15AnHourOfWritesWithoutAConnectionIsOneTransaction) {
     joinShot();
@@ -158,7 +158,7 @@ TEST_F(SessionTest, SE15TheOrderOfWhatDependsOnItStays) {
     const auto comment = [](const char* text) { return authored("/A", setText("comment", text)); };
     peer.author({x(1)});
     peer.author({x(2), comment("a")});
-    peer.author({x(3)});  // the one before writes it, too
+    peer.author({x(3)});  // the previous transaction writes it, too
     EXPECT_EQ(peer.session.pendingTransactions(), 3u);
     peer.author({x(4), comment("b")});
     EXPECT_EQ(peer.session.pendingTransactions(), 4u) << "between them x was written";
@@ -379,7 +379,7 @@ TEST_F(SessionTest, M3SpecsOfPendingWorkAreAddressedByTheirCreation) {
     EXPECT_EQ(peer.text("/A/C.y", "comment"), "deep");
 }
 
-// As when others create a spec of that name at the same time, and delete it again.
+// The same happens when others create a spec of that name at the same time, and delete it again.
 TEST_F(SessionTest, M3WhatFollowsACreationIsForWhatItCreatesInTheEnd) {
     joinShot();
     peer.author({authored("/A.x", createAttribute()), authored("/A.x", setText("kind", "one"))});
@@ -487,7 +487,7 @@ TEST_F(SessionTest, M12WhatTheModelCannotHoldComesBackAtOnceAndTheRestStays) {
     ASSERT_EQ(lost.size(), 1u);
     EXPECT_EQ(lost[0].work.reason.code, ErrorCode::ForbiddenValue);
     ASSERT_EQ(lost[0].work.edits.size(), 1u);
-    EXPECT_EQ(peer.shown, before + 1);  // the field as the model has it
+    EXPECT_EQ(peer.shown, before + 1);  // the field as it is in the model
     EXPECT_EQ(peer.takeTransaction().edits.size(), 1u);
 }
 
@@ -550,7 +550,7 @@ TEST_F(SessionTest, M9PendingWorkIsSentOnceWhenTheSessionHasCaughtUp) {
     peer.advance();
     const Transaction first = peer.takeTransaction();
     const Transaction second = peer.takeTransaction();
-    peer.commit(first);  // and its acknowledgement is lost
+    peer.commit(first);  // its acknowledgement is lost
     peer.commit(peer.foreign({edit("/B", moveTo("/A", "C"))}));
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
     peer.advance();
@@ -595,7 +595,8 @@ TEST_F(SessionTest, M9AnEditThatIsLostMeanwhileKeepsThePlaceOfTheOthers) {
     EXPECT_TRUE(peer.agrees());
 }
 
-// A server that commits all it is sent, until nothing more comes. Returns how many calls it took.
+// Commits everything that the session sends, until it sends nothing more. Returns the number of
+// calls that this took.
 int commitAll(SessionPeer& peer, double budgetMs) {
     int calls = 0;
     for (; peer.session.pendingTransactions() > 0 && calls < 100'000; ++calls) {
@@ -625,12 +626,12 @@ TEST_F(SessionTest, PendingWorkIsPredictedAndSentWithinTheBudget) {
             away.author(
                 {authored("/A", setText(i % 2 ? "comment" : "documentation", std::to_string(i)))});
     }
-    // Somebody else renames what all of it is for, and goes on.
+    // Somebody else renames the prim of all these edits, and continues.
     away.commit(away.foreign({edit("/A", moveTo("/", "B"))}));
     away.commit(away.foreign({edit("/B", setText("comment", "theirs"))}));
     away.connect();
 
-    // With every look at the clock a millisecond passes. No call looks at it without end.
+    // The clock advances by a millisecond at each reading. No call reads it without end.
     double longest = 0;
     int calls = 0, renamedAfter = 0;
     for (; away.session.pendingTransactions() > 0 && calls < 10'000; ++calls) {
@@ -660,7 +661,7 @@ TEST_F(SessionTest, WhatIsAuthoredWhileTheViewIsBehindIsForWhatTheEditorSaw) {
     for (int i = 0; i < 100; ++i)
         away.author({authored("/A", setText("note" + std::to_string(i), "mine"))});
     away.commit(away.foreign({edit("/A", moveTo("/", "B"))}));
-    away.commit(away.foreign({edit("/A", createPrim())}));  // another one of that name
+    away.commit(away.foreign({edit("/A", createPrim())}));  // another prim of that name
     away.connect();
     away.advance(0);
     away.advance(0);
@@ -689,7 +690,7 @@ TEST_F(SessionTest, CommitsOfOthersCannotKeepTheViewFromFollowing) {
             "/A",
             SetField{"customData", DictionaryKey{{std::to_string(i)}}, stringValue("mine"), {}})});
     away.connect();
-    // The server commits nothing of it, but writes of others to the same field.
+    // The server commits none of these edits, but writes of others to the same field.
     bool seen = false;
     for (int i = 0; i < 400 && !seen; ++i) {
         away.commitAndTell(away.foreign({edit(
@@ -712,7 +713,8 @@ TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
     const Transaction own = peer.takeTransaction();
     peer.commit(peer.foreign({edit("/A", DeleteSpec{})}));
     const Revision revision = peer.commit(own).revision;
-    for (int times = 0; times < 2; ++times) {  // the line breaks once more before the log comes
+    for (int times = 0; times < 2;
+         ++times) {  // the connection breaks once more before the log arrives
         peer.session.disconnected({ErrorCode::NotConnected, "away"});
         peer.session.connected();
         peer.deliver(peer.welcomeMessage(false));
@@ -737,14 +739,14 @@ TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
     ASSERT_EQ(lost[0].work.edits.size(), 1u);
     EXPECT_EQ(lost[0].work.edits[0].path, "/A");
     EXPECT_TRUE(peer.agrees());
-    // Its author hears that it is committed, too.
+    // Its author is notified of the commit, too.
     const auto committed = peer.eventsOf<event::Committed>();
     ASSERT_EQ(std::ranges::count(committed, true, &event::Committed::missed), 1);
     EXPECT_EQ(std::ranges::find(committed, true, &event::Committed::missed)->commit.id, own.id);
 }
 
-// Nobody knows whether what was sent is committed: it is not sent again, and not lost without a
-// word.
+// Nobody knows whether the sent work is committed: it is not sent again, and it is reported as
+// lost.
 TEST_F(SessionTest, M14WhoWasForgottenGetsBackWhatWasSent) {
     joinShot();
     peer.author({authored("/A", setText("comment", "sent"))});
@@ -779,7 +781,7 @@ TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
     joinShot();
     authorComment("/A", "mine");
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
-    // The server comes back from a backup.
+    // The server was restored from a backup.
     peer.history.clear();
     peer.docs.clear();
     peer.docs[kShot];
@@ -799,7 +801,7 @@ TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
     authorComment("/A", "meanwhile");
     EXPECT_FALSE(peer.take<SubmitFrame>());
 
-    // The request went out with the first frame after the welcome.
+    // The request was sent with the first frame after the welcome.
     peer.session.disconnected({ErrorCode::NotConnected, "away again"});
     peer.connect();
     peer.advance();
@@ -816,7 +818,7 @@ TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
     EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
 }
 
-// What was to be created is there when the layer is joined anew.
+// When the layer is joined again, the prim exists already.
 TEST_F(SessionTest, M13WorkThatIsCarriedOverMeetsWhatOthersCreated) {
     joinShot();
     const auto specifier = [](std::uint8_t number) {
@@ -840,7 +842,7 @@ TEST_F(SessionTest, M13WorkThatIsCarriedOverMeetsWhatOthersCreated) {
     EXPECT_EQ(*peer.session.view(kShot)->field("/B", "specifier"), def.value);
 }
 
-// What was sent before may be committed: it is not lost, and the layer stays live.
+// The sent work may be committed: it is not lost, and the layer stays live.
 TEST_F(SessionTest, ALayerIsAskedForAgainThatTheServerCannotReadNow) {
     joinShot();
     authorComment("/A", "mine");
@@ -969,7 +971,7 @@ TEST_F(SessionTest, M11AGestureSendsPreviewsAndEndsInOneTransaction) {
         authorComment("/A", "step" + std::to_string(step));
         const auto preview = peer.take<PreviewFrame>();
         ASSERT_TRUE(preview);
-        ASSERT_EQ(preview->edits.size(), 1u);  // the latest value has taken the place of the others
+        ASSERT_EQ(preview->edits.size(), 1u);  // the latest value has replaced the others
     }
     peer.advance();
     EXPECT_FALSE(peer.take<PreviewFrame>());
@@ -996,7 +998,7 @@ TEST_F(SessionTest, M11PartsOfAFieldAreConflatedByThemselves) {
     peer.session.endGesture();
     peer.advance();
     const Transaction mine = peer.takeTransaction();
-    EXPECT_EQ(mine.edits.size(), 4u);  // two samples, the erasing, one sample
+    EXPECT_EQ(mine.edits.size(), 4u);  // two samples, the erase, one sample
     peer.commitAndTell(mine);
     peer.advance();
     EXPECT_TRUE(peer.agrees());
@@ -1049,8 +1051,8 @@ TEST_F(SessionTest, M11PreviewsAreWithdrawnReplacedAndNeverConfirmed) {
     EXPECT_EQ(peer.text("/A", "comment"), "dropped");
 }
 
-// A spec that only another's preview shows cannot be deleted, but what the editor does next is to
-// be shown as the executor will have it (M13).
+// A spec that exists only in somebody's preview cannot be deleted; but the next edits of the editor
+// must be shown as the executor will commit them (M13).
 TEST_F(SessionTest, M11WhatAPreviewBroughtAndIsCreatedOnceMoreIsPredictedAsItWillBe) {
     joinShot();
     const auto key = [](const char* name) {
@@ -1139,7 +1141,7 @@ TEST_F(SessionTest, V9ATransactionWaitsForItsBigValuesAndOthersDoNot) {
     const BigValue big = bigValue(1);
     peer.blobs[big.value.hash()] = big.bytes;
     peer.author({authored("/A.x", SetField{"default", {}, big.value, {}})});
-    peer.author({authored("/A", setText("comment", "waits"))});  // above what waits
+    peer.author({authored("/A", setText("comment", "waits"))});  // later than the waiting one
     peer.author({authored("/B", createPrim())});
     peer.advance();
     const Transaction free = peer.takeTransaction();
@@ -1166,8 +1168,8 @@ TEST_F(SessionTest, V9ATransactionWaitsForItsBigValuesAndOthersDoNot) {
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
 }
 
-// A server recognizes the last 1,024 numbers of a client. What waits must be among them when it
-// goes.
+// A server recognizes the last 1,024 numbers of a client. The number of a waiting transaction must
+// be among them when it is sent.
 TEST_F(SessionTest, M9NoMoreGoesPastAWaitingTransactionThanAServerRecognizes) {
     joinShot();
     const BigValue big = bigValue(1);
@@ -1222,7 +1224,7 @@ namespace {
 
 EditAction setDefault(const BigValue& big) { return SetField{"default", {}, big.value, {}}; }
 
-// Delivers a whole value.
+// Delivers a complete value.
 void deliverBlob(SessionPeer& peer, const BigValue& big) {
     for (std::uint64_t offset = 0; offset < big.bytes->size(); offset += kChunkBytes) {
         const ByteView rest = ByteView(*big.bytes).subspan(offset);
@@ -1336,14 +1338,14 @@ TEST_F(SessionTest, B4OfPreviewsTheNewestIsShownWhoseBigValuesAreHere) {
     peer.advance();
     EXPECT_TRUE(shows(0));
     EXPECT_EQ(peer.takeControl<RequestBlob>()->hash, values[2].value.hash()) << "1 is passed over";
-    // The server does not have it any more; there is a newer one.
+    // The server does not have this value any more; there is a newer one.
     preview(3);
     peer.deliver(ErrorMessage{"blobNotFound", "gone", false, {}, values[2].value.hash()});
     peer.advance();
     EXPECT_TRUE(shows(0));
     EXPECT_EQ(peer.takeControl<RequestBlob>()->hash, values[3].value.hash());
     EXPECT_TRUE(peer.eventsOf<event::ServerError>().empty());
-    // What is committed is shown in any case.
+    // A commit is always shown.
     peer.commitAndTell(peer.foreign({edit("/A.x", setDefault(values[3]))}, 5));
     peer.advance();
     EXPECT_TRUE(shows(3));

@@ -1,4 +1,4 @@
-// Named revisions (CP1, CP2).
+// Tests named revisions (CP1, CP2).
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"

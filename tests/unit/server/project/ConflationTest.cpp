@@ -1,4 +1,4 @@
-// Who falls behind gets what counts now (FR6, CF1).
+// Tests that a session that falls behind gets the past commits conflated (FR6, CF1).
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
@@ -53,7 +53,7 @@ TEST_F(SlowReader, CF1GetsOneCommitForMany) {
     EXPECT_EQ(world.host.sent[1].size(), 51u) << "and nobody else noticed";
 }
 
-// Who wants to hear again what became of its own goes on from the revision of the welcome.
+// A client that wants to learn the results of its own work begins at the revision of the welcome.
 TEST_F(SlowReader, CF1EndsWhereTheClientBegins) {
     for (int value = 1; value <= 5; ++value) write(value);
     Hello hello = world.hello(3);
@@ -110,7 +110,7 @@ TEST_F(SlowReader, CF1EndsWhereALayerWasSent) {
     EXPECT_EQ(rest.conflated, 1u);
 }
 
-// It may have taken some of them before it learned that it is not live.
+// The session may have received some of the commits before it learned that it is not live.
 TEST_F(SlowReader, CF1NoneWhileItMayHaveMoreThanItWasSent) {
     world.host.sendsToAll = true;
     write(1);
@@ -152,7 +152,7 @@ TEST_F(SlowReader, FR6WhoIsTooFarBehindIsCut) {
     EXPECT_TRUE(world.host.closed.contains(2));
 }
 
-// The same layer, read as it came and conflated, from the store and from memory.
+// Reads the same layer commit by commit and conflated, from the store and from memory.
 TEST_F(SlowReader, CF1ComesFromTheStoreToo) {
     world.options.recentCommitBytes = 1'000;
     world.restart();

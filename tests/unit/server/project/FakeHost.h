@@ -15,7 +15,7 @@
 
 namespace usdlive::server::projecttest {
 
-/// Notes what a project asks for; the test answers when it wants to.
+/// Notes the requests of a project; the test answers them when it wants.
 class FakeHost : public AllPorts {
 public:
     struct HistoryRead {
@@ -61,7 +61,7 @@ public:
     std::map<SessionId, std::deque<Bytes>> sent;  ///< frames without their length
     std::set<SessionId> closed;
     std::set<SessionId> congestedSessions;
-    bool sendsToAll = false;  ///< commits, as over DDS
+    bool sendsToAll = false;  ///< commits are sent to all at once, as over DDS
     std::deque<CommitRecord> appending;
     std::deque<LayerId> loading;
     std::deque<CommitsRead> reading;
@@ -74,15 +74,15 @@ public:
     std::deque<Naming> naming;
     std::vector<Creation> creating;
     std::vector<std::pair<SessionId, std::uint64_t>> listing;
-    std::vector<std::string> logged;                  ///< "user: what layer, detail"
-    std::vector<std::pair<Revision, LayerDoc>> kept;  ///< of any layer
+    std::vector<std::string> logged;                  ///< "user: action layer, detail"
+    std::vector<std::pair<Revision, LayerDoc>> kept;  ///< of all layers
     std::vector<std::pair<SessionId, BlobFrame>> blobParts;
     std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
     std::set<Hash> blobs;
     std::map<TransactionId, Revision> stored;
     std::deque<ClientId> readingClients;
     std::deque<std::vector<Hash>> findingBlobs;
-    std::vector<StoredCommit> log;  ///< what the store holds
+    std::vector<StoredCommit> log;  ///< the content of the store
 
     void send(SessionId session, SharedBytes frames) override {
         const auto split = splitMessage(*frames);
@@ -169,14 +169,14 @@ public:
         measuring.emplace_back(session, request);
     }
     std::deque<LayerId> importing;
-    std::deque<std::uint64_t> readingLayers;  ///< requests
+    std::deque<std::uint64_t> readingLayers;  ///< the requests
     std::vector<std::pair<std::int64_t, Revision>> findingBase;
     std::vector<Revision> compacting;
     std::vector<std::pair<SessionId, std::uint64_t>> measuring;
     std::int64_t nowMs = 1'700'000'000'000;
 };
 
-/// A project, what its host is asked, and how clients see it.
+/// A project, the requests to its host, and the messages to its clients.
 class World {
 public:
     explicit World(Project::Options options = {},
@@ -185,7 +185,7 @@ public:
         start();
     }
 
-    /// A new process over what is stored.
+    /// Starts a new process with the stored state.
     void start() {
         StoreState state;
         if (!host.log.empty()) state.head = {host.log.back().revision, host.log.back().hash, 0};
@@ -204,8 +204,8 @@ public:
     }
     void restart() { start(); }
 
-    /// What the store knows of who has come, and which big values it has. Others are answered by
-    /// the test.
+    /// Answers what the store knows about connected clients, and which big values it has. The test
+    /// answers all other requests.
     void answerQuestions() {
         while (!host.readingClients.empty() || !host.findingBlobs.empty()) {
             if (!host.readingClients.empty()) {
@@ -229,7 +229,7 @@ public:
         return known;
     }
 
-    /// Everything handed to append() becomes durable.
+    /// Makes everything durable that was passed to append().
     void store() {
         Revision upTo = 0;
         for (CommitRecord& commit : host.appending) {
@@ -253,7 +253,7 @@ public:
                 commits.push_back(commit);
         project->commitsRead(read.session, std::move(commits));
     }
-    /// Answers loadLayer() with a layer that holds /A and /B.
+    /// Answers loadLayer() with a layer that contains /A and /B.
     void load(bool imported = false) {
         const LayerId layer = host.loading.front();
         host.loading.pop_front();
@@ -291,7 +291,7 @@ public:
         project->connected(session);
         receive(session, ControlMessage(greeting ? *greeting : hello(session)));
     }
-    /// Connects and takes the welcome away.
+    /// Connects and drops the welcome.
     void join(SessionId session) {
         connect(session);
         host.sent[session].clear();
@@ -302,7 +302,7 @@ public:
                 Frame(SubmitFrame{{{client(session), sequence}, base, gesture, std::move(edits)}}));
     }
 
-    /// The next frame the session got; fails the test when there is none.
+    /// Returns the next frame for the session; fails the test when there is none.
     Frame next(SessionId session) {
         auto& frames = host.sent[session];
         if (frames.empty()) throw std::runtime_error("nothing was sent");
@@ -329,7 +329,7 @@ public:
     }
 
     Project::Options options;
-    bool answers = true;  ///< answerQuestions() after each message
+    bool answers = true;  ///< calls answerQuestions() after each message
     std::vector<LayerId> layers, unsaved;
     CommitStore::Base base;
     Epoch epoch = 0;

@@ -1,4 +1,4 @@
-// What becomes of a layer when its file is changed behind the server (FI1-FI3).
+// Tests layers whose files are changed behind the server (FI1-FI3).
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -15,7 +15,7 @@ const LayerId kLayer{"a.usda"};
 
 Hash hashOf(std::string_view content) { return sha256(asBytes(content)); }
 
-/// A layer that was saved into a file, open to two who are told of states.
+/// A layer that was saved to a file, opened by two sessions that receive states.
 class FilesTest : public ::testing::Test {
 protected:
     FilesTest() {
@@ -37,7 +37,7 @@ protected:
     void look(std::int64_t time, bool writable = true) {
         world.project->setFiles({{kLayer, trace(time), writable, "ada"}, {{"b.usda"}, trace(1)}});
     }
-    /// The file is looked into.
+    /// Answers the check of the file with this content.
     void check(std::int64_t time, std::string_view content) {
         ASSERT_EQ(world.host.checking, std::vector{kLayer});
         world.host.checking.clear();
@@ -54,7 +54,7 @@ protected:
         ASSERT_TRUE(state(1).outdated);
         ASSERT_TRUE(state(2).outdated);
     }
-    /// Reads the file for the reload that was asked for first.
+    /// Answers the first requested reload with this content of the file.
     void read(const LayerDoc& content) {
         const FakeHost::Reload reload = std::move(world.host.reloading.front());
         world.host.reloading.pop_front();
@@ -112,10 +112,10 @@ TEST_F(FilesTest, FI1WhatIsGoneIsDirtyAndReadOnlyIsTold) {
     EXPECT_TRUE(world.host.checking.empty()) << "it is the file just written";
 }
 
-// A server that dies between putting the file in place and noting it.
+// Simulates a server that dies after it has replaced the file and before it has noted that.
 TEST_F(FilesTest, FI1AFileThatASaveWasAboutToWriteIsOurs) {
     World restarted;
-    restarted.unsaved = {kLayer};  // by what was committed after it
+    restarted.unsaved = {kLayer};  // commits after it changed the layer
     restarted.start();
     restarted.project->setFiles({{kLayer, trace(2), true, "ada"}});
     Hello hello = restarted.hello(1);
@@ -255,7 +255,7 @@ TEST_F(FilesTest, MU1EverybodyIsToldWhatARootLayerMutes) {
     EXPECT_FALSE(mute(false));
 }
 
-// Any content, from any other.
+// Reloads random content over other random content.
 TEST(Reload, FI3GivesWhatTheFileHolds) {
     for (unsigned seed = 0; seed < 300; ++seed) {
         SCOPED_TRACE(seed);

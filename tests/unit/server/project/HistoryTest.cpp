@@ -1,4 +1,4 @@
-// A history that is bounded (CH4).
+// Tests a bounded history (CH4).
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
@@ -13,7 +13,7 @@ class HistoryTest : public ::testing::Test {
 protected:
     HistoryTest() { begin({}); }
 
-    /// Sessions 1 and 2, and ten commits of 1.
+    /// Creates sessions 1 and 2, and ten commits of session 1.
     void begin(Project::Options options) {
         world.emplace(std::move(options));
         world->join(1);
@@ -173,7 +173,7 @@ TEST_F(HistoryTest, CH5WhatTheStoreTakesIsTold) {
     EXPECT_EQ(world->nextControl<Storage>(1), storage);
 }
 
-/// Commits made a second from each other, the first at 1 s.
+/// Commits that are a second apart, the first at 1 s.
 class FindBase : public ::testing::Test {
 protected:
     FindBase() {

@@ -43,7 +43,7 @@ TEST(ProjectLayers, AnImportIsACommitToldByAStub) {
         ASSERT_TRUE(replayed.apply(edit.address.path, edit.action));
     EXPECT_EQ(replayed, World::sample());
 
-    // Whoever resumes over it gets the stub, too, from the store.
+    // A session that resumes across the commit gets the stub, too, from the store.
     world.restart();
     Hello hello = world.hello(3);
     hello.resume = Hello::Resume{1, 0, {}};
@@ -154,7 +154,7 @@ TEST(ProjectLayers, ALayerAsItWasComesFromTheHistory) {
     EXPECT_EQ(world.host.snapshots.size(), 1u);
 }
 
-// --- Saving
+// ---- saving
 
 TEST(ProjectSaves, AllThatDiffersIsSavedOnceDurable) {
     World world;
@@ -191,7 +191,7 @@ TEST(ProjectSaves, WhatCannotBeSavedIsNamed) {
     EXPECT_EQ(saved.failed.size(), 2u);
 }
 
-// --- Big values
+// ---- big values
 
 TEST(ProjectBlobs, ArePassedOnAndConfirmed) {
     World world;
@@ -207,13 +207,14 @@ TEST(ProjectBlobs, ArePassedOnAndConfirmed) {
     EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hash);
     world.receive(1, ControlMessage(RequestBlob{hash, 0}));
     EXPECT_EQ(world.host.blobsSent.size(), 1u);
-    // It is here already.
+    // The value is stored already.
     world.receive(1, Frame(BlobFrame{hash, 3, 0, 3, deflate(raw)}));
     EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hash);
     EXPECT_EQ(world.host.blobParts.size(), 1u);
 }
 
-// Seed 19977 of the simulation: its author was never told, and kept its transactions for ever.
+// Seed 19977 of the simulation found this: the author was never notified, and kept its transactions
+// for ever.
 TEST(ProjectBlobs, AreConfirmedToWhoWasOvertakenBetweenTwoParts) {
     World world;
     world.join(1);
@@ -243,7 +244,7 @@ TEST(ProjectBlobs, PartsThatCannotBeAreRefused) {
     EXPECT_EQ(world.nextControl<ErrorMessage>(1).blob, hash);
 }
 
-// --- Gestures
+// ---- gestures
 
 TEST(ProjectPreviews, M11ArePassedOnAndShownToWhoComesLater) {
     World world;
@@ -275,7 +276,8 @@ TEST(ProjectPreviews, M11AreWithdrawnWhenTheirAuthorGoes) {
     EXPECT_TRUE(world.silent(3));
 }
 
-// Who comes back and has nothing to show any more, sends none: nobody would withdraw the old one.
+// A client that reconnects and has nothing to show any more sends no preview, so it cannot withdraw
+// the old one.
 TEST(ProjectPreviews, M11AreWithdrawnWhenANewConnectionTakesTheirAuthorsPlace) {
     World world;
     world.join(1);
@@ -371,7 +373,7 @@ TEST(ProjectPreviews, M11EndWithTheirTransaction) {
     world.connect(3);
     world.nextControl<Welcome>(3);
     EXPECT_TRUE(world.silent(3));
-    // And one that is refused leaves nothing behind.
+    // A refused preview leaves nothing behind.
     world.receive(1, Frame(PreviewFrame{{}, 8, 1, {set("/A.x", 1)}}));
     world.next(2);
     world.submit(1, 2, {move("/A", "/", "B")}, 1, 8);
@@ -406,7 +408,7 @@ TEST(ProjectLayers, ASnapshotIsTakenOfWhatIsDurableWhenItIsDue) {
     EXPECT_EQ(*doc.field("/A.x", "default"), FieldValue(doubleValue(double(at))));
     EXPECT_EQ(*ahead.field("/A.x", "default"), FieldValue(doubleValue(double(revision))));
 
-    // It was as large as this, so the next is not due for long.
+    // The snapshot was that large, so the next is not due for long.
     world.project->snapshotKept(layer, 100'000);
     for (int i = 0; i < 100; ++i) edit();
     world.store();
@@ -414,7 +416,7 @@ TEST(ProjectLayers, ASnapshotIsTakenOfWhatIsDurableWhenItIsDue) {
     for (int i = 0; i < 100; ++i) edit();
     world.store();
     EXPECT_EQ(world.host.kept.size(), 2u) << "commits of some 530 each";
-    // One that failed is tried again when as much has come again.
+    // After a failure, another is due when the same amount was committed again.
     world.project->snapshotKept(layer, fail(ErrorCode::StorageFull, "full"));
     for (int i = 0; i < 200; ++i) edit();
     world.store();
@@ -442,7 +444,7 @@ TEST(ProjectLayers, ASnapshotIsTakenSomeTimeAfterTheOneBefore) {
     EXPECT_EQ(edit(), 1u);
     world.host.nowMs += 1;
     EXPECT_EQ(edit(), 2u);
-    world.host.nowMs -= 60'000;  // somebody sets the clock
+    world.host.nowMs -= 60'000;  // the system's clock is set back
     EXPECT_EQ(edit(), 3u);
 }
 

@@ -1,4 +1,4 @@
-// LK1-LK4: who may edit a layer that is locked.
+// Tests who may edit a locked layer (LK1-LK4).
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
@@ -11,7 +11,7 @@ class ProjectLocks : public ::testing::Test {
 protected:
     void SetUp() override {
         world.options.administrators = {{"user3"}};
-        world.options.idleLayerMs = 100 * world.options.lockTakeoverMs;  // it stays loaded
+        world.options.idleLayerMs = 100 * world.options.lockTakeoverMs;  // keeps it loaded
         world.start();
         for (const SessionId session : {1, 2, 3}) world.join(session);
         world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
@@ -26,7 +26,7 @@ protected:
     }
     static LayerLock by(const std::string& user) { return {true, {user}, 1'000}; }
 
-    /// nothing: it is committed.
+    /// Returns the refusal; nothing if the transaction was committed.
     std::optional<Error> outcome(SessionId session, std::vector<Edit> edits) {
         world.host.sent.clear();
         world.submit(session, ++sequences[session], std::move(edits), 0);
@@ -87,7 +87,7 @@ TEST_F(ProjectLocks, LK4TheLockOfWhoIsLongGoneCanBeTaken) {
     world.host.nowMs += world.options.lockTakeoverMs - 1;
     expectLocked(2, lock(by("user2")), "user1");
     world.host.nowMs += 1;
-    expectLocked(2, {set("/A.x", 1)}, "user1");  // only the lock
+    expectLocked(2, {set("/A.x", 1)}, "user1");  // only the lock can be taken over
     EXPECT_FALSE(outcome(2, lock(by("user2"))));
     EXPECT_FALSE(outcome(2, {set("/A.x", 1)}));
     world.join(1);
@@ -111,10 +111,10 @@ TEST_F(ProjectLocks, LK3SavingALockedLayerIsRefused) {
     ASSERT_EQ(saved.failed.size(), 1u);
     EXPECT_EQ(saved.failed[0].code, "locked");
     world.receive(1, ControlMessage(SaveLayers{6, {{"a.usda"}}}));
-    EXPECT_TRUE(world.silent(1));  // handed to the host
+    EXPECT_TRUE(world.silent(1));  // the host has the commit
 }
 
-// --- Layer states
+// ---- layer states
 
 class ProjectStates : public ProjectLocks {
 protected:
@@ -152,7 +152,7 @@ TEST_F(ProjectStates, AreToldWhenTheyChange) {
     world.submit(1, 2, {set("/A.x", 1)});
     world.store();
     world.nextFrame<CommitFrame>(4);
-    EXPECT_TRUE(world.silent(4));  // nothing that a state says
+    EXPECT_TRUE(world.silent(4));  // the state does not contain this
     world.project->layersSaved(1, 9, {2, {{{"a.usda"}, {}}}, {}});
     const LayerState saved = state(4);
     EXPECT_FALSE(saved.dirty);
@@ -196,7 +196,7 @@ TEST_F(ProjectStates, WhoDoesNotAskHearsNothing) {
     EXPECT_TRUE(world.silent(1));
 }
 
-// --- Presence
+// ---- presence
 
 class ProjectPresence : public ProjectLocks {
 protected:
@@ -219,7 +219,7 @@ TEST_F(ProjectPresence, PS1IsToldInSweeps) {
     joinWithPresence(5);
     EXPECT_FALSE(world.project->hasPresence());
     show(4, "/A");
-    show(4, "/B");  // takes its place
+    show(4, "/B");  // replaces the previous one
     show(5, "/C");
     EXPECT_TRUE(world.project->hasPresence());
     EXPECT_TRUE(world.silent(5));
@@ -232,7 +232,7 @@ TEST_F(ProjectPresence, PS1IsToldInSweeps) {
     EXPECT_EQ(told.shown[0].selection, (std::vector<std::string>{"/B"}));
     world.project->sweep(1'050);
     EXPECT_TRUE(world.silent(5));
-    EXPECT_TRUE(world.silent(1));  // has not the feature
+    EXPECT_TRUE(world.silent(1));  // does not have the feature
     joinWithPresence(6);
     EXPECT_EQ(world.nextControl<Presences>(6).shown.size(), 2u);
 }
@@ -245,7 +245,7 @@ TEST_F(ProjectPresence, PS2WhoIsNotHeardOfIsGone) {
     world.project->sweep(1'050);
     world.nextControl<Presences>(5);
     world.project->sweep(1'000 + kPresenceTimeMs - 1);
-    show(4, "/A");  // says it again
+    show(4, "/A");  // sends it again
     world.project->sweep(1'000 + kPresenceTimeMs + 500);
     EXPECT_TRUE(world.silent(5));
     world.project->sweep(1'000 + 3 * kPresenceTimeMs);
@@ -259,7 +259,7 @@ TEST_F(ProjectPresence, WhoComesAfterALongSilenceIsNotGone) {
     show(4, "/A");
     world.project->sweep(1'000);
     world.project->sweep(1'000 + kPresenceTimeMs);
-    EXPECT_FALSE(world.project->hasPresence());  // nobody sweeps any more
+    EXPECT_FALSE(world.project->hasPresence());  // the sweep has ended
     world.host.sent.clear();
     show(4, "/A");
     world.project->sweep(100'000);

@@ -1,4 +1,4 @@
-// New layers of the project (FI6), and who hears how far what takes long is (PG1).
+// Tests new layers of the project (FI6), and notices about the progress of long requests (PG1).
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
@@ -29,7 +29,7 @@ TEST_F(NewLayers, FI6EverybodyHearsOfItBeforeItsAuthorIsAnswered) {
     EXPECT_EQ(world.nextControl<ProjectLayers>(2), now);
     EXPECT_EQ(world.nextControl<ProjectLayers>(1), now);
     EXPECT_EQ(world.nextControl<LayerCreated>(1), (LayerCreated{5, kNew}));
-    // It is in the store at once, whatever the folder looked like a moment ago.
+    // The store loads it at once, whatever the last scan of the folder found.
     EXPECT_EQ(world.host.loading, std::deque{kNew});
     world.load(true);
     EXPECT_EQ(world.host.appending.size(), 1u);

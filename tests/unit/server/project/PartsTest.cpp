@@ -1,4 +1,4 @@
-// FR8: transactions and commits in parts.
+// Tests transactions and commits in parts (FR8).
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"
@@ -38,7 +38,7 @@ protected:
         for (const Bytes& part : parts(session, sequence, paste()))
             world.project->received(session, part);
     }
-    /// What a session got of a commit in parts; how many parts it had.
+    /// Takes a commit in parts that was sent to a session. Returns the number of parts.
     std::size_t takeCommit(SessionId session, Commit& commit) {
         CommitParts joining;
         for (std::size_t count = 1;; ++count) {
@@ -75,7 +75,7 @@ TEST_F(ProjectParts, FR8PartsAreOneTransactionAndOneCommit) {
         EXPECT_EQ(commit.revision, 1u);
     }
     EXPECT_EQ(decodeCommit(world.host.log[0]).value(), commit);
-    // What follows comes behind it.
+    // Later commits follow after it.
     world.submit(2, 1, {create("/C")});
     world.store();
     EXPECT_EQ(world.nextFrame<CommitFrame>(1).commit.revision, 2u);

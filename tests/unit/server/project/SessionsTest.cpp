@@ -103,7 +103,7 @@ TEST(ProjectSessions, LayerNamesThatLeadOutAreToldAndClosed) {
     expectClosed(world, 1, ErrorCode::InvalidLayerName);
 }
 
-// --- Resuming
+// ---- resuming
 
 class ProjectResume : public ::testing::Test {
 protected:
@@ -147,7 +147,7 @@ TEST_F(ProjectResume, ReadsFromTheStoreAfterARestart) {
     world.receive(2, ControlMessage(OpenLayer{7, {"zzz.usda"}, 0}));
     world.answerRead();
     EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
-    EXPECT_EQ(world.nextControl<ErrorMessage>(2).request, 7u);  // waited for the welcome
+    EXPECT_EQ(world.nextControl<ErrorMessage>(2).request, 7u);  // it waited for the welcome
     world.answerRead();
     expectCommits(2, 4);
 }
@@ -185,26 +185,27 @@ TEST_F(ProjectResume, M14WhoMayHaveBeenForgottenIsTold) {
     EXPECT_FALSE(world.nextControl<Welcome>(2).resumed);
     world.project->disconnected(2);
     world.host.sent.clear();
-    // Whoever was forgotten has committed nothing that this one has not seen.
+    // All commits of forgotten clients are at revisions that this client has received.
     world.connect(2, resuming(3));
     EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
     world.project->disconnected(2);
     world.host.sent.clear();
-    // The store knows this one.
+    // The store knows this client.
     world.restart();
     Hello hello = resuming(1);
     hello.client = world.client(1);
     world.connect(2, hello);
     world.answerRead();
     EXPECT_TRUE(world.nextControl<Welcome>(2).resumed);
-    // Nobody can tell while the store is closed.
+    // This is not known while the store is closed.
     world.project->storeClosed();
     world.connect(3, resuming(1));
     EXPECT_EQ(world.nextControl<ErrorMessage>(3).code, errorName(ErrorCode::StorageFailed));
     EXPECT_TRUE(world.host.closed.contains(3));
 }
 
-// A line that was given up is superseded: what was found out for it holds for the next one, too.
+// A new connection replaces an abandoned one; the store's answer for the old one is used for the
+// new one, too.
 TEST_F(ProjectResume, M14IsToldAgainToWhoDidNotHearIt) {
     world.host.forgotten = 3;
     world.connect(2, resuming(2));
@@ -234,7 +235,7 @@ TEST_F(ProjectResume, WaitsForWhatTheStoreKnowsOfTheClient) {
     EXPECT_EQ(world.host.appending.size(), 1u);
 }
 
-// Whether a transaction is committed already cannot be told then.
+// Meanwhile it is not known whether a transaction is committed already.
 TEST_F(ProjectResume, WhoCannotBeLookedUpComesAgain) {
     world.answers = false;
     world.join(2);
@@ -261,7 +262,7 @@ TEST_F(ProjectResume, WhoCannotBeLookedUpMayLookOn) {
     EXPECT_EQ(world.host.appending.size(), 1u);
 }
 
-// Else its numbers before those on their way would be executed a second time.
+// Otherwise its numbers before those on their way would be executed a second time.
 TEST_F(ProjectResume, M14WhoseCommitsAreOnTheirWayIsNotForgotten) {
     world.submit(1, 5, {create("/P5")}, 4);
     world.project->disconnected(1);
@@ -328,7 +329,7 @@ TEST_F(ProjectResume, AStoreThatCannotBeReadEndsTheSession) {
     EXPECT_TRUE(world.nextControl<ErrorMessage>(2).closing);
 }
 
-// --- The log
+// ---- the log
 
 TEST_F(ProjectResume, TheLogIsSentBetweenItsMarksAndLiveCommitsAfterIt) {
     world.restart();

@@ -1,4 +1,4 @@
-// Who may edit a spec that somebody has locked (LK5).
+// Tests who may edit a locked spec (LK5).
 #include "usdlive/common/layer/SpecLocks.h"
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@ Value subLayer(const std::string& path) {
     return {ValueType::SubLayer, std::move(bytes)};
 }
 
-/// user1 has locked /A.x on the stage of a.usda, whose sublayer b.usda is.
+/// user1 has locked /A.x on the stage of a.usda; b.usda is a sublayer of a.usda.
 class ProjectSpecLocks : public ::testing::Test {
 protected:
     ProjectSpecLocks() {
@@ -42,7 +42,7 @@ protected:
         return {kRoot, {"/", {}}, specLockEdit(path, owner)};
     }
     static Edit unlock(const std::string& path) { return {kRoot, {"/", {}}, specUnlockEdit(path)}; }
-    /// Empty: it was committed.
+    /// Returns the refusal; empty if the transaction was committed.
     std::string refusal(SessionId session, std::vector<Edit> edits) {
         world.host.sent.clear();
         const LayerDoc before = *world.project->layer(kSub);
@@ -90,7 +90,7 @@ TEST_F(ProjectSpecLocks, LK5PreviewsOfALockedSpecAreNotPassedOn) {
     }
 }
 
-// The locks of a root layer hold in the others, so that it stays loaded.
+// The locks of a root layer apply to other layers, so the root layer stays loaded.
 TEST_F(ProjectSpecLocks, LK5HoldsWhenNobodyHasTheLayersOpen) {
     world.receive(1, ControlMessage(CloseLayer{kRoot}));
     world.receive(1, ControlMessage(CloseLayer{kSub}));
@@ -154,7 +154,7 @@ TEST_F(ProjectSpecLocks, LK5ALockIsItsOwnersToTakeAndEnd) {
     EXPECT_EQ(refusal(2, {set("/A.x", 1, kSub)}), "");
     EXPECT_EQ(refusal(1, {{kSub, {"/B", {}}, SetField{"comment", {}, stringValue("x"), {}}}}),
               "/B is locked by user2");
-    // Somebody who has been away for long.
+    // The holder has been away for long.
     world.project->disconnected(2);
     world.host.nowMs += 16 * 60'000;
     EXPECT_EQ(refusal(1, {unlock("/B")}), "");

@@ -127,7 +127,7 @@ TEST_F(ProjectTransactions, SE5ARefusalStaysBehindItsAuthorsCommits) {
 
 TEST_F(ProjectTransactions, M9ATransactionSentTwiceCommitsOnce) {
     world.submit(1, 1, {create("/C")});
-    world.submit(1, 1, {create("/C")});  // under way
+    world.submit(1, 1, {create("/C")});  // on its way to the store
     EXPECT_EQ(world.host.appending.size(), 1u);
     world.store();
     world.nextFrame<CommitFrame>(1);
@@ -217,7 +217,7 @@ TEST_F(ProjectTransactions, ACommitThatIsTooLargeIsRefusedAndUndone) {
     world.load();
     world.store();
     world.nextFrame<CommitFrame>(1);
-    // Eight edits of a few bytes each that are written out with the long path.
+    // Eight edits of a few bytes each, which are encoded with the long path.
     std::vector<Edit> edits;
     for (int number = 0; number < 8; ++number)
         edits.push_back(inCreated(1, 0, "/C" + std::to_string(number), CreateSpec{}));
@@ -346,7 +346,7 @@ TEST_F(ProjectTransactions, AConnectionItsClientHasGivenUpIsClosed) {
     EXPECT_TRUE(world.host.appending.empty());
 }
 
-// --- A store that fails
+// ---- a store that fails
 
 TEST_F(ProjectTransactions, WhatWasNotStoredIsToldToWhoeverSubmittedItAndNoOther) {
     world.submit(1, 1, {create("/C")});
@@ -369,7 +369,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsTakenBackInOrder) {
     world.host.sent.clear();
     const auto head = CommitStore::Head{1, world.host.log.back().hash, 1};
     world.submit(1, 2, {create("/D")}, 1);
-    world.submit(1, 3, {move("/A", "/", "B")}, 1);  // refused, waits for 2
+    world.submit(1, 3, {move("/A", "/", "B")}, 1);  // refused; the answer waits for that to 2
     world.submit(2, 1, {create("/E")}, 1);
     world.host.appending.clear();
     world.project->setSpace(false);
@@ -377,7 +377,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsTakenBackInOrder) {
     expectRefusal(1, 2, ErrorCode::StorageFull);
     expectRefusal(1, 3, ErrorCode::SpecExists);
     expectRefusal(2, 1, ErrorCode::StorageFull);
-    EXPECT_EQ(world.project->layer({"a.usda"}), nullptr);  // loaded anew
+    EXPECT_EQ(world.project->layer({"a.usda"}), nullptr);  // loaded again
     ASSERT_EQ(world.host.loading.size(), 1u);
     world.load();
     world.project->setSpace(true);
@@ -391,7 +391,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsTakenBackInOrder) {
 TEST_F(ProjectTransactions, AfterAFailureItGoesOnWithTheStoreThatWasOpenedAnew) {
     world.submit(1, 1, {create("/C")});
     world.submit(1, 2, {create("/D")});
-    // The first was in the store after all.
+    // The store has the first commit after all.
     const auto head = CommitStore::Head{1, world.host.appending.front().hash, 2};
     world.host.appending.clear();
     world.project->appendFailed({ErrorCode::StorageFailed, "sync"}, head);
@@ -405,7 +405,7 @@ TEST_F(ProjectTransactions, AfterAFailureItGoesOnWithTheStoreThatWasOpenedAnew) 
     EXPECT_EQ(commit.epoch, 2u);
 }
 
-// SE8
+// SE8: work that may be in the store waits; the rest is refused.
 TEST_F(ProjectTransactions, WhileTheStoreIsClosedWhatItCannotKnowIsRefusedAndTheRestWaits) {
     world.submit(1, 1, {create("/C")});
     world.store();
@@ -414,9 +414,9 @@ TEST_F(ProjectTransactions, WhileTheStoreIsClosedWhatItCannotKnowIsRefusedAndThe
     world.submit(1, 2, {create("/D")}, 1);
     world.host.appending.clear();
     world.project->storeClosed();
-    world.submit(1, 3, {create("/E")}, 1);  // refused, which is told after what becomes of 2
+    world.submit(1, 3, {create("/E")}, 1);  // refused; the answer comes after that to 2
     world.join(3);
-    world.submit(3, 1, {create("/F")}, 1);  // of this client nothing is known here
+    world.submit(3, 1, {create("/F")}, 1);  // the server does not know this client's commits
     EXPECT_TRUE(world.silent(1));
     EXPECT_TRUE(world.silent(3));
 
@@ -436,7 +436,7 @@ TEST_F(ProjectTransactions, WhoHasNothingOnTheWayIsRefusedAtOnceWhileTheStoreIsC
     world.project->storeClosed();
     world.submit(1, 2, {create("/D")}, 1);
     expectRefusal(1, 2, ErrorCode::StorageFailed);
-    world.submit(1, 1, {create("/C")});  // again: it is in the store
+    world.submit(1, 1, {create("/C")});  // sent again: the store has it
     EXPECT_EQ(world.nextControl<AlreadyCommitted>(1), (AlreadyCommitted{1, 1}));
 }
 

@@ -55,7 +55,7 @@ TEST(ProjectUnloading, ItStaysForAWhileWhenThereIsRoom) {
 
 TEST(ProjectUnloading, TheOneThatWasLeftFirstMakesRoom) {
     Project::Options options;
-    options.idleLayerBytes = 3'000;  // for one of four specs
+    options.idleLayerBytes = 3'000;  // enough for one layer of four specs
     World world(options);
     world.join(1);
     open(world, 1, kB);
@@ -94,7 +94,7 @@ TEST(ProjectUnloading, WhatSomebodyWaitsForStays) {
     EXPECT_EQ(world.project->layer(kB), nullptr);
 }
 
-// What is told of a layer is known without its content.
+// The state of a layer is known without its content.
 TEST(ProjectUnloading, StatesStay) {
     World world(atOnce());
     world.join(1);
@@ -119,13 +119,13 @@ TEST(ProjectUnloading, StatesStay) {
     EXPECT_EQ(states.layers[0].holder, UserName{"user1"});
     EXPECT_TRUE(states.layers[0].editors.empty());
 
-    // A folder that was looked at before the store had the layer does not make it be forgotten.
+    // A scan of the folder from before the store had the layer does not remove it.
     world.project->setFiles({{kB}});
     world.receive(2, ControlMessage(SaveLayers{3, {}, {}}));
     EXPECT_EQ(world.host.loading, std::deque<LayerId>{kA});
 }
 
-// LK1: a preview of a locked layer is nobody else's, whether it is loaded or not.
+// LK1: a preview of a locked layer is not passed on, whether the layer is loaded or not.
 TEST(ProjectUnloading, LK1NoPreviewOfAnUnloadedLayerThatIsLocked) {
     World world(atOnce());
     world.join(1);

@@ -1,4 +1,4 @@
-// B6: what is of no use is removed after a time; what anything names stays.
+// Tests B6: unused values are removed after some time; values that something names stay.
 
 #include <gtest/gtest.h>
 
@@ -31,14 +31,14 @@ public:
         world.load();
         world.host.sent[1].clear();
     }
-    /// The session uploads a value, or the last part of it.
+    /// The session uploads a value, or its last chunk.
     void upload(unsigned number, SessionId session = 1) {
         const Bytes raw{1};
         world.receive(session, Frame(BlobFrame{hashOf(number), 300'000, 299'999, 1, deflate(raw)}));
         if (!world.host.blobs.insert(hashOf(number)).second) return;
         world.project->blobWritten(session, hashOf(number), true);
     }
-    /// A round at this time, in which nothing of these is named by the store.
+    /// Runs a round at this time; the store names none of these values.
     std::vector<Hash> round(std::int64_t nowMs, const std::vector<unsigned>& numbers,
                             std::optional<Revision> upTo = {}) {
         std::vector<Hash> unnamed;
@@ -59,7 +59,7 @@ TEST_F(UnusedBlobs, B6AreRemovedAfterATime) {
     EXPECT_EQ(round(0, {1}), Hashes());
     EXPECT_EQ(round(kKeepMs - 1, {1}), Hashes());
     EXPECT_EQ(round(kKeepMs, {1}), Hashes{hashOf(1)});
-    // Who names it now uploads it again.
+    // A client that names it now uploads it again.
     world.submit(1, 1, {setBig(1)});
     world.host.sent[1].clear();
     world.submit(1, 2, {setBig(1)});
@@ -86,7 +86,7 @@ TEST_F(UnusedBlobs, B6WhoIsToldThatItIsThereHasTheWholeTimeAgain) {
     EXPECT_EQ(round(2 * kKeepMs, {1}), Hashes{hashOf(1)});
 }
 
-// A transaction may name more than can be uploaded in that time.
+// A transaction may name more values than can be uploaded in that time.
 TEST_F(UnusedBlobs, B6ValuesOfASessionThatStillUploadsAreKept) {
     for (unsigned number = 1; number < 10; ++number) {
         upload(number);
@@ -104,13 +104,13 @@ TEST_F(UnusedBlobs, B6WhatACommitNamesThatTheStoreDoesNotSayYetStays) {
     EXPECT_EQ(round(9 * kKeepMs, {1}, before), Hashes()) << "on its way";
     world.store();
     EXPECT_EQ(round(10 * kKeepMs, {1}, before), Hashes()) << "the store was looked through before";
-    // From now on it is the store that names it.
+    // From now on the store names it.
     EXPECT_EQ(round(11 * kKeepMs, {}), Hashes());
     EXPECT_EQ(round(12 * kKeepMs, {1}), Hashes()) << "its history was replaced";
     EXPECT_EQ(round(13 * kKeepMs, {1}), Hashes{hashOf(1)});
 }
 
-// Seed 51 of the simulation: the commit holds the edit that was dropped, too (M4).
+// Seed 51 of the simulation found this: a commit also contains its dropped edits (M4).
 TEST_F(UnusedBlobs, B6WhatACommitHasDroppedStays) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
@@ -166,7 +166,7 @@ TEST_F(UnusedBlobs, B6NothingGoesWhileFilesAreReadOrWritten) {
     EXPECT_EQ(round(8 * kKeepMs, {1}), Hashes{hashOf(1)});
 }
 
-// A value of a layer that is imported is named by its commit only.
+// Only the commit of an import names a value of the imported layer.
 TEST_F(UnusedBlobs, B6WhatAnImportNamesStays) {
     world.host.blobs.insert(hashOf(1));
     EXPECT_EQ(round(0, {1}), Hashes());
@@ -193,7 +193,7 @@ TEST_F(UnusedBlobs, B6NothingGoesByWhatAProjectBeforeHadSeen) {
     EXPECT_EQ(round(9 * kKeepMs, {1}, 1), Hashes()) << "nobody knows what is in it";
 }
 
-// The store's answer would be wrong when it comes.
+// Otherwise the store's answer could be wrong when it arrives.
 TEST_F(UnusedBlobs, B6WhatTheStoreIsAskedForOrWritesStays) {
     world.host.blobs.insert(hashOf(1));
     EXPECT_EQ(round(0, {1}), Hashes());
@@ -214,7 +214,7 @@ TEST_F(UnusedBlobs, B6WhatTheStoreIsAskedForOrWritesStays) {
     EXPECT_EQ(world.nextControl<BlobStored>(1).hash, hashOf(2));
 }
 
-// What makes the session go on meanwhile does not answer for the store.
+// Other events for the session do not replace the store's answer.
 TEST_F(UnusedBlobs, ATransactionWaitsUntilTheStoreHasAnswered) {
     world.host.blobs.insert(hashOf(1));
     world.answers = false;
@@ -231,7 +231,8 @@ TEST_F(UnusedBlobs, ATransactionWaitsUntilTheStoreHasAnswered) {
     EXPECT_EQ(world.nextFrame<RefusalFrame>(1).error.code, ErrorCode::BlobNotFound);
 }
 
-// A commit that the store could not append protects nothing for ever, even if none follows.
+// A commit that the store could not append does not protect a value for ever, even if no commit
+// follows.
 TEST_F(UnusedBlobs, B6WhatOnlyALostCommitNamedIsRemoved) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
