@@ -1,10 +1,10 @@
-"""`./run demo`: four editors on one real stage at once, with the server killed on the way.
+"""`./run demo`: runs four editors on one real stage at once, and kills the server while they work.
 
-A drone and a humanoid out of the newton package become the cast of a small shot of root, layout,
-animation and look layers. `usdlive serve` serves it, two Python editors (one of them over DDS) and a C++
-one work in it from the start and a third Python one joins late. In the middle the server is killed with
-SIGKILL and started again. At the end every layer's text is compared: each editor's, the server's, and the
-saved file's as pxr.Usd alone reads it. Exit status 0 only if all are the same.
+A drone and a humanoid from the newton package become the cast of a small shot of root, layout, animation and
+look layers. `usdlive serve` serves it. Two Python editors (one of them over DDS) and a C++ editor work in it
+from the start, and a third Python editor joins late. In the middle the server is killed with SIGKILL and
+started again. At the end the text of every layer is compared: that of each editor, that of the server, and
+that of the saved file as pxr.Usd alone reads it. The exit status is 0 only if all are the same.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def newton_assets() -> pathlib.Path:
 
 
 def make_shot(folder: pathlib.Path) -> None:
-    """A shot around real assets: layout places them, animation moves them, look dresses them."""
+    """Creates a shot from real assets: layout places them, animation moves them, look colours them."""
     (folder / "assets").mkdir(parents=True)
     for name in ("crazyflie.usd", "humanoid.usda"):
         shutil.copy(newton_assets() / name, folder / "assets" / name)
@@ -78,7 +78,7 @@ def make_shot(folder: pathlib.Path) -> None:
 
 
 class Server:
-    """`usdlive serve`, that can be killed and started again on the same port."""
+    """`usdlive serve`, which can be killed and started again on the same port."""
 
     def __init__(self, folder: pathlib.Path, log: pathlib.Path):
         self.folder, self.log, self.port = folder, log, 0
@@ -115,7 +115,7 @@ class Server:
 
 
 class Editor:
-    """An editor's process. It tells its state on stdout, one JSON object a line."""
+    """An editor's process. It prints its state to stdout, one JSON object a line."""
 
     def __init__(self, name: str, what: str, command: list[str], log: pathlib.Path):
         self.name, self.what, self.state = name, what, {}
@@ -152,7 +152,7 @@ def table(editors: list[Editor], clock: float, note: str) -> str:
 
 
 class Screen:
-    """The table: drawn over itself on a terminal, printed now and then otherwise."""
+    """The table: redrawn in place on a terminal, otherwise printed from time to time."""
 
     def __init__(self) -> None:
         self.live, self.height, self.last = sys.stdout.isatty(), 0, time.monotonic()
@@ -168,7 +168,8 @@ class Screen:
 
 def compare(editors: list[Editor], outputs: pathlib.Path, server: Server,
             folder: pathlib.Path) -> bool:
-    """Every layer's text as each editor, the server, and pxr.Usd reading the saved files have it."""
+    """Compares the text of every layer: of each editor, of the server, and of the saved files read by
+    pxr.Usd."""
     print(f"\n  {'layer':<22} {'bytes':>7}  " + "".join(f"{e.name:<10}" for e in editors) +
           f"{'server':<10}{'saved file':<10}")
     same = True
@@ -190,7 +191,7 @@ def compare(editors: list[Editor], outputs: pathlib.Path, server: Server,
 
 
 def read_alone(path: pathlib.Path) -> str:
-    """What pxr.Usd, in a process without our code, has for a file."""
+    """Returns the text of a file, read by pxr.Usd in a process without our code."""
     script = ("import sys; from pxr import Usd; stage = Usd.Stage.Open(sys.argv[1]); "
               "print(end=stage.GetRootLayer().ExportToString())")
     return subprocess.run([sys.executable, "-c", script, str(path)], capture_output=True, text=True,
@@ -208,7 +209,7 @@ def wait_until(condition, seconds: float, what: str) -> None:
 def run(seconds: float, work: pathlib.Path, stay: bool) -> int:
     folder, outputs = work / "project", work / "out"
     make_shot(folder)
-    # On loopback, and in a domain that no other demo on this machine is in.
+    # On loopback, and in a DDS domain that no other demo on this machine uses.
     os.environ["USDLIVE_DDS_DOMAIN"] = str(100 + os.getpid() % 100)
     server = Server(folder, work / "server.log")
     server.start()
@@ -251,7 +252,7 @@ def run(seconds: float, work: pathlib.Path, stay: bool) -> int:
             shown = note
             time.sleep(0.1)
 
-        # Everybody finishes, then everybody waits until all have seen all.
+        # All editors finish, and then wait until all have received everything.
         for editor in editors:
             editor.ask("finish")
         wait_until(lambda: all(e.state.get("finished") for e in editors), 30, "finishing")

@@ -1,5 +1,5 @@
-"""One Python editor of the demo: `editor.py ROLE URL OUTPUT`. Works at 60 frames a second until it reads
-`finish`, tells its state on stdout as JSON lines, and on `export` writes its layers' texts and ends."""
+"""One Python editor of the demo: `editor.py ROLE URL OUTPUT`. It works at 60 frames a second until it reads
+`finish`, prints its state to stdout as JSON lines, and on `export` writes the texts of its layers and ends."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LAYERS = ["shot.usda", "layout.usda", "anim.usda", "look.usda"]
 
 
 class Mover:
-    """Moves the drones, every frame, and names what they do in their custom data."""
+    """Moves the drones in every frame, and writes their motion to their custom data."""
 
     def __init__(self, stage: Usd.Stage):
         self.stage = stage
@@ -43,7 +43,7 @@ class Mover:
 
 
 class Builder:
-    """Renames, adds, deletes, sets variants and references: the shape of the shot."""
+    """Renames, adds, deletes, sets variants and references: it changes the structure of the shot."""
 
     def __init__(self, stage: Usd.Stage):
         self.stage, self.random, self.number = stage, random.Random(7), 0
@@ -86,7 +86,7 @@ class Builder:
 
 
 class Late:
-    """Comes when the others are at work, and puts props down."""
+    """Joins when the others are working, and adds props."""
 
     def __init__(self, stage: Usd.Stage):
         self.stage, self.random = stage, random.Random(11)
@@ -105,7 +105,7 @@ ROLES = {"mover": Mover, "builder": Builder, "late": Late}
 
 
 class Report:
-    """Edits, latencies (authored until acknowledged, in ms) and the rest of one editor's state."""
+    """Edits, latencies (from authoring to acknowledgement, in ms) and the rest of one editor's state."""
 
     def __init__(self, live: usdlive.Live):
         self.live, self.edits, self.lost = live, 0, 0
@@ -155,7 +155,7 @@ def main() -> None:
                 report.sent.append(begin)
         live.tick()
         if live.pending == 0:
-            report.sent.clear()  # frames whose edits changed nothing
+            report.sent.clear()  # these frames' edits changed nothing
         word = read_word()
         if word == "finish":
             working = False

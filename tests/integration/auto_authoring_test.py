@@ -1,9 +1,9 @@
-"""Auto authoring against an oracle: the same edits made with plain pxr.Usd into the layer that has the
+"""Compares auto authoring with an oracle: the same edits made with plain pxr.Usd in the layer that has the
 strongest opinion.
 
-A case is a random stage, twice. One is edited with the delegate on. On the other, each edit is made with an
-edit target of its own, chosen from what the layers hold before the frame. Afterwards all layers of the two
-must be alike, letter by letter, and the stage without the delegate must show what was authored.
+A case creates the same random stage twice. One is edited with the delegate on. On the other, each edit is
+made with its own edit target, chosen from the content of the layers before the frame. Afterwards all layers
+of the two must be identical, and the stage without the delegate must show the authored values.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Context:
 
 
 class Case:
-    """The stage of a seed, built from its own random numbers, so that two of one seed are alike."""
+    """The stage of a seed, built from its own random numbers, so that two stages of one seed are equal."""
 
     def __init__(self, seed: int):
         rng = random.Random(seed)
@@ -125,10 +125,10 @@ class Case:
             for variant in "xy":
                 self._fill(rng, Sdf.VariantSpec(variants, variant).primSpec)
 
-    # -- what there is, by Sdf alone
+    # -- the existing opinions, by Sdf alone
 
     def local(self) -> list[str]:
-        """Strong to weak, without the delegate."""
+        """The layers from strong to weak, without the delegate."""
         by_identifier = {layer.identifier: name for name, layer in self.layers.items()}
         return [by_identifier[layer.identifier] for layer in self.stage.GetLayerStack()
                 if layer.identifier in by_identifier]
@@ -142,7 +142,7 @@ class Case:
 
 @dataclasses.dataclass
 class Edit:
-    """One edit of a register. `fields` are those that count as opinions of it."""
+    """One edit of a register. `fields` are those that count as opinions of the register."""
 
     path: str
     fields: tuple[str, ...]
@@ -163,7 +163,7 @@ def has(layer: Sdf.Layer, path: str, fields: tuple[str, ...]) -> bool:
 
 
 def place(case: Case, edit: Edit) -> tuple[str, str]:
-    """(layer, path) where the edit belongs."""
+    """The (layer, path) where the edit belongs."""
     local = [name for name in case.local() if case.layers[name].GetObjectAtPath(edit.path)]
     for name in local:
         spec = case.layers[name].GetObjectAtPath(edit.path)
@@ -181,7 +181,7 @@ def place(case: Case, edit: Edit) -> tuple[str, str]:
 
 
 def author(case: Case, edit: Edit, there: tuple[str, str]) -> None:
-    """As one would who knows of layers."""
+    """Authors the edit like somebody who knows the layers."""
     name, path = there
     layer = case.layers[name]
     target = case.stage.GetEditTargetForLocalLayer(layer)
@@ -264,7 +264,7 @@ def api_edit(rng: random.Random, case: Case) -> Edit:
 def prim_edit(rng: random.Random, case: Case) -> Edit:
     parent = rng.choice(["", "/P1", "/R"])
     if parent and not case.stage.GetPrimAtPath(parent).IsDefined():
-        parent = ""  # Usd would define the parent, too: an edit of another place
+        parent = ""  # Usd would also define the parent, which is an edit of another place
     path = f"{parent}/New{rng.randrange(100)}"
 
     def define(stage: Usd.Stage) -> None:
@@ -275,7 +275,8 @@ def prim_edit(rng: random.Random, case: Case) -> Edit:
 
 
 def variant_edit(rng: random.Random, case: Case) -> Edit | None:
-    """In the edit context of a variant: stays inside, in the strongest layer that has it there."""
+    """Edits in the edit context of a variant: the edit stays inside it, in the strongest layer that has the
+    variant."""
     prim = case.stage.GetPrimAtPath("/P0")
     if not prim.GetVariantSets().HasVariantSet("v"):
         return None
@@ -301,7 +302,7 @@ def random_edits(rng: random.Random, case: Case) -> list[Edit]:
         edit = rng.choice(KINDS)(rng, case)
         if edit:
             edits.setdefault(edit.register(), edit)
-    # Creating a spec and something of it in one frame are two edits of one place.
+    # Creating a spec and writing it in one frame are two edits of one place.
     created = {e.path.split(".")[0] for e in edits.values() if e.fields == ("typeName",)}
     return [e for e in edits.values() if e.fields == ("typeName",) or e.path.split(".")[0] not in created]
 
@@ -311,7 +312,8 @@ def all_prims_exist(case: Case) -> bool:
 
 
 def flattened(case: Case) -> list[str]:
-    """What the stage shows, but for the order of its prims, which depends on what was composed when."""
+    """The composed content of the stage, without the order of its prims, which depends on the order of
+    composition."""
     text = case.stage.Flatten(addSourceFileComment=False).ExportToString()
     for name, layer in [*case.layers.items(), ("asset", case.asset)]:
         text = text.replace(layer.identifier, name)
@@ -322,7 +324,7 @@ def run(seed: int) -> int:
     rng = random.Random(f"edits {seed}")
     mine, oracle = Case(seed), Case(seed)
     for case in (mine, oracle):
-        for path in PRIMS:  # that all can be edited
+        for path in PRIMS:  # so that all prims can be edited
             if not case.stage.GetPrimAtPath(path):
                 Sdf.CreatePrimInLayer(case.layers[case.local()[-1]], path)
     assert mine.texts() == oracle.texts() and all_prims_exist(mine)
@@ -350,7 +352,7 @@ def run(seed: int) -> int:
     shown = [(edit.path, edit.shown(mine.stage), edit.shown(oracle.stage)) for edit in done.values()]
     assert all(with_delegate == wanted for _, with_delegate, wanted in shown), shown
     assert not instance.get_auto_authoring().refused_edits
-    # The delegate mirrors what the layers say and nothing else, at any time.
+    # At any time the delegate is an exact mirror of the layers.
     assert flattened(mine) == flattened(oracle)
     instance.set_edit_mode(layers.LayerEditMode.NORMAL)
     for edit in done.values():

@@ -1,4 +1,5 @@
-"""What hostile or broken peers and set-ups get: a code and a sentence, and nobody else is harmed."""
+"""Tests hostile or broken peers and installations: each gets a code and a message, and others are not
+affected."""
 
 import hashlib
 import json
@@ -26,8 +27,8 @@ def served(project, serve):
 
 
 def closing_error(socket_) -> str:
-    """The code of the error that ends the session. Control frames carry their JSON as it is, so that
-    this test needs no FlatBuffers."""
+    """The code of the error that ends the session. Control frames contain their JSON as plain text, so this
+    test needs no FlatBuffers."""
     seen = ""
     try:
         while True:
@@ -176,7 +177,7 @@ def test_starting_on_a_store_of_a_newer_version(project, serve):
 
 
 def sealed(content: bytes) -> bytes:
-    """As the store writes its small files: the content, then its SHA-256."""
+    """Encodes a small file like the store: the content, then its SHA-256."""
     return content + hashlib.sha256(content).digest()
 
 
@@ -185,7 +186,8 @@ def test_two_servers_of_one_project(served):
 
 
 def test_fr7_a_commit_that_nobody_could_decode_is_refused(project, serve, tmp_path):
-    """Names that are written out each time pay for themselves; the commit would refer to them once."""
+    """The names in the transaction are repeated, so its bounds allow them; the commit would contain each name
+    only once."""
     (project / "root.usda").write_text(ROOT)
     server = serve(project)
     path = [f"{part:02}" + "k" * 126 for part in range(64)]

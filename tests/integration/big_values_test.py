@@ -1,4 +1,4 @@
-"""B1-B5: editors that drag big values while they edit at random end with the same, byte for byte."""
+"""B1-B5: editors that drag big values while they edit at random end with the same content, byte for byte."""
 
 import hashlib
 import os
@@ -9,7 +9,8 @@ from oracle_test import EDITOR, ROOT
 
 SEED = int(os.environ.get("USDLIVE_SEED", "1"))
 
-# 0.36, 0.96 and 1.9 MB. Some values are everybody's, so that several upload the same at once.
+# The values have 0.36, 0.96 and 1.9 MB. Some are common to all editors, so that several upload the same one
+# at once.
 DRAGS = """
 import hashlib
 drags = 0
@@ -39,7 +40,7 @@ def digest():
 
 
 def stored(project):
-    """How many big values the server's store holds."""
+    """The number of big values in the server's store."""
     return len([path for path in project.rglob("blobs/??/*") if path.is_file()])
 
 
@@ -62,13 +63,13 @@ def test_b3_four_who_drag_big_values_end_with_the_same(seed, project, serve, edi
         one.catch_up(revision)
     text = cat(server, "root.usda")
     digest = hashlib.sha256(text.encode()).hexdigest()
-    for one in editors:  # big values may come later than the commits that name them
+    for one in editors:  # big values may arrive later than the commits that name them
         one.run(f"assert live.wait(lambda: digest() == {digest!r}, 20), 'this editor has something else'")
     for one in editors:
         lost = one.run("result = [e.code for e in happened if isinstance(e, usdlive.events.Lost)]")
         assert "blobNotFound" not in lost and "blobMismatch" not in lost
     drags = sum(one.run("result = drags") for one in editors)
-    # A gesture names two where somebody has removed the mesh and made it anew meanwhile.
+    # A gesture names two values when somebody meanwhile removed the mesh and created it again.
     assert 0 < stored(project) <= drags * 5 // 4, "what was only shown on the way is not stored"
     with capfd.disabled():
         print(f"\nB3 seed {seed}: {drags} drags, {stored(project)} big values stored, revision {revision}")

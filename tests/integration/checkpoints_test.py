@@ -1,4 +1,4 @@
-"""Named revisions (CP1, CP2): by command, from Python, by Kit's names."""
+"""Tests named revisions (CP1, CP2): by command, from Python, by Kit's names."""
 
 import asyncio
 
@@ -84,7 +84,7 @@ def test_kits_checkpoints(served, tmp_path):
         done, failed = await LayerUtils.create_checkpoint_async([root.identifier, outside.identifier, "none.usda"],
                                                                 "before lunch")
         assert (done, failed) == ([root.identifier], [outside.identifier, "none.usda"])
-        # The revision has a name already: that is enough, unless another one is wanted.
+        # The revision has a name already. Kit's function accepts this, unless another name is requested.
         assert await LayerUtils.create_checkpoint_async(root.identifier, "again") == ([root.identifier], [])
         assert await LayerUtils.create_checkpoint_async(root.identifier, "before lunch", force=True) == (
             [root.identifier], [])

@@ -1,4 +1,4 @@
-"""The command line tool: its verbs, their words, what it prints and its exit codes."""
+"""Tests the command line tool: its verbs, their arguments, output and exit codes."""
 
 import json
 import os
@@ -75,7 +75,7 @@ VERBS = ("serve", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", 
 
 
 def ended(*arguments: str, **environment: str) -> tuple[int, str, str]:
-    """Exit code, output and errors."""
+    """Returns exit code, output and errors."""
     ran = subprocess.run([os.environ["USDLIVE_BIN"], *arguments], capture_output=True, text=True, timeout=60,
                          env={**os.environ, **environment})
     return ran.returncode, ran.stdout, ran.stderr
@@ -235,7 +235,7 @@ COPIED_SET = '''#usda 1.0
 
 @pytest.fixture
 def copied(project):
-    """A folder whose locks and mutes are of people who are not there."""
+    """A folder whose locks and mutes belong to people who are not connected."""
     (project / "sets").mkdir()
     (project / "root.usda").write_text(COPIED_ROOT)
     (project / "sets" / "hall.usda").write_text(COPIED_SET)
@@ -316,7 +316,8 @@ def test_a_link_that_is_set_to_another_version_is_outdated_and_reloaded(project,
 
 
 def test_the_log_says_who_did_what(served, editor):
-    """Names of users are shown without what a terminal would obey, and a flood of refusals is not logged line by line."""
+    """Names of users are logged without control characters, and a flood of refusals is not logged line by
+    line."""
     url = served.url
     usdlive("lock", url, "root.usda", "--user", "ada \x1b[31m\x9b")
     for _ in range(3):
@@ -349,7 +350,7 @@ def test_the_log_says_who_did_what(served, editor):
 
 
 def on_a_terminal(*arguments: str) -> str:
-    """What the tool writes when both outputs are a terminal."""
+    """The tool's output when both outputs are a terminal."""
     import pty
     process, terminal = pty.fork()
     if process == 0:
@@ -358,7 +359,7 @@ def on_a_terminal(*arguments: str) -> str:
     while True:
         try:
             part = os.read(terminal, 65536)
-        except OSError:  # how the end of a terminal is told
+        except OSError:  # the terminal has ended
             break
         if not part:
             break

@@ -1,5 +1,5 @@
-"""B6, B7: big values that nothing names are removed, also by a server that is killed all the time; what anything
-names stays, and an editor whose work names a value that was removed loses nothing."""
+"""B6, B7: big values that nothing names are removed, also by a server that is killed again and again; values
+that something names stay, and an editor whose work names a removed value loses nothing."""
 
 import hashlib
 import os
@@ -14,7 +14,7 @@ from conftest import cat, wait
 ROOT = '#usda 1.0\n\ndef Mesh "M"\n{\n}\n\ndef Mesh "N"\n{\n}\n'
 SOON = ("--keep-unused-blobs", "0")
 
-# Values of 1 MiB, some of them the same in each editor.
+# The values have 1 MiB; some of them are the same in each editor.
 WRITE = """
 import hashlib
 
@@ -55,7 +55,7 @@ def values(project):
 
 
 def named_by_commits(server):
-    """What was written again before it was sent (SE15) may be there, too, and named by none."""
+    """Values that were replaced before they were sent (SE15) may be stored, too; no commit names them."""
     with wire.Peer(server.url) as peer:
         contents = [edit["action"][1].get("value") for commit in peer.log() for edit in commit["edits"]]
     return {content[11:].hex() for content in contents if content and content[2] == 1}  # V10
@@ -66,7 +66,7 @@ def bytes_of(project):
 
 
 def same(server, editors, layer="root.usda"):
-    """All have, byte for byte, what the server has, with every big value."""
+    """All have, byte for byte, the same content as the server, with every big value."""
     text = hashlib.sha256(cat(server, layer).encode()).hexdigest()
     for one in editors:
         one.run("import time")
@@ -93,7 +93,7 @@ def test_b6_what_nobody_names_goes_and_what_commits_name_stays(project, serve, e
         one.flush()
     lost = cy.run("result = len([e for e in happened if isinstance(e, usdlive.events.Lost)])")
     assert lost > 0, "the layer is locked"
-    # What ada ended with is all that was committed.
+    # The final content of ada is everything that was committed.
     wait(lambda: len(values(project)) == 1, timeout=30)
     late = editor(server, "late", "root.usda")
     late.run(WRITE)
@@ -105,7 +105,8 @@ def test_b6_what_nobody_names_goes_and_what_commits_name_stays(project, serve, e
 
 
 def test_b6_values_that_are_uploaded_while_they_are_removed(project, serve, editor):
-    """Two write the same values at the same time; what one of them writes is refused, and removed again and again."""
+    """Two editors write the same values at the same time. The writes of one of them are refused, and their
+    values removed again and again."""
     (project / "root.usda").write_text(ROOT)
     (project / "locked.usda").write_text(ROOT)
     server = serve(project, *SOON)
@@ -132,7 +133,7 @@ def test_b6_values_that_are_uploaded_while_they_are_removed(project, serve, edit
 
 
 def test_b6_work_that_waits_longer_than_its_values_are_kept(project, serve, editor):
-    """The first value is removed while the second one is still on its way, and uploaded again."""
+    """The first value is removed while the second one is still on its way; then it is uploaded again."""
     (project / "root.usda").write_text(ROOT)
     server = serve(project, *SOON)
     ada = editor(server, "ada", "root.usda")
@@ -146,7 +147,7 @@ def test_b6_work_that_waits_longer_than_its_values_are_kept(project, serve, edit
 
 
 def test_b6_killed_while_it_removes(project, serve, editor):
-    """What was left behind goes in the end, and what is named never does."""
+    """Unused values are removed in the end; named values never are."""
     (project / "root.usda").write_text(ROOT)
     server = serve(project, *SOON)
     ada = editor(server, "ada", "root.usda")
@@ -179,7 +180,7 @@ def test_b6_killed_while_it_removes(project, serve, editor):
 
 
 def test_b7_a_drag_leaves_little_on_the_authors_disk(project, serve, editor, tmp_path, monkeypatch):
-    """Also of an editor that is killed: the next one removes its temporary folder."""
+    """This also covers an editor that is killed: the next one removes its temporary folder."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))

@@ -1,4 +1,4 @@
-"""Commands, their undo and the layer commands of Kit, on files and live."""
+"""Tests commands, their undo and Kit's layer commands, on files and live."""
 
 import logging
 import os
@@ -125,7 +125,7 @@ def texts(stage):
 
 
 def composed(stage):
-    """What is composed, without where from and in which order."""
+    """The composed content, without the layers that it comes from and their order."""
     values = {}
     for prim in stage.Traverse():
         values[str(prim.GetPath())] = prim.GetTypeName()
@@ -140,7 +140,7 @@ def composed(stage):
 
 
 class Undone:
-    """Whatever is executed within, undo brings every layer back and redo does it again."""
+    """Checks for everything that is executed within: undo restores every layer, and redo does it again."""
 
     def __init__(self, stage):
         self.stage = stage
@@ -288,7 +288,7 @@ def test_the_stack_is_bounded(registered, ctx):
 
 
 def scattered(seed):
-    """A layer with a bit of everything."""
+    """A layer with some content of each kind."""
     dice = random.Random(seed)
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
@@ -328,7 +328,7 @@ def mutate(stage, dice):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_whatever_is_recorded_is_taken_back(seed, capfd):
-    """Undo restores the layer to the letter; where it is shared and nobody else wrote, too."""
+    """Undo restores the layer exactly; also if it is shared and nobody else wrote."""
     for shared in (False, True):
         stage, dice = scattered(seed)
         layer = stage.GetRootLayer()
@@ -354,7 +354,7 @@ def test_a_layer_is_made_like_another(seed, capfd):
 
 
 def two_wrote(first, second):
-    """What is left when the second has written after the first, and the first undoes."""
+    """The result when the second author has written after the first, and the first undoes."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     stage = Usd.Stage.Open(layer)
     prim = stage.DefinePrim("/A")
@@ -508,7 +508,7 @@ def test_remove_a_sublayer(ctx, stage, layer, caplog):
     root, strong = layer("root"), layer("strong")
     root.customLayerData = {"omni_layer": {"muteness": {"./strong.usda": False, "./weak.usda": True},
                                            "locked": {"./strong.usda": True}}}
-    # Locked by Kit's map: the layer itself, not the list it stands in.
+    # Kit's map locks the layer itself, not the list that contains it.
     stage.SetEditTarget(strong)
     with Undone(stage):
         run("RemoveSublayer", layer_identifier=root.identifier, sublayer_position=0)
@@ -578,7 +578,7 @@ def test_move_a_sublayer(ctx, stage, layer, caplog):
 @pytest.mark.parametrize("stronger", [True, False])
 def test_merged_layers_compose_the_same(stronger, ctx, stage, layer, folder):
     root = layer("root")
-    if not stronger:  # the source is the one above
+    if not stronger:  # the source is the upper one
         root.subLayerPaths = ["./weak.usda", "./strong.usda"]
         root.subLayerOffsets[1] = Sdf.LayerOffset(10, 2)
     before = composed(stage)
@@ -831,11 +831,11 @@ def test_layer_helpers(layer, folder):
     assert "rel friends = </World/Crate>" in strong.ExportToString()
 
 
-# -- commands over the parts of Layers, which have the documented names
+# -- commands that use the parts of Layers by their documented names
 
 
 class LayersParts:
-    """Of a context's Layers, what the commands change."""
+    """The parts of a context's Layers that the commands change."""
 
     def __init__(self, layers):
         self.state, self.linking = layers.get_layers_state(), layers.get_specs_linking()
@@ -948,7 +948,7 @@ def live(project, serve, editor, folder):
 
 
 def settled(context, ada):
-    """Both have all there is; the texts of the layers, which are the same for both."""
+    """Waits until both have everything; returns the texts of the layers, which are the same for both."""
     names = ("root.usda", "strong.usda", "weak.usda", "deep/below.usda")
     connection = context.live
     assert connection.flush()

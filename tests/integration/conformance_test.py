@@ -1,5 +1,5 @@
-"""F1: the server's WebSocket under the Autobahn cases (kosoku), through an echo server made of the product's
-transport."""
+"""F1: runs the Autobahn cases (kosoku) against the server's WebSocket, in an echo server that uses the
+product's transport."""
 
 import asyncio
 import concurrent.futures
@@ -11,7 +11,7 @@ import subprocess
 import pytest
 
 ECHO_SERVER = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "bin/echo_server"
-# All of RFC 6455; 12 and 13 are about compression, which the server never negotiates.
+# All groups of RFC 6455; 12 and 13 test compression, which the server never negotiates.
 CASES = [f"{group}.*" for group in (1, 2, 3, 4, 5, 6, 7, 9, 10)]
 
 
@@ -24,7 +24,8 @@ def echo_url():
 
 
 def run_cases(url):
-    """How many ran and what failed; for a process of its own, whose import path and binascii kosoku replaces."""
+    """Returns how many cases ran and which failed. Runs in its own process, because kosoku replaces its
+    import path and binascii."""
     from kosoku import FailureError, run_fuzzingclient
 
     try:

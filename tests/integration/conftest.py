@@ -1,4 +1,4 @@
-"""Real servers and real editors in processes of their own."""
+"""Fixtures with real servers and real editors in their own processes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Server:
         self.folder, self.log, self.options, self.port = folder, log, options, 0
         self.process: subprocess.Popen | None = None
         self.program = [os.environ["USDLIVE_BIN"], "serve"]
-        self.environment: dict[str, str] = {}  # on top of the tests' own
+        self.environment: dict[str, str] = {}  # in addition to the tests' own
 
     def start(self) -> "Server":
         self.launch()
@@ -38,7 +38,7 @@ class Server:
         return self
 
     def launch(self) -> None:
-        """Starts the process and does not wait for it."""
+        """Starts the process without waiting for it."""
         self.port_file.unlink(missing_ok=True)
         self.process = subprocess.Popen(
             [*self.program, str(self.folder), "--port", str(self.port),
@@ -64,7 +64,7 @@ class Server:
 
 
 class Peer:
-    """An editor in a Python process of its own, with `live`, `stage` and pxr's modules at hand."""
+    """An editor in its own Python process, with `live`, `stage` and pxr's modules defined."""
 
     def __init__(self, url: str, user: str, layer: str, log: pathlib.Path, prefix=()):
         self.log = log
@@ -81,13 +81,13 @@ class Peer:
         return answer.get("value")
 
     def run(self, code: str):
-        """Executes statements; the value of the name `result` comes back (JSON)."""
+        """Executes statements; returns the value of the name `result` (JSON)."""
         self.process.stdin.write(json.dumps(code) + "\n")
         self.process.stdin.flush()
         return self._answer()
 
     def flush(self) -> int:
-        """Everything committed; the revision where this editor stands."""
+        """Waits until everything is committed; returns the revision of this editor."""
         return self.run("assert live.flush(20), 'not committed'; result = live.revision")
 
     def text(self, layer: str) -> str:
@@ -103,7 +103,7 @@ class Peer:
 
 @pytest.fixture(autouse=True)
 def _state_of_its_own(tmp_path, monkeypatch):
-    """Unsent work of one test is not offered to another."""
+    """Keeps the unsent work of one test from being offered to another."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
@@ -145,7 +145,7 @@ def editor(tmp_path):
 
 
 def cat(server: Server, layer: str, *options: str) -> str:
-    """A layer's text as the server has it."""
+    """The text of a layer on the server."""
     return subprocess.run([os.environ["USDLIVE_BIN"], "cat", f"{server.url}/{layer}", *options],
                           capture_output=True, text=True, check=True).stdout
 
@@ -155,7 +155,7 @@ def connect(server: Server, user: str) -> usdlive.Live:
 
 
 def wait(condition, *ticking, timeout=10):
-    """Until it is true; what has a tick() makes frames meanwhile."""
+    """Waits until the condition is true; `live` objects with a tick() run frames meanwhile."""
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, "it did not happen"
@@ -165,17 +165,17 @@ def wait(condition, *ticking, timeout=10):
 
 
 def wait_frames(condition, timeout=10):
-    """The same, with the frames of `omni.kit.app`."""
+    """Does the same with the frames of `omni.kit.app`."""
     wait(condition, types.SimpleNamespace(tick=get_app().update), timeout=timeout)
 
 
 def run(*arguments: str) -> str:
-    """What the command line tool prints, which has to succeed."""
+    """Runs the command line tool, which must succeed; returns its output."""
     return subprocess.run([os.environ["USDLIVE_BIN"], *arguments], capture_output=True, text=True, check=True).stdout
 
 
 def refused(*arguments: str) -> str:
-    """What the tool says that fails."""
+    """Runs the tool, which must fail; returns its message."""
     ran = subprocess.run([os.environ["USDLIVE_BIN"], *arguments], capture_output=True, text=True)
     assert ran.returncode == 1
     return ran.stderr

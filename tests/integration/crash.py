@@ -1,9 +1,11 @@
-"""What a crash may leave of a folder, by the trace of tests/interpose/interpose.cpp.
+"""Rebuilds what a crash may leave of a folder, from the trace of tests/interpose/interpose.cpp.
 
-A file system keeps what was synced. Of the rest it keeps what it likes: of a file's content a beginning or
-any pages; of names made, changed and removed a beginning, where a journal keeps them in order and a sync of
-anything takes along all that came before it (ext4, XFS), or any, where only the sync of a folder is for its
-names (POSIX). A sync that failed leaves what it was for lost for ever, whatever is synced later."""
+A file system keeps everything that was synced. Of the rest it keeps any part. Of a file's content it keeps a
+beginning, or any pages. Of the creations, renames and removals of names it keeps a beginning if a journal
+keeps them in order and any sync includes everything before it (ext4, XFS); it keeps any of them if only a
+sync of the folder covers its names (POSIX). If a sync failed, its data is lost for ever, whatever is synced
+later.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,14 @@ Record = collections.namedtuple("Record", "end did file number first second")
 
 
 def environment(folder: pathlib.Path, trace: pathlib.Path, library: pathlib.Path, fault: str | None = None):
-    """For Server.environment."""
+    """The variables for Server.environment."""
     more = {"USDLIVE_IO_FAULT": fault} if fault else {}
     return {"LD_PRELOAD": str(library), "USDLIVE_IO_FOLDER": str(folder) + "/",
             "USDLIVE_IO_TRACE": str(trace), **more}
 
 
 def records(trace: pathlib.Path):
-    """Record.end is where it ends in the file; one that is not whole yet is left out."""
+    """Reads the records of a trace. Record.end is its end in the file; an incomplete last record is left out."""
     data = trace.read_bytes()
     at = 0
     while at + HEADER.size <= len(data):
@@ -43,7 +45,7 @@ def records(trace: pathlib.Path):
 
 
 class Change:
-    """Of a file's content or of names; kept for sure once synced."""
+    """A change of a file's content or of names; it is certainly kept once it was synced."""
 
     def __init__(self, content):
         self.content = content
@@ -71,7 +73,7 @@ class Folder:
 
     def sync(self):
         for change in self.disk.names:
-            # A rename from one folder to another is there when the one it goes to was synced.
+            # A rename from one folder to another is kept if the target folder was synced.
             change.synced |= not change.lost and change.content[-1][0] is self
 
     def lose(self):
@@ -80,14 +82,14 @@ class Folder:
 
 
 class Disk:
-    """The folder as processes see it, and what of it is on the disk for sure."""
+    """The folder as processes see it, and the part of it that is certainly on the disk."""
 
     def __init__(self, folder: pathlib.Path):
-        """`folder` is on the disk as it is."""
-        self.names = []  # Changes of names: a list of (folder, name, what stands there or None)
-        self.in_journal = 0  # how many of these are on the disk if that has a journal
+        """The present content of `folder` is on the disk."""
+        self.names = []  # changes of names: a list of (folder, name, new target or None)
+        self.in_journal = 0  # how many of these are on the disk if it has a journal
         self.root = Folder(self)
-        self.files = {}  # by the process's numbers
+        self.files = {}  # by the process's descriptors
         for path in sorted(folder.rglob("*")):
             made = File() if path.is_file() else Folder(self)
             self._name((str(path.relative_to(folder)), made))
@@ -117,7 +119,7 @@ class Disk:
         self.names.append(Change(entries))
 
     def take(self, record: Record) -> None:
-        """The next record of the trace."""
+        """Takes the next record of the trace."""
         did = record.did
         if did == "b":
             self.files = {}
@@ -148,8 +150,8 @@ class Disk:
             self._name((record.first, Folder(self)))
 
     def write(self, folder: pathlib.Path, keeps) -> None:
-        """The folder as it may be after a crash; `keeps` says of what was not synced what is there."""
-        entries = {}  # by folder: name -> what
+        """Writes the folder as it may be after a crash; `keeps` decides which unsynced changes are kept."""
+        entries = {}  # by folder: name -> target
         for change in keeps.names(self.names):
             for owner, name, what in change.content:
                 entries.setdefault(owner, {}).pop(name, None)
@@ -173,7 +175,7 @@ class Disk:
 
 
 class Everything:
-    """No crash: what the processes see."""
+    """No crash: everything that the processes see."""
 
     def names(self, changes):
         return changes
@@ -183,8 +185,8 @@ class Everything:
 
 
 class Kept:
-    """What a crash leaves. `journal`: names are kept in order; `pages`: which of a file's pages are kept
-    has no order either; `least`: nothing that was not synced."""
+    """The choices of a crash. `journal`: names are kept in order; `pages`: the kept pages of a file have no
+    order either; `least`: nothing unsynced is kept."""
 
     def __init__(self, random, journal=True, pages=False, least=False):
         self.random, self.journal, self.pages, self.least = random, journal, pages, least

@@ -1,6 +1,5 @@
-"""K3: whatever of the unsynced writes a crash of the machine takes along, what was acknowledged before it is
-there, in order and chained, and the store opens. Also where commits give way to a base meanwhile, and big values
-that nothing names are removed."""
+"""K3: whichever unsynced writes a crash of the machine loses, everything acknowledged before it is there, in
+order and chained, and the store opens. Also while a base replaces commits and unused big values are removed."""
 
 import collections
 import concurrent.futures
@@ -20,29 +19,29 @@ from conftest import Server, cat, run, wait
 from pxr import Sdf
 from websockets.exceptions import WebSocketException
 
-# Places in each trace, each with one choice of what is kept.
+# The number of places in each trace; each is tried with one choice of kept writes.
 CRASHES = int(os.environ.get("USDLIVE_CRASHES", "40"))
 SEED = int(os.environ.get("USDLIVE_SEED", "1"))
 AT_ONCE = 2
 INTERPOSER = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "bin" / "interpose.so"
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n'
 
-BIG_SAMPLE = -1  # the one that big values are written to, in turn
+BIG_SAMPLE = -1  # the sample that big values are written to, in turn
 Acknowledged = collections.namedtuple("Acknowledged", "at epoch revision client sequence hash")
 Compacted = collections.namedtuple("Compacted", "asked done base")  # where in the trace, and to which revision
 Recorded = collections.namedtuple("Recorded", "trace acknowledged history compacted big")
 
 
 class Author:
-    """Writes samples, and knows how long the trace was when it saw each acknowledged: all that comes
-    after in the trace was done with that promise given."""
+    """Writes samples, and notes the length of the trace when it received each acknowledgement: everything
+    later in the trace happened after this promise."""
 
     def __init__(self, server, trace, random_, first):
         self.trace, self.random, self.first = trace, random_, first
         self.peer = wire.Peer(server.url)
         self.sequence = self.waiting = 0
         self.acknowledged = []
-        self.big = {}  # big values by who named them: (client, sequence)
+        self.big = {}  # big values by the transaction that names them: (client, sequence)
 
     def write_big(self, count):
         for _ in range(count):
@@ -78,8 +77,8 @@ class Author:
 
 
 def record(project, tmp_path, unsynced, compacts):
-    """Three servers after each other, each killed. `unsynced`: the first one is killed between a write and its
-    sync, so that the next finds what is not on the disk."""
+    """Runs three servers one after the other, each of them killed. `unsynced`: the first one is killed
+    between a write and its sync, so that the next one finds data that is not on the disk."""
     random_ = random.Random(SEED)
     options = ("--keep-unused-blobs", "0") if compacts else ()
     server, trace = Server(project, tmp_path / "recorded.log", *options), tmp_path / "trace"
@@ -108,7 +107,8 @@ def record(project, tmp_path, unsynced, compacts):
             else:
                 follow(server, made)
                 if compacts:
-                    # What was replaced in this life is not named any more: two remain, and what the base has.
+                    # Values that were replaced in this run are not named any more: two remain, and those of
+                    # the base.
                     wait(lambda: len(values(project)) <= 3, timeout=30)
                 at_rest(trace)
                 server.kill()
@@ -123,7 +123,7 @@ def follow(server, made):
 
 
 def compact(server, made):
-    """All commits so far give way to a base."""
+    """Replaces all commits so far with a base."""
     follow(server, made)
     asked = made.trace.stat().st_size
     base = json.loads(run("compact", server.url, "--days", "0", "--json"))["base"]
@@ -136,14 +136,15 @@ def values(project):
 
 
 def at_rest(trace):
-    """Snapshots are written beside the commits; a kill in the midst would tear the trace itself."""
+    """Waits until no snapshot is being written: they are written beside the commits, and a kill in between
+    would cut the trace itself."""
     size = -1
     while size != (size := trace.stat().st_size):
         time.sleep(0.3)
 
 
 def log_of(server):
-    """(base, commits after it)."""
+    """Returns (base, commits after it)."""
     with wire.Peer(server.url) as peer:
         base = peer.welcome["base"]
         if peer.revision == base:
@@ -156,7 +157,8 @@ class Wrong(Exception):
 
 
 def judge(server, made, place, whole, refusal):
-    """How many commits that nobody was told of are there, too; None: it was refused, where that may be."""
+    """Returns how many commits without an acknowledgement are there, too; None if the store was refused,
+    where that is allowed."""
     acknowledged = [one for one in made.acknowledged if one.at <= place]
     told = acknowledged[-1].revision if acknowledged else 0
     server.launch()
@@ -216,15 +218,15 @@ def same(one, other):
 
 
 def places(records, made, random_):
-    """Ends of records: half anywhere, or while commits give way to a base, half where something had just been
-    acknowledged."""
+    """Returns ends of records: half of them anywhere, or while a base replaces commits; half of them right
+    after an acknowledgement."""
     ends = [one.end for one in records]
     if made.compacted:
         ends = [end for end in ends
                 if any(one.asked <= end <= one.done + (one.done - one.asked) for one in made.compacted)]
     promised = sorted({one.at for one in made.acknowledged})
     chosen = [random_.choice(ends if number % 2 else promised) for number in range(CRASHES)]
-    # The first opening of a store is short in the trace.
+    # The first opening of a store takes a short part of the trace.
     first = promised[0]
     opening = [end for end in ends if end < first]
     return sorted(chosen + random_.sample(opening, min(len(opening), CRASHES // 8)))
@@ -240,8 +242,8 @@ def places(records, made, random_):
 ])
 def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, unsynced, compacts, project,
                                                               tmp_path, capfd):
-    """Where pages of the last write are kept in any order, the log may have a hole in front of its end, which
-    is told as damage: then it may be refused, never shortened."""
+    """If the pages of the last write are kept in any order, the log may have a hole before its end, which is
+    reported as damage. Then the store may be refused, but never shortened."""
     print(f"repeat with USDLIVE_SEED={SEED} USDLIVE_CRASHES={CRASHES}")
     (project / "root.usda").write_text(ROOT)
     before = tmp_path / "before"
@@ -255,7 +257,7 @@ def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, un
         try:
             more = judge(Server(folder, folder.with_suffix(".log")), made, place, compacts or number % 5 == 0,
                          pages)
-        except Exception as failure:  # a lost connection is wrong, too
+        except Exception as failure:  # a lost connection is a fault, too
             return f"{folder.name} at {place} ({kept}): {type(failure).__name__}: {failure}", 0
         shutil.rmtree(folder)
         return None, more
@@ -270,7 +272,7 @@ def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, un
             disk.write(folder, kept)
             tried.append(pool.submit(crashed, number, folder, place, kept))
             if number >= 2 * AT_ONCE:
-                tried[number - 2 * AT_ONCE].result()  # not all folders at the same time
+                tried[number - 2 * AT_ONCE].result()  # limits the number of folders that exist at the same time
     for one in left:
         disk.take(one)
     disk.write(tmp_path / "all", crash.Everything())

@@ -1,4 +1,4 @@
-"""New layers of the project (FI6), what takes long (PG1), and a history that is gone."""
+"""Tests new layers of the project (FI6), notices of progress (PG1), and a missing history."""
 
 import importlib.util
 import os
@@ -117,7 +117,7 @@ def test_the_example_runs(served, capsys):
         'def Scope "Effects"' in cat(served, "effects/fx.usda")
 
 
-# -- what takes long
+# -- requests that take long
 
 
 def test_an_import_a_save_and_an_upload_tell_how_far_they_are(project, serve):
@@ -131,7 +131,7 @@ def test_an_import_a_save_and_an_upload_tell_how_far_they_are(project, serve):
         layers = [live.open_layer(f"l{i:03}.usda") for i in range(150)]
         live.tick()
         assert any(one.task == "import" and one.layer == "l000.usda" for one in told)
-        for layer in layers:  # big enough that all of it takes more than half a second to write
+        for layer in layers:  # big enough that writing all of them takes more than half a second
             attribute = Sdf.AttributeSpec(Sdf.CreatePrimInLayer(layer, "/A"), "v", Sdf.ValueTypeNames.StringArray)
             attribute.default = Vt.StringArray([str(i) for i in range(20_000)])
             assert live.flush(20)
@@ -151,13 +151,13 @@ def test_an_import_a_save_and_an_upload_tell_how_far_they_are(project, serve):
         assert uploads and uploads[-1].total >= len(noise) and all(one.done <= one.total for one in uploads)
 
 
-# -- a history that is gone
+# -- a missing history
 
 
 def test_a_history_that_was_deleted_is_explained_once(project, serve, tmp_path):
     (project / "shot.usda").write_text("#usda 1.0\n")
     server = serve(project)
-    for _ in range(3):  # epochs
+    for _ in range(3):  # makes three epochs
         server.stop()
         server.start()
     said = []

@@ -1,4 +1,4 @@
-"""Many bare WebSocket connections on one thread, so that what is measured is the server."""
+"""Runs many bare WebSocket connections on one thread, so that the server is measured and not its clients."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ STAMP_BYTES = 40  # STAMP sequence ":" nanoseconds, padded
 
 
 class Connection:
-    """Upgrade, hello, and then whatever comes is given to `on_frame(connection, frame)`."""
+    """Sends upgrade and hello; then passes every frame to `on_frame(connection, frame)`."""
 
     def __init__(self, crowd: Crowd, resume=None, receive_buffer=None):
         self.crowd, self.client = crowd, wire.new_client()
@@ -123,7 +123,7 @@ class Crowd:
             self.selector.modify(connection.socket, events, connection)
 
     def stop_reading(self, connection):
-        """As a program that was stopped: its socket stays open, and nobody reads."""
+        """Behaves like a stopped program: its socket stays open, and nobody reads."""
         self.selector.unregister(connection.socket)
 
     def go_on_reading(self, connection):
@@ -155,7 +155,7 @@ def stamped(sequence: int, size: int) -> str:
 
 
 def read_stamp(frame: bytes):
-    """(sequence, seconds it was on its way) of a frame that carries a stamp."""
+    """Returns (sequence, seconds on its way) of a frame that carries a stamp."""
     at = frame.find(STAMP)
     if at < 0:
         return None

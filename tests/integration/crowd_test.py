@@ -1,4 +1,5 @@
-"""Readers that stop (S1), peers that go dead (N4, SE7), and a thousand that come back at once."""
+"""Tests readers that stop (S1), peers that die silently (N4, SE7), and a thousand sessions that reconnect at
+once."""
 
 import collections
 import resource
@@ -42,7 +43,7 @@ def was_cut(server):
 
 
 class Load:
-    """A writer at a steady rate, and readers that note what they got and how late it came."""
+    """A writer at a steady rate, and readers that note the received edits and their delay."""
 
     def __init__(self, server, readers):
         self.server = server
@@ -68,7 +69,7 @@ class Load:
     phase = ""
 
     def run(self, phase, seconds, until=lambda: False):
-        """Edits for so long, or until something has happened. Returns whether it has."""
+        """Edits for some seconds, or until a condition is true. Returns whether it became true."""
         self.phase = phase
         start = next_edit = time.monotonic()
         next_look = start
@@ -85,13 +86,13 @@ class Load:
 
     def edit(self):
         self.sequence += 1
-        # One register again and again: what is measured does not grow.
+        # Writes one register again and again, so that the layer does not grow.
         edit = wire.set_field("/World.s", "default", wire.string(stamped(self.sequence, EDIT_BYTES)))
         self.writer.send(wire.encode("Submit", {"client": self.writer.client, "layers": ["root.usda"],
                                                 "sequence": self.sequence, "base": 0, "edits": [edit]}))
 
     def finish(self):
-        """Everybody has everything, once and in order."""
+        """Checks that everybody has everything, once and in order."""
         everything = list(range(1, self.sequence + 1))
         readers = [c for c in self.readers if c not in self.ignored]
         assert self.crowd.until(lambda: all(len(self.got[c]) >= self.sequence for c in readers), 20)
@@ -100,7 +101,8 @@ class Load:
 
 
 def test_s1_a_stopped_reader_is_cut_and_harms_no_other(root, serve, capfd):
-    """Nothing has been read for 10 s; commits do not queue up for it (FR6). It cannot be told, either."""
+    """The reader has read nothing for 10 s; commits do not queue up for it (FR6). It cannot receive the
+    reason either."""
     server = serve(root)
     load = Load(server, READERS - 1)
     load.run("warm up", 1)
@@ -112,7 +114,7 @@ def test_s1_a_stopped_reader_is_cut_and_harms_no_other(root, serve, capfd):
     load.crowd.stop_reading(stopped)
     begin = time.monotonic()
     load.run("with", 8)
-    # While this process asks, it reads nothing: what comes meanwhile would be late by its own doing.
+    # While this process waits for an answer, it reads nothing, and messages would seem late because of that.
     assert not was_cut(server), "a reader has 10 s"
     assert load.run("cut", 11, lambda: was_cut(server)), "a reader that does not read is never cut"
     took = time.monotonic() - begin
@@ -123,7 +125,8 @@ def test_s1_a_stopped_reader_is_cut_and_harms_no_other(root, serve, capfd):
     with capfd.disabled():
         print(f"\nS1: cut after {took:.1f} s; p99 of the {READERS - 1} others {with_:.1f} ms, "
               f"before {without:.1f} ms")
-    # Who waits for the one that does not read is late by seconds; on a busy machine all are late by some 100 ms.
+    # A reader that waits for the stopped one is late by seconds; on a busy machine all are late by some 100
+    # ms.
     assert with_ < without + 1000
 
 
@@ -143,7 +146,7 @@ def test_a_thousand_sessions_come_back_at_once(root, serve, capfd):
                 break
         resume = author.resume_point()
     seconds = []
-    for _ in range(2):  # come, and come back after a kill
+    for _ in range(2):  # connect, and reconnect after a kill
         commits = collections.Counter()
         resumed = []
 
@@ -181,7 +184,7 @@ def poll(condition, seconds, what):
 
 
 def test_n4_a_dead_peer_is_noticed(root, serve, editor, capfd):
-    """Nothing ends its connection: no FIN, no RST. SE7: either side notices, and goes on by itself."""
+    """Nothing ends its connection: no FIN, no RST. SE7: both sides notice, and continue without help."""
     server = serve(root)
     stopped, other = editor(server, "stopped", "root.usda"), editor(server, "other", "root.usda")
     poll(lambda: metrics(server)["usdlive_sessions"] == 2, 10, "two are here")
@@ -213,7 +216,7 @@ def test_n4_a_dead_peer_is_noticed(root, serve, editor, capfd):
 
 
 def test_cf1_a_reader_that_was_away_gets_what_counts_now(root, serve, editor, capfd):
-    """FR6: commits do not queue up for it, and it comes back without reading them all."""
+    """FR6: commits do not queue up for it, and it catches up without reading them all."""
     edit_bytes, least = 32 * 1024, 24 * 2**20
     server = serve(root)
     slow = editor(server, "slow", "root.usda")
@@ -222,7 +225,7 @@ def test_cf1_a_reader_that_was_away_gets_what_counts_now(root, serve, editor, ca
         slow.process.send_signal(signal.SIGSTOP)
         waited, number = [], 0
         try:
-            end = time.monotonic() + 9  # at 10 s without progress it would be cut
+            end = time.monotonic() + 9  # after 10 s without progress it would be disconnected
             while number * edit_bytes < least and time.monotonic() < end:
                 number += 1
                 attribute.default = f"{number} {'x' * edit_bytes}"

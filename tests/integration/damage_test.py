@@ -1,5 +1,5 @@
-"""K5: a store in which one byte is flipped or one file ends early is served exactly as it was acknowledged,
-or refused with a sentence. Never a shortened history, a crash or a hang."""
+"""K5: a store with a flipped byte or a file that ends early is served exactly as it was acknowledged, or
+refused with a message. There is never a shortened history, a crash or a hang."""
 
 import collections
 import concurrent.futures
@@ -24,7 +24,7 @@ PASSED_OVER = ("lock", "LOCK", "reserve", "server.json")
 
 
 class Truth:
-    """What was acknowledged, and the store that holds it."""
+    """The acknowledged content, and the store that holds it."""
 
     def __init__(self, server: Server, folder: pathlib.Path):
         self.texts = {name: cat(server, name) for name in LAYERS}
@@ -38,7 +38,8 @@ class Truth:
 
 
 def a_store(project, serve, editor) -> Truth:
-    """Tables, a log that is not in them yet, several of the latter's epochs, big values, snapshots."""
+    """Creates a store with tables, a log that is not in them yet, several epochs in this log, big values and
+    snapshots."""
     for name in LAYERS:
         many = "".join(f"    double d{i} = {i}\n" for i in range(10_000))  # a snapshot is due at once
         (project / name).write_text('#usda 1.0\n\ndef "World"\n{\n    string s\n' + many + "}\n\n")
@@ -67,7 +68,7 @@ def a_store(project, serve, editor) -> Truth:
 
 def damage(path: pathlib.Path, random_: random.Random) -> str:
     size = path.stat().st_size
-    # The end of a file is what a crash harms, so half of the places are there.
+    # A crash damages the end of a file, so half of the places are there.
     at = random_.randrange(size) if random_.random() < 0.5 else size - 1 - random_.randrange(min(size, 4096))
     with path.open("r+b") as file:
         if random_.random() < 0.4:
@@ -92,7 +93,7 @@ def one_line(text: str, folder: pathlib.Path) -> None:
 
 
 def log_of(server: Server, truth: Truth) -> str:
-    """Exactly the history, or a refusal after a beginning of it."""
+    """Returns exactly the history, or a refusal after a beginning of it."""
     with wire.Peer(server.url) as peer:
         if peer.welcome["revision"] != truth.commits[-1][0]:
             raise Wrong(f"serves revision {peer.welcome['revision']} of {truth.commits[-1][0]}")
@@ -118,7 +119,7 @@ def log_of(server: Server, truth: Truth) -> str:
 
 
 def answers_of(server: Server, truth: Truth) -> str:
-    """M9: what was committed is known, for every author."""
+    """M9: the server knows the committed transactions of every author."""
     last = {client: (sequence, revision) for revision, client, sequence, _ in truth.commits if client}
     for client, (sequence, revision) in last.items():
         with wire.Peer(server.url, client) as peer:
@@ -127,7 +128,7 @@ def answers_of(server: Server, truth: Truth) -> str:
                 kind, members = peer.frame(20)
                 if kind == "alreadyCommitted" and members["revision"] == revision:
                     break
-                # What cannot be read is no "no": the session ends, nothing is committed.
+                # If the answer cannot be read, it is not "no": the session ends, and nothing is committed.
                 if kind == "errorMessage" and members["closing"]:
                     return "refused a part"
                 if kind in ("alreadyCommitted", "Commit", "Refusal"):
@@ -176,7 +177,7 @@ def start_and_judge(server: Server, truth: Truth) -> str:
 
 
 def kind_of(name: pathlib.Path) -> str:
-    if name.name.startswith(("IDENTITY", "OPTIONS")):  # RocksDB writes these for people
+    if name.name.startswith(("IDENTITY", "OPTIONS")):  # RocksDB writes these files for people only
         return "for people"
     if "snapshots" in name.parts:
         return "snapshot"
@@ -184,11 +185,11 @@ def kind_of(name: pathlib.Path) -> str:
 
 
 def try_one(number: int, truth: Truth, manifest: bool, folder: pathlib.Path):
-    """(kind of file, outcome, what is wrong)."""
+    """Returns (kind of file, outcome, fault)."""
     random_ = random.Random(f"{SEED} {number}")
     copy = folder / f"damaged{number}"
     shutil.copytree(truth.folder, copy, ignore=shutil.ignore_patterns("reserve"))
-    # Kinds of files alike, so that small ones have their turn.
+    # Each kind of file is chosen equally often, so that small ones are tested, too.
     kinds = collections.defaultdict(list)
     for name in truth.files:
         if (kind_of(name) == "MANIFEST") == manifest:
@@ -197,7 +198,7 @@ def try_one(number: int, truth: Truth, manifest: bool, folder: pathlib.Path):
     done = damage(copy / random_.choice(kinds[kind]), random_)
     try:
         outcome, wrong = start_and_judge(Server(copy, folder / f"damaged{number}.log"), truth), None
-    except Exception as failure:  # a lost connection is wrong, too
+    except Exception as failure:  # a lost connection is a fault, too
         outcome, wrong = "wrong", f"place {number}, {done}: {type(failure).__name__}: {failure}"
     if not wrong:
         shutil.rmtree(copy)

@@ -1,4 +1,4 @@
-"""One project over DDS and WebSocket at once, in processes of their own on loopback."""
+"""Tests one project over DDS and WebSocket at the same time, in separate processes on loopback."""
 
 import os
 import random
@@ -17,7 +17,7 @@ NAMES = ("ada", "bo", "cy")
 
 
 class DdsServer(Server):
-    """The same server; `url` stays the WebSocket one."""
+    """The same server; `url` is still its WebSocket address."""
 
     @property
     def dds(self) -> str:
@@ -26,7 +26,7 @@ class DdsServer(Server):
 
 @pytest.fixture
 def domain(monkeypatch):
-    """A DDS domain of the test's own, so that runs on one machine do not meet."""
+    """A DDS domain of the test's own, so that other test runs on this machine do not interfere."""
     number = random.SystemRandom().randint(1, 90)
     monkeypatch.setenv("USDLIVE_DDS_DOMAIN", str(number))
     monkeypatch.setenv("USDLIVE_DDS_INTERFACE", "lo")
@@ -108,11 +108,11 @@ def test_m8_editors_of_both_transports_have_the_same(server, three):
     for editor in three:
         editor._answer()
     text = settle(server, three)
-    assert text.count("1393") == 3  # the last of everybody
+    assert text.count("1393") == 3  # the last value of each editor
 
 
 def test_m11_previews_end_with_their_gesture(server, three):
-    """Previews come by another topic than the commit that ends them, and still before it."""
+    """Previews use another topic than the commit that ends them, but arrive before it."""
     ada, bo, cy = three
     for turn in range(20):
         ada.run("live.begin_gesture()\na = stage.GetAttributeAtPath('/World.ada')\n"
@@ -250,7 +250,7 @@ def test_dd13_odd_samples_are_counted_logged_once_and_ignored(server, join, what
     ada.run("happened.clear()")
     write(ada, "ada", 0, 10)
     sender = stranger("send", what, "50")
-    while sender.poll() is None:  # ada works on meanwhile
+    while sender.poll() is None:  # ada works meanwhile
         write(ada, "ada", 10, 20, 0.01)
     assert sender.communicate() == ("", "")
     settle(server, [ada])
@@ -262,7 +262,7 @@ def test_dd13_odd_samples_are_counted_logged_once_and_ignored(server, join, what
 
 
 def secured(folder, *names):
-    """Keys as the script makes them: a folder for each name."""
+    """Keys made by the script: a folder for each name."""
     made = subprocess.run([HERE.parent.parent / "server/tools/dds-keys", folder, *names], capture_output=True, text=True)
     assert made.returncode == 0, made.stderr
     return folder
@@ -298,7 +298,7 @@ def test_dd14_with_an_identity_one_edits_and_without_one_gets_nothing(secure_ser
     assert text.count("343") == 2
     assert usdlive("ls", "dds://").stdout.startswith(secure_server.dds)
 
-    # Nobody else hears of the project, whatever they try.
+    # Nobody else discovers the project, whatever they try.
     monkeypatch.setenv("USDLIVE_DDS_SECURITY", str(secured(tmp_path / "other", "eve") / "eve"))
     assert usdlive("ls", "dds://").stdout == ""
     monkeypatch.delenv("USDLIVE_DDS_SECURITY")
@@ -310,7 +310,7 @@ def test_dd14_with_an_identity_one_edits_and_without_one_gets_nothing(secure_ser
     sender = stranger("send", "notGreeted", "1")
     assert "there is no server" in sender.communicate(timeout=60)[1]
     assert metric(secure_server, "usdlive_ignored_samples_total", 'reason="notGreeted"') == 0
-    # Nor may an editor speak for a server.
+    # An editor may not act as a server either.
     monkeypatch.setenv("USDLIVE_DDS_SECURITY", str(keys / "bo"))
     monkeypatch.setenv("USDLIVE_DDS_DOMAIN", os.environ["USDLIVE_DDS_DOMAIN"])
     pretending = subprocess.run(
@@ -319,7 +319,7 @@ def test_dd14_with_an_identity_one_edits_and_without_one_gets_nothing(secure_ser
         capture_output=True, text=True, timeout=20)
     *before, last = pretending.stderr.splitlines()
     assert pretending.returncode == 1 and last.startswith("usdlive-server: DDS: "), pretending.stderr
-    # On a busy machine it can have met another one before it is told no.
+    # On a busy machine it may have discovered another participant before it is refused.
     met = re.compile(r'\S+ \S+ warning: DDS says="Remote secure participant [0-9a-f:]+ not allowed"')
     assert all(met.fullmatch(line) for line in before), before
 
@@ -351,7 +351,7 @@ def test_dd11_any_dds_tool_reads_states_and_presences(server, join):
     ada.run("live.lock('root.usda'); live.show_presence(['/World'], time=3.0); assert live.flush(20)")
     bo.run("live.show_presence(['/World/A']); assert live.wait(lambda: len(live.presences()) == 1, 20)")
     reading = stranger("read", "4")
-    for turn in range(8):  # who does not tick is gone
+    for turn in range(8):  # an editor that does not tick is treated as disconnected
         for editor in (ada, bo):
             editor.run("live.wait(lambda: False, 0.2)")
     read = reading.communicate(timeout=60)[0]
@@ -359,20 +359,20 @@ def test_dd11_any_dds_tool_reads_states_and_presences(server, join):
                      re.MULTILINE), read
     assert re.search(r"^person \w+ ada in \S* ?#[0-9a-f]{6} selects /World at 3$", read, re.MULTILINE), read
     assert re.search(r"^person \w+ bo in \S* ?#[0-9a-f]{6} selects /World/A$", read, re.MULTILINE), read
-    # Who goes is gone, and a layer that is plain again says so.
+    # A session that ended is removed, and a layer that returned to the plain state is written as such.
     reading = stranger("read", "4")
     ada.run("live.wait(lambda: False, 1.5)\nlive.unlock('root.usda'); assert live.flush(20); live.close()")
     read = reading.communicate(timeout=60)[0]
     assert read.rstrip().splitlines()[-1].startswith("person") and re.search(r"^person \w+ gone$", read, re.MULTILINE)
     assert [line for line in read.splitlines() if line.startswith("layer")][-1].endswith("writable editor bo"), read
-    # The tool reads what it finds, and has nothing left over of a server that ended.
+    # The tool reads existing samples, and finds none of a server that ended.
     bo.run("live.close()")
     assert server.stop() == 0
     assert read_by_a_tool(1) == ""
 
 
 def wait_all(editors, condition, seconds=20):
-    """In turns: who makes no frames is gone for the others after 3 s (PS2)."""
+    """Waits in turns: an editor that runs no frames disappears for the others after 3 s (PS2)."""
     end = time.monotonic() + seconds
     waiting = list(editors)
     while waiting:

@@ -1,5 +1,5 @@
-"""A disk that runs full (D1, SE8): edits are refused with a code, reading goes on, and when there is space
-again so does editing."""
+"""A disk that runs full (D1, SE8): edits are refused with a code, reading continues, and editing continues
+when there is space again."""
 
 import secrets
 import subprocess
@@ -18,7 +18,7 @@ ROOT = '#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n'
 
 @pytest.fixture
 def disk(tmp_path):
-    """A small disk of its own."""
+    """A small separate disk."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "tmpfs", str(folder)],
@@ -30,7 +30,7 @@ def disk(tmp_path):
 
 
 class Author:
-    """Writes large samples, and knows which were acknowledged."""
+    """Writes large samples, and notes which were acknowledged."""
 
     def __init__(self, server):
         self.peer = wire.Peer(server.url)
@@ -39,7 +39,7 @@ class Author:
         self.refusals = []
 
     def edit(self):
-        """True: committed. False: refused."""
+        """Returns True if the edit was committed, False if it was refused."""
         self.sequence += 1
         text = secrets.token_hex(EDIT_BYTES // 2)
         self.peer.submit(self.sequence, "root.usda",
@@ -72,7 +72,7 @@ def samples(text):
 
 
 def accepted_after(author, seconds):
-    """How long it takes until an edit is accepted."""
+    """Returns how long it takes until an edit is accepted."""
     start = time.monotonic()
     while not author.edit():
         assert time.monotonic() < start + seconds, "there is space again, and edits are still refused"
@@ -109,14 +109,14 @@ def test_d1_a_full_disk_refuses_edits_and_harms_no_reader(by, disk, serve, edito
             author.edit()
         assert set(author.refusals) == {"storageFull"}
 
-        # Reading goes on: who is there has everything, who comes gets it.
+        # Reading continues: connected editors have everything, and new ones receive it.
         while reader.revision < author.peer.revision:
             reader.follow(reader.expect("Commit"))
         assert samples(cat(server, "root.usda")) == author.acknowledged
         late = editor(server, "late", "root.usda")
         assert samples(late.text("root.usda")) == author.acknowledged
 
-        # An editor's work comes back to it (M12), and it shows what the server has.
+        # An editor's work comes back to it (M12), and it shows the server's content.
         lost = ada.run("stage.DefinePrim('/Lost'); assert live.flush(20)\n"
                        "live.wait(lambda: any(type(e).__name__ == 'Lost' for e in happened), 10)\n"
                        "result = [e.code for e in happened if type(e).__name__ == 'Lost']")
@@ -124,7 +124,7 @@ def test_d1_a_full_disk_refuses_edits_and_harms_no_reader(by, disk, serve, edito
         assert samples(ada.text("root.usda")) == author.acknowledged
         assert "Lost" not in ada.text("root.usda")
 
-        # Space again, and editing goes on unasked, on the same session.
+        # When there is space again, editing continues without any action, on the same session.
         (disk / "other" if by == "others" else ballast).unlink()
         took = accepted_after(author, 5)
         ada.run("stage.DefinePrim('/Kept'); assert live.flush(20)")
@@ -141,8 +141,8 @@ def test_d1_a_full_disk_refuses_edits_and_harms_no_reader(by, disk, serve, edito
 
 
 def test_d1_killed_on_a_full_disk(disk, serve):
-    """What was acknowledged is there after a kill -9 on a full disk: at once, or, if there is no room to
-    open the store, after a sentence that says so and the disk has space again."""
+    """After a kill -9 on a full disk everything acknowledged is there: at once, or, if there is no room to
+    open the store, after a message that says so and after the disk has space again."""
     project = disk / "project"
     project.mkdir()
     (project / "root.usda").write_text(ROOT)

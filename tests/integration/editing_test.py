@@ -1,4 +1,4 @@
-"""How several people's work comes together, as they see it."""
+"""Tests how the work of several people is merged, as they see it."""
 
 import pytest
 from conftest import cat
@@ -51,14 +51,15 @@ def test_m3_an_edit_follows_a_rename_it_did_not_know_of(two):
     ada.run("e = Usd.NamespaceEditor(stage); e.MovePrimAtPath('/World/Ball', '/World/Planet')\n"
             "assert e.ApplyEdits()")
     bo.run("stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Set(5.0)")
-    ada.flush()  # the rename is committed before bo, who has not seen it, sends
+    ada.flush()  # the rename is committed before bo sends; he has not seen it
     text = settle(server, ada, bo)
     assert '"Planet"' in text and "radius = 5" in text and '"Ball"' not in text
 
 
 @pytest.mark.parametrize("kind", ["composed", "local"])
 def test_a_name_that_one_prim_leaves_and_another_takes(two, kind):
-    """In one frame, of which others hear in one change block: so Pcp would lose the first."""
+    """Both renames are in one frame, and others receive them in one change block. Without care Pcp would lose
+    the first prim."""
     server, ada, bo = two
     ada.run("for name in 'AB': stage.DefinePrim('/World/' + name, 'Cube').GetAttribute('size').Set(ord(name))")
     settle(server, ada, bo)
@@ -82,13 +83,14 @@ def test_m4_an_edit_below_a_deleted_prim_comes_back_to_its_author(two):
     lost = bo.run("lost = [e for e in happened if type(e).__name__ == 'Lost']\n"
                   "result = [(e.code, e.refused, [(x.path, x.field) for x in e.edits]) for e in lost]")
     assert lost == [["specDeleted", False, [["/World/Ball.radius", "default"]]]]
-    # M12: as a layer of its own.
+    # M12: as a separate layer.
     kept = bo.run("result = live.lost_work_as_layer(0, 'root.usda').ExportToString()")
     assert "radius = 5" in kept and "Ball" in kept
 
 
 def test_m6_a_refused_transaction_goes_back_whole(two):
-    """ada puts something where bo moves to; bo's whole transaction is refused, his later work stays."""
+    """ada creates something at the target of bo's move; bo's whole transaction is refused, his later work
+    stays."""
     server, ada, bo = two
     ada.run("stage.DefinePrim('/World/Place', 'Xform').CreateAttribute('a', Sdf.ValueTypeNames.Int).Set(1)")
     bo.run("root = stage.GetRootLayer()\nroot.comment = 'goes back, too'\n"
@@ -181,7 +183,7 @@ def test_attach_makes_an_open_stage_live(project, serve, editor, tmp_path):
 
 
 def test_big_values_travel_beside_small_edits(two):
-    """A 200 MB points array arrives; while it travels small edits keep their pace."""
+    """A 200 MB array of points arrives; meanwhile small edits keep their pace."""
     server, ada, bo = two
     ada.run("import time, numpy\n"
             "points = numpy.arange(3 * 17_500_000, dtype=numpy.float32).reshape(-1, 3)\n"

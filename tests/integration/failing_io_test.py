@@ -1,5 +1,5 @@
-"""A call of the server that fails, or writes less than it was asked to. What is acknowledged is on the
-disk all the same, what is not is refused with a code, and nothing but the truth is found afterwards."""
+"""A system call of the server fails, or writes less than requested. Acknowledged edits are on the disk all
+the same, others are refused with a code, and the store contains nothing wrong afterwards."""
 
 import collections
 import concurrent.futures
@@ -24,9 +24,9 @@ INTERPOSER = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "bin" / "interpose.so"
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n'
 EDITS = 30
 
-# How the trace tells of a call of the kind that is made to fail.
+# The record that the trace has for a call of the failing kind.
 KINDS = {"sync": "s", "write": "w", "rename": "r", "create": "o"}
-OPENING = 24  # syncs of a new store, about, before anything is acknowledged
+OPENING = 24  # about how many syncs a new store makes before anything is acknowledged
 
 
 class Wrong(Exception):
@@ -34,7 +34,7 @@ class Wrong(Exception):
 
 
 class Author:
-    """Writes samples, four at a time, and knows what was said of each."""
+    """Writes samples, four at a time, and notes the answer to each."""
 
     def __init__(self, server, patience):
         self.peer, self.patience = wire.Peer(server.url), patience
@@ -56,7 +56,7 @@ class Author:
     def take(self):
         kind, members = self.peer.frame(self.patience)
         if kind == "Commit":
-            self.peer.epoch = max(self.peer.epoch, members["epoch"])  # SE12: it may have been opened anew
+            self.peer.epoch = max(self.peer.epoch, members["epoch"])  # SE12: the store may have been opened again
             self.peer.follow(members)
             self.acknowledged.append(
                 (members["revision"], members["client"], members["sequence"], members["hash"]))
@@ -75,7 +75,7 @@ def log_of(server):
 
 
 def up(server, seconds=20):
-    """True once it serves, False if it ended."""
+    """Returns True once the server serves, False if it ended."""
     server.launch()
     end = time.monotonic() + seconds
     while not server.port_file.exists():
@@ -109,7 +109,7 @@ def audit(folder, acknowledged, where):
 
 
 def nobody_is_told_yes(server):
-    """Whether a newcomer's edit was committed before only the store knows: it waits."""
+    """Only the store knows whether an edit of a new client was committed before: it waits."""
     newcomer = Author(server, 3)
     try:
         newcomer.write(1)
@@ -122,15 +122,15 @@ def nobody_is_told_yes(server):
 
 
 def is_refused(author):
-    """SE8, of somebody who has nothing on the way."""
+    """SE8, for a client that has no transactions on their way."""
     author.write(1)
     if author.refused != {"storageFailed": 1}:
         raise Wrong(f"SE8: answered by {author.acknowledged or author.refused}")
 
 
 def work(server, folder, goes_on=False, refusals=False):
-    """(acknowledged, outcome) of a server in which something fails. `goes_on`: and again thereafter, and
-    with `refusals` who comes is refused and the server can be stopped."""
+    """Returns (acknowledged, outcome) of a server in which something fails. With `goes_on` it works again
+    afterwards; with `refusals` new edits are refused and the server can be stopped."""
     if not up(server):
         ended(server, 1)
         said = [line for line in server.log.read_text().splitlines() if not line.startswith("{")]
@@ -148,11 +148,12 @@ def work(server, folder, goes_on=False, refusals=False):
         if author.refused and not goes_on:
             accepted_again(author)
     except TimeoutError:
-        # Whether they are on the disk nobody knows before the store can be opened again.
+        # Before the store can be opened again, nobody knows whether they are on the disk.
         if not goes_on:
             raise Wrong(f"not answered: {server.log.read_text()[-1000:]}") from None
         nobody_is_told_yes(server)
-        # With an edit of its own on the way it waits, too: the commit of the import may have been acknowledged alone.
+        # It also waits when its own edit is on its way: the commit of the import may have been acknowledged
+        # alone.
         if other.written and other.answered == other.written:
             is_refused(other)
         outcome = "leaves some unanswered"
@@ -183,7 +184,7 @@ def accepted_again(author):
 
 
 def try_one(folder, fault, machine, refusals):
-    """(outcome, what is wrong)."""
+    """Returns (outcome, fault)."""
     project, trace = folder / "project", folder / "trace"
     project.mkdir(parents=True)
     (project / "root.usda").write_text(ROOT)
@@ -199,7 +200,7 @@ def try_one(folder, fault, machine, refusals):
             disk.write(folder / "crashed", crash.Kept(random.Random(SEED), least=True))
             audit(folder / "crashed", acknowledged, "after a crash of the machine")
         audit(project, acknowledged, "started again")
-    except Exception as failure:  # a lost connection is wrong, too
+    except Exception as failure:  # a lost connection is a fault, too
         return "wrong", f"{fault}: {type(failure).__name__}: {failure}"
     finally:
         server.process.kill()
@@ -209,7 +210,7 @@ def try_one(folder, fault, machine, refusals):
 
 
 def calls(tmp_path):
-    """How many calls of each kind the work takes when nothing fails."""
+    """Returns how many calls of each kind the work makes when nothing fails."""
     project, trace = tmp_path / "project", tmp_path / "trace"
     project.mkdir()
     (project / "root.usda").write_text(ROOT)
@@ -230,8 +231,8 @@ def calls(tmp_path):
 ])
 def test_d2_a_failing_call_loses_nothing_that_was_acknowledged(chosen, begin, machine, refusals, tmp_path,
                                                                capfd):
-    """`machine`: also what a crash of the machine leaves is audited. A sync that failed has lost what it was
-    for, though it can be read until then."""
+    """`machine`: checks also what a crash of the machine leaves. A failed sync has lost its data, although it
+    can be read until the crash."""
     print(f"repeat with USDLIVE_SEED={SEED} USDLIVE_FAILURES={FAILURES}")
     random_ = random.Random(SEED)
     counted = calls(tmp_path)

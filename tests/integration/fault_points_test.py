@@ -1,5 +1,5 @@
-"""K1 at the very places where it matters: the server dies at a named point of Faults.h, the first, second or
-third time it comes by."""
+"""K1 at the critical places: the server dies at a named point of Faults.h, the first, second or third time
+that it reaches it."""
 
 import itertools
 import os
@@ -12,19 +12,19 @@ from pxr import Sdf
 from websockets.exceptions import WebSocketException
 
 FAULTY = pathlib.Path(os.environ["USDLIVE_BUILD"]) / "bin" / "usdlive-server-faults"
-KILLED = 9  # what Faults.h ends with
+KILLED = 9  # the exit status with which Faults.h ends the process
 LAYERS = ("one.usda", "two.usda", "three.usda")
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    int64 n\n}\n\n'
-EDITS = 12  # of each layer
-BALLAST = wire.set_field("/World", "comment", wire.string("x" * 200_000))  # so that snapshots are taken
+EDITS = 12  # for each layer
+BALLAST = wire.set_field("/World", "comment", wire.string("x" * 200_000))  # large enough to cause snapshots
 
 
 class Author:
-    """One transaction after the other, for each layer in turn, each layer saved now and then."""
+    """Sends one transaction after the other, for each layer in turn, and saves each layer from time to time."""
 
     def __init__(self, server, resume=None, client=None, history=()):
         self.peer = wire.Peer(server.url, client, resume=resume)
-        self.history = list(history)  # what it was sent
+        self.history = list(history)  # the commits that it received
 
     def take(self, commit):
         self.peer.follow(commit)
@@ -41,7 +41,7 @@ class Author:
                 if members["client"] == self.peer.client and members["sequence"] == sequence:
                     return
             elif kind == "alreadyCommitted":
-                # M9: it comes after the commit it names, but for who joined anew.
+                # M9: it comes after the commit that it names, unless the client joined again.
                 named = (self.peer.client, members["sequence"])
                 assert not self.peer.welcome["resumed"] or named in {entry[1:3] for entry in self.history}
                 if members["sequence"] == sequence:
@@ -94,7 +94,7 @@ def test_k1_killed_at_a_named_point(point, time, project, tmp_path):
         author.peer.close()
         server.kill()
 
-    # Files are whole, and as they were or as somebody asked to save them.
+    # Files are complete, with their previous content or that of a requested save.
     for name in LAYERS:
         saved = samples((project / name).read_text())
         newest = max(saved, default=0)
@@ -107,7 +107,7 @@ def test_k1_killed_at_a_named_point(point, time, project, tmp_path):
             stored = [(c["revision"], c["client"], c["sequence"], c["hash"]) for c in peer.log()] \
                 if peer.revision else []
         assert stored[:len(author.history)] == author.history, "acknowledged and lost, or another history"
-        # What was on the way is sent again, and stands once.
+        # Transactions that were on their way are sent again, and are committed once.
         resume = author.peer.resume_point() if author.history else None
         again = Author(server, resume, author.peer.client, author.history)
         for sequence in range(acknowledged + 1, EDITS * len(LAYERS) + 1):

@@ -1,4 +1,4 @@
-"""Files that are changed behind the server, and layers that are muted for everybody: between processes."""
+"""Tests files that are changed behind the server, and layers that are muted for everybody, between processes."""
 
 import stat
 import time
@@ -14,7 +14,7 @@ CHANGED = '#usda 1.0\n\ndef "World"\n{\n    double x = 3\n    double z = 1\n}\n\
 
 
 class Told(list):
-    """The events of one kind."""
+    """Collects the events of one kind."""
 
     def __init__(self, live, kind):
         super().__init__()
@@ -42,14 +42,14 @@ def test_a_file_changed_behind_the_server_is_seen_kept_and_taken(project, serve)
         assert time.monotonic() - begin < 2.5
         assert run("ls", "-l", server.url) == "shot.usda  changed, outdated: its file was changed, open: ada bob\n"
 
-        # What somebody has put there is not overwritten.
+        # The file that somebody has put there is not overwritten.
         saved = Told(ada, events.Saved)
         ada.save()
         wait(lambda: saved, ada)
         assert [failure[:2] for failure in saved[0].failed] == [("shot.usda", "layerOutdated")]
         assert file.read_text() == CHANGED
 
-        # It becomes a commit that everybody gets, in the name of who asked.
+        # It becomes a commit that everybody gets, in the name of the user who requested it.
         reloaded, committed = Told(bob, events.Reloaded), Told(ada, events.Committed)
         bob.reload()
         wait(lambda: reloaded and committed, ada, bob)
@@ -62,7 +62,7 @@ def test_a_file_changed_behind_the_server_is_seen_kept_and_taken(project, serve)
         for live in (ada, bob):
             assert layers[live].ExportToString() == wanted.ExportToString()
 
-        # Editing and saving go on, and our own save is nobody else's change.
+        # Editing and saving continue, and our own save is not treated as somebody else's change.
         layers[ada].GetAttributeAtPath("/World.x").default = 9.0
         assert ada.flush()
         ada.save("shot.usda")
@@ -129,7 +129,7 @@ def test_a_file_changed_while_no_server_ran_is_seen(project, serve):
         layer = ada.open_layer("shot.usda")
         assert layer.GetAttributeAtPath("/World.x").default == 5.0, "the server's layer is what counts"
         wait(lambda: state(ada).outdated, ada)
-        # The same bytes again, from wherever, are no change.
+        # Writing the same bytes again is no change, whoever does it.
         file.write_text(ANIM)
         wait(lambda: not state(ada).outdated, ada)
 
@@ -190,17 +190,17 @@ def test_a_muted_layer_is_muted_on_every_stage(project, serve):
             wait(lambda: state(bob, "anim.usda").globally_muted, bob)
             assert shown(free) == 5.0, "it does not follow"
             assert bob.globally_muted("shot.usda") == ["anim.usda"]
-            # As Kit writes it.
+            # The form is that of Kit.
             assert stages[bob].GetRootLayer().customLayerData["omni_layer"]["muteness"] == {"./anim.usda": True}
 
-            # What is muted goes on being live.
+            # A muted layer stays live.
             stages[bob].GetRootLayer()
             bob.open_layer("anim.usda").GetAttributeAtPath("/World.y").default = 6.0
             assert bob.flush()
             assert run("unmute", f"{server.url}/shot.usda", "anim.usda") == \
                 "anim.usda is no longer muted on the stages of shot.usda\n"
             wait(lambda: [shown(stage) for stage in (*stages.values(), attached)] == [6.0] * 3, ada, bob, cy)
-        # Somebody who comes later finds it as it is, also after it was saved.
+        # An editor that joins later has the same mutes, also after they were saved.
         ada.mute("shot.usda", "anim.usda")
         assert ada.flush()
         ada.save()
@@ -224,7 +224,7 @@ def test_a_layer_that_the_editor_saves_itself_is_saved_by_the_server(project, se
         layer = bob.open_layer("shot.usda")
         for number in (1.0, 2.0):
             layer.GetAttributeAtPath("/World.x").default = number
-            assert bob.flush()  # and ada's layer does not have it yet
+            assert bob.flush()  # ada's layer does not have it yet
             stage.GetPrimAtPath("/World").SetCustomDataByKey("note", number)
             saved = Told(ada, events.Saved)
             stage.Save()
@@ -236,7 +236,7 @@ def test_a_layer_that_the_editor_saves_itself_is_saved_by_the_server(project, se
             assert on_disk.GetPrimAtPath("/World").customData["note"] == number
             wait(lambda: not state(ada).dirty and not state(ada).outdated, ada)
 
-        # Right after it, within the frame, the server is asked, too.
+        # The server is requested to save right afterwards, within the same frame.
         stage.GetPrimAtPath("/World").SetCustomDataByKey("note", 3)
         stage.Save()
         saved = Told(ada, events.Saved)
@@ -245,7 +245,7 @@ def test_a_layer_that_the_editor_saves_itself_is_saved_by_the_server(project, se
         assert not any(answer.failed for answer in saved), saved
         assert "int note = 3" in file.read_text()
 
-        # What others have changed behind the server's back is still not overwritten.
+        # Files that others changed behind the server are still not overwritten.
         wait(lambda: not state(ada).outdated, ada)
         layer.GetAttributeAtPath("/World.x").default = 7.0
         assert bob.flush()

@@ -1,5 +1,5 @@
-"""N2: a line that is cut again and again, often for longer than a message takes. In the end all have the same,
-and each edit was committed once."""
+"""N2: a connection that is cut again and again, often before a message has arrived completely. In the end all
+have the same content, and each edit was committed once."""
 
 import contextlib
 import os
@@ -19,8 +19,8 @@ NAMES = ("ada", "bo", "cleo")
 
 
 class Line(threading.Thread):
-    """A way to the server that is cut for a while, every now and then: what is on the way is lost with the
-    connections, and until it is whole new ones are refused."""
+    """A connection to the server that is cut for some time again and again: data on its way is lost with the
+    connections, and new connections are refused during the cut."""
 
     def __init__(self, port, random_):
         super().__init__(daemon=True)
@@ -54,7 +54,7 @@ class Line(threading.Thread):
                 elif not self.listener:
                     self.listen(socket.create_server(("127.0.0.1", self.address)))
                     change = time.monotonic() + self.random.uniform(1, 3)
-        except BaseException as failure:  # told by end()
+        except BaseException as failure:  # raised again by end()
             self.failure = failure
 
     def carry(self):
@@ -64,7 +64,7 @@ class Line(threading.Thread):
                 self.accept()
                 continue
             other = self.pairs.get(one)
-            if other is None:  # closed in this very turn
+            if other is None:  # closed in this turn
                 continue
             try:
                 data = one.recv(65536)
@@ -87,7 +87,7 @@ class Line(threading.Thread):
         for end in (one, self.pairs.pop(one)):
             self.pairs.pop(end, None)
             self.selector.unregister(end)
-            if reset:  # without a goodbye, and without what is still to be sent
+            if reset:  # without a goodbye and without sending the rest
                 with contextlib.suppress(OSError):
                     end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
             end.close()
@@ -108,7 +108,7 @@ class Line(threading.Thread):
 
 
 class Through:
-    """What Peer needs of a server, by way of a line."""
+    """Gives Peer what it needs of a server, through a Line."""
 
     def __init__(self, line):
         self.url = f"ws://127.0.0.1:{line.address}"

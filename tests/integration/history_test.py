@@ -1,4 +1,4 @@
-"""A history that is bounded (CH4): by command, by option, beside those who edit, and killed at any moment."""
+"""Tests a bounded history (CH4): by command, by option, while others edit, and with kills at any moment."""
 
 import json
 import os
@@ -37,7 +37,7 @@ class Author:
         self.peer.close()
 
     def write(self, count, layers=LAYERS, window=64):
-        """Edits of the layers in turn; returns the newest revision."""
+        """Edits the layers in turn; returns the newest revision."""
         waiting = 0
         for _ in range(count):
             self.sequence += 1
@@ -64,7 +64,7 @@ def compact(server, days=0):
 
 
 def whole(server):
-    """The history from its base on, verified as a chain, and what the layers hold."""
+    """Returns the history from its base on, verified as a chain, and the content of the layers."""
     with wire.Peer(server.url) as peer:
         base = peer.welcome["base"]
         log = peer.log(0) if peer.revision > base else []
@@ -149,7 +149,7 @@ def test_who_is_older_than_the_base_gets_a_snapshot(project, serve, editor):
     server.kill()
     bo.run("assert live.wait(lambda: not live.connected, 20)\n"
            "stage.DefinePrim('/World/Offline', 'Xform'); live.tick()\n")
-    port, server.port = server.port, 0  # where bo is not
+    port, server.port = server.port, 0  # a port where bo is not
     server.start()
     with Author(server) as ada:
         ada.write(200)
@@ -171,7 +171,7 @@ def test_who_is_older_than_the_base_gets_a_snapshot(project, serve, editor):
 
 
 def test_beside_those_who_edit(project, serve, capfd):
-    """Editing goes on while the history is compacted, and is not held up by it."""
+    """Editing continues while the history is compacted, and is not delayed by it."""
     for name in LAYERS:
         (project / name).write_text(ROOT)
     server = serve(project)
@@ -210,7 +210,8 @@ def test_beside_those_who_edit(project, serve, capfd):
 
 @pytest.mark.parametrize("how", ["points", "moments"])
 def test_killed_while_it_compacts(how, project, tmp_path, capfd):
-    """After each kill it opens, its chain holds, and each revision that can be read is what it was before."""
+    """After each kill the store opens, its chain is correct, and each readable revision has its earlier
+    content."""
     random_ = random.Random(int(os.environ.get("USDLIVE_SEED", "1")))
     kills = int(os.environ.get("USDLIVE_KILLS", "16"))
     for name in LAYERS:
@@ -227,7 +228,7 @@ def test_killed_while_it_compacts(how, project, tmp_path, capfd):
             if at >= max(wanted[0], len(LAYERS)):
                 stood |= {(name, at): cat(server, name, "--revision", str(at)) for name in LAYERS}
         server.kill()
-        # Killed while it compacts: at a point of the code, or whenever.
+        # The server is killed while it compacts: at a point of the code, or at a random moment.
         if how == "points":
             point = random_.choice(("compact-before", "compact-after", f"keeping:{random_.randint(1, 1500)}"))
             server.program, server.environment = [str(FAULTY)], {"USDLIVE_FAULT": point}

@@ -1,6 +1,8 @@
-"""Work that the server has not acknowledged survives the death of the editor (kill -9), and is committed once.
+"""Work that the server has not acknowledged survives the death of the editor (kill -9), and is committed
+once.
 
-USDLIVE_JOURNAL_KILLS: how often the editor is killed."""
+USDLIVE_JOURNAL_KILLS: how often the editor is killed.
+"""
 
 import json
 import os
@@ -16,7 +18,8 @@ from pxr import Sdf
 KILLS = int(os.environ.get("USDLIVE_JOURNAL_KILLS", "20"))
 ROOT = '#usda 1.0\n\ndef "World"\n{\n}\n'
 
-# Makes a prim in each frame, some with a big value, some as a gesture, and says which it has made and when.
+# Creates a prim in each frame, some with a big value, some in a gesture, and prints which it created and
+# when.
 EDITOR = """
 import sys, time
 import usdlive
@@ -43,7 +46,7 @@ while True:
 
 
 class Line:
-    """The server is there, or it is stopped, so that nothing is acknowledged."""
+    """Lets the server work, or stops it, so that nothing is acknowledged."""
 
     def __init__(self, server):
         self.server, self.stopped = server, False
@@ -76,7 +79,7 @@ def test_an_editor_that_is_killed_loses_nothing(project, serve):
                                   stdout=subprocess.PIPE, text=True)
         assert editor.stdout.readline() == "ready\n"
         time.sleep(chance.uniform(0, 0.2))
-        line.set(chance.random() < 0.7)  # then the acknowledgements are missing, or the work itself
+        line.set(chance.random() < 0.7)  # otherwise the acknowledgements are missing, or the work itself
         time.sleep(chance.uniform(1, 1.6) if kill % 4 == 0 else chance.uniform(0, 0.4))
         editor.kill()
         killed = time.time()

@@ -1,4 +1,4 @@
-"""kill -9 at any moment: no acknowledged edit is lost, none is doubled, the store opens."""
+"""kill -9 at any moment: no acknowledged edit is lost, none is duplicated, the store opens."""
 
 import os
 import random
@@ -11,26 +11,26 @@ from conftest import cat
 from pxr import Sdf
 from websockets.exceptions import WebSocketException
 
-# K1. `./run soak kills` does 1,000, in lots of 50 that have a folder and a seed each.
+# K1. `./run soak kills` runs 1,000 kills, in groups of 50 with a folder and a seed each.
 KILLS = int(os.environ.get("USDLIVE_KILLS", "50"))
 SEED = int(os.environ.get("USDLIVE_SEED", "1"))
 LOT = 50
 
 EDITORS = ("ada", "bo")
-WIRES = ("wire1", "wire2")  # these are back at once, editors take their time
+WIRES = ("wire1", "wire2")  # these reconnect at once, editors take their time
 
 
 class Writer(threading.Thread):
-    """Appends numbered samples over the bare wire, transaction n sample n, and resumes after each
-    loss of the server (SE2, SE4). Notes what it was sent."""
+    """Appends numbered samples over the bare wire, sample n in transaction n, and resumes after each loss of
+    the server (SE2, SE4). Notes the received commits."""
 
-    WINDOW = 8  # transactions not acknowledged
+    WINDOW = 8  # unacknowledged transactions
 
     def __init__(self, server, name):
         super().__init__(daemon=True)
         self.server, self.path, self.client = server, f"/{name}.n", wire.new_client()
         self.written = self.acknowledged = 0
-        self.history = []  # (revision, client, sequence, hash), as it was sent
+        self.history = []  # received (revision, client, sequence, hash)
         self.writing = True
         self.resume = None
         self.failure = None
@@ -45,7 +45,7 @@ class Writer(threading.Thread):
                         self.session(peer)
                 except (OSError, WebSocketException, EOFError):
                     time.sleep(0.01)
-        except BaseException as failure:  # told by check()
+        except BaseException as failure:  # raised again by check()
             self.failure = failure
 
     def session(self, peer):
@@ -135,8 +135,8 @@ def audit(text, acknowledged):
 
 @pytest.mark.parametrize("lot", range(-(-KILLS // LOT)))
 def test_k1_acknowledged_edits_survive_kill_9(lot, project, serve, editor, capfd):
-    """Four writers append numbered samples. Each number they saw acknowledged is there after every
-    kill; in the end each stands once and in order, and what anybody was ever sent is the history."""
+    """Four writers append numbered samples. Each sample that they saw acknowledged is there after every kill;
+    in the end each is there once and in order, and all received commits are those of the history."""
     seed = SEED + lot
     kills = min(LOT, KILLS - lot * LOT)
     moments = random.Random(seed)
@@ -159,7 +159,7 @@ def test_k1_acknowledged_edits_survive_kill_9(lot, project, serve, editor, capfd
             server.kill()
             acknowledged = {name: one._answer() for name, one in editors.items()}
             acknowledged |= {name: range(1, one.acknowledged + 1) for name, one in wires.items()}
-            if moments.random() < 0.2:  # also while it opens
+            if moments.random() < 0.2:  # also while the server opens its store
                 server.launch()
                 time.sleep(moments.uniform(0, 0.1))
                 server.kill()
@@ -169,7 +169,7 @@ def test_k1_acknowledged_edits_survive_kill_9(lot, project, serve, editor, capfd
                 one.check()
         for one in wires.values():
             one.stop_writing()
-        # What was not acknowledged is sent again, once.
+        # Unacknowledged transactions are sent again, once.
         revision = max(one.flush() for one in editors.values())
         for one in editors.values():
             one.catch_up(revision)
@@ -212,8 +212,8 @@ def test_edits_made_offline_arrive_later(project, serve, editor):
     bo.catch_up(max(bo.flush(), ada.flush()))
     ada.catch_up(bo.flush())
     assert ada.text("root.usda") == bo.text("root.usda") == cat(server, "root.usda")
-    # M3: written while somebody renamed the parent, they arrive at the renamed one, if the rename came
-    # first; else the rename takes them along.
+    # M3: these edits were written while somebody renamed the parent. If the rename came first, they arrive at
+    # the renamed prim; otherwise the rename moves them.
     assert 'def Xform "Ada49"' in ada.text("root.usda") and '"Earth"' in ada.text("root.usda")
     assert '"World"' not in ada.text("root.usda")
 

@@ -1,5 +1,5 @@
-"""Kit's API under misuse: every public function of the package with what is empty, expired or not the stage's.
-Each call returns or raises an exception of Python; none ends the process."""
+"""Misuse of Kit's API: every public function of the package is called with arguments that are empty, expired
+or not part of the stage. Each call returns or raises a Python exception; none ends the process."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""omni.kit.usd.layers as scripts use it: each method and event on local stages, and what is shared on live
-ones."""
+"""Tests omni.kit.usd.layers as scripts use it: each method and event on local stages, and the shared state on
+live ones."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Scene:
         (self.folder / name).write_text(text)
 
     def frame(self, seconds=0.6):
-        """A frame, after the time in which files are looked at. Returns what it told."""
+        """Runs a frame after the interval in which files are checked. Returns its events."""
         self.events.clear()
         native = self.layers._native_layers()
         native.update(Scene.now + seconds * 1000)
@@ -72,7 +72,7 @@ class Scene:
         self.layers.set_edit_mode(mode)
         self.frame()
 
-    now = 1e12  # later than any clock, so that frames of the app itself do not look at files
+    now = 1e12  # later than any clock, so that frames of the app itself check no files
 
 
 @pytest.fixture
@@ -199,7 +199,7 @@ def test_nothing_is_missed_before_the_first_frame(scene):
 
     context = create_context("early")
     try:
-        told, _late = hear(context)  # before there is a stage
+        told, _late = hear(context)  # there is no stage yet
         assert context.open_stage(scene.root.identifier)
         change(context.get_stage(), "Second")
         assert expected <= set(told)
@@ -624,10 +624,10 @@ def test_auto_authoring_removes_a_prim_that_it_has_not_edited(scene):
     assert scene.stage.GetPrimAtPath("/Old") and not scene.stage.GetPrimAtPath("/Old/Child")
     for layer in (scene.strong, scene.weak):
         assert layer.GetPrimAtPath("/Old") and not layer.GetPrimAtPath("/Old/Child")
-    # As Usd says it: nothing there, and no path of a prim.
+    # Usd's answer: nothing exists there, and the path is not that of a prim.
     assert not scene.stage.RemovePrim("/None")
     assert not scene.stage.RemovePrim("/A.x") and not scene.stage.RemovePrim("/")
-    # Within the frame in which it was edited, and with another edit target.
+    # The edit is reverted within the frame, also with another edit target.
     scene.stage.GetPrimAtPath("/Old").SetMetadata("comment", "still here")
     assert scene.stage.RemovePrim("/Old")
     scene.frame()
@@ -806,7 +806,7 @@ def test_a_frame_of_auto_authoring_is_one_commit(two):
     assert bo.run("result = [stage.GetAttributeAtPath('/A.x').Get(), stage.GetAttributeAtPath('/A.z').Get(), "
                   "bool(stage.GetPrimAtPath('/New999'))]") == [5, 6, True]
     assert bo.run("result = layer('sub.usda').GetAttributeAtPath('/A.x').default") == 5
-    # What bo writes into the layer that ada mirrors shows at ada.
+    # Edits that bo writes into the layer that ada mirrors are shown by ada.
     bo.run("layer('sub.usda').GetAttributeAtPath('/A.x').default = 7.0")
     ada.catch_up(bo.flush())
     ada.run("frame()\nassert stage.GetAttributeAtPath('/A.x').Get() == 7.0")
@@ -829,7 +829,7 @@ def test_locks_links_and_muteness_reach_the_other(two):
     heard = bo.run("result = heard")
     for name in ("LOCK_STATE_CHANGED", "SPECS_LINKING_CHANGED", "SPECS_LOCKING_CHANGED"):
         assert heard.count(name) == 1, heard
-    # bo is told why, with the holder's name.
+    # bo gets the reason, with the holder's name.
     bo.run("mine.set_edit_mode(layers.LayerEditMode.AUTO_AUTHORING)\nframe()\n"
            "stage.GetAttributeAtPath('/A.y').Set(9.0)\nstage.GetAttributeAtPath('/A.z').Set(9.0)\nframe()")
     reasons = bo.run("result = {e.path: e.reason for e in mine.get_auto_authoring().refused_edits}")
@@ -901,7 +901,8 @@ def test_a_flag_that_says_nothing_is_no_commit(two):
 
 
 def test_what_the_project_has_is_not_taken_back(two):
-    """The holder of a lock may edit through a client without these guards; others follow, and do not fight."""
+    """The holder of a lock may edit through a client without these guards; others follow and do not revert
+    it."""
     ada, bo = two
     ada.run("mine.get_specs_locking().lock_spec('/A', True)\nframe()")
     bo.catch_up(ada.flush())
@@ -922,7 +923,7 @@ def test_the_slower_of_two_locks_is_told(two):
     ada.run("mine.get_specs_locking().lock_spec('/A.x')\nframe()")
     bo.catch_up(ada.flush())
     bo.run("frame()")
-    for one in (ada, bo):  # neither has heard of the other
+    for one in (ada, bo):  # neither has received the other's edit
         one.run("asked = mine.get_specs_locking().lock_spec('/A.y')")
     ada.flush()
     bo.run("heard = []\nkept = mine.get_event_stream().create_subscription_to_pop_by_type("

@@ -1,4 +1,4 @@
-"""A project's history that is gone or damaged: what is said, and that work goes on."""
+"""A project's history that is missing or damaged: the messages, and that work continues."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ from conftest import cat, connect, wait
 def test_a_history_that_was_deleted_is_explained_once(project, serve, tmp_path):
     (project / "shot.usda").write_text("#usda 1.0\n")
     server = serve(project)
-    for _ in range(3):  # epochs
+    for _ in range(3):  # makes three epochs
         server.stop()
         server.start()
     said = []
@@ -29,7 +29,7 @@ def test_a_history_that_was_deleted_is_explained_once(project, serve, tmp_path):
         (project / ".usdlive").rename(tmp_path / "aside")
         server.start()
         wait(lambda: said, live)
-        for _ in range(300):  # several attempts to connect
+        for _ in range(300):  # enough for several attempts to connect
             live.tick()
             time.sleep(0.01)
         assert len(said) == 1, said

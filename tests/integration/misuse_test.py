@@ -1,4 +1,4 @@
-"""What a newcomer does wrong: each gets a clear error, none ends the process or loses work."""
+"""Mistakes of newcomers: each gets a clear error, none ends the process or loses work."""
 
 import os
 import subprocess
@@ -24,7 +24,7 @@ def server(project, serve):
 
 
 def heard(live: usdlive.Live, kind: type) -> list:
-    """The events of one kind from now on."""
+    """Collects the events of one kind from now on."""
     happened: list = []
     live.add_handler(lambda event: happened.append(event) if isinstance(event, kind) else None)
     return happened
@@ -75,7 +75,7 @@ def test_calls_from_a_notice_handler_within_tick(server):
         said: dict[str, str] = {}
 
         def changed(*_):
-            live.tick()  # does nothing, for it is called by a tick
+            live.tick()  # does nothing, because a tick calls it
             for name, call in calls.items():
                 try:
                     call()
@@ -105,12 +105,12 @@ def test_one_layer_and_two_connections(server):
         with usdlive.connect(server.url, user="cy", cache_folder=str(server.folder)) as cy:
             with pytest.raises(usdlive.Error, match="already live through another connection"):
                 cy.open_layer("shot.usda")
-        # Each with a copy of its own.
+        # Each editor has its own copy.
         copy = bob.open_stage("shot.usda")
         copy.GetPrimAtPath("/World").GetAttribute("x").Set(7.0)
         assert bob.flush()
         wait(lambda: stage.GetPrimAtPath("/World").GetAttribute("x").Get() == 7.0, ada)
-    # Whoever was first has let go of it: no lost work is reported, for nothing was written since.
+    # The first editor has closed it: no lost work is reported, because nothing was written since.
     with connect(server, "bob") as bob:
         lost = heard(bob, events.Lost)
         bob.attach(stage)

@@ -1,5 +1,5 @@
-"""Two network namespaces and the line between them, which loses, delays and cuts as it is told. This kernel has no
-netem: the line is a program of ours between two TAP devices."""
+"""Two network namespaces and a link between them, which loses, delays and cuts frames on request. This kernel
+has no netem: the link is a program of ours between two TAP devices."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 
 
 class Refused(Exception):
-    """The kernel, or who runs the tests, does not allow it."""
+    """The kernel, or the rights of the user, do not allow it."""
 
 
 class Namespace:
-    """A network of its own with one device, whose frames `tap` reads and writes."""
+    """A separate network with one device, whose frames `tap` reads and writes."""
 
     def __init__(self, address: str):
         self.address = address
@@ -74,8 +74,8 @@ class Namespace:
 
 
 class Line(threading.Thread):
-    """Carries frames between two namespaces. `loss` is a part of all, `delay` and `jitter` are seconds: frames
-    overtake one another. Cut, it carries nothing."""
+    """Carries frames between two namespaces. `loss` is a fraction of all frames, `delay` and `jitter` are
+    seconds; frames overtake one another. While it is cut it carries nothing."""
 
     MOST_ON_THE_WAY = 20_000
 
@@ -102,7 +102,7 @@ class Line(threading.Thread):
                     _, _, tap, frame = heapq.heappop(self.on_the_way)
                     with contextlib.suppress(BlockingIOError):
                         os.write(tap, frame)
-        except BaseException as failure:  # told by end()
+        except BaseException as failure:  # raised again by end()
             self.failure = failure
 
     def _take(self, tap: int) -> None:

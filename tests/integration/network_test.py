@@ -1,5 +1,5 @@
-"""N1, N4: loss, delay and a partition between editors and their server, over both transports. Editors on both sides
-end up with the same, byte for byte, and each edit was committed once."""
+"""N1, N4: loss, delay and a partition between editors and their server, over both transports. Editors on both
+sides end with the same content, byte for byte, and each edit was committed once."""
 
 import os
 import threading
@@ -17,7 +17,7 @@ ROOT = '#usda 1.0\ndef "ada"\n{\n    int64 n\n}\ndef "bo"\n{\n    int64 n\n}\n'
 
 @pytest.fixture
 def near_and_far():
-    """Where the server is, where it is not, and the line between."""
+    """The namespace of the server, the other one, and the link between them."""
     made = []
     try:
         for address in ("10.77.0.1", "10.77.0.2"):
@@ -58,7 +58,7 @@ def world(request, near_and_far, tmp_path, monkeypatch):
 
 
 def edit(peers, seconds, meanwhile=None):
-    """Both edit for so long; what each has written."""
+    """Both edit for some seconds; returns the edits of each."""
     written = {}
     threads = []
     for name, peer in zip(("ada", "bo"), peers):
@@ -75,7 +75,7 @@ def edit(peers, seconds, meanwhile=None):
 
 
 def settle(peers, written, within):
-    """All have the same within so many seconds, and each edit once."""
+    """Waits until all have the same content, within some seconds, and checks that each edit is there once."""
     begin = time.monotonic()
     revision = max(peer.flush() for peer in peers)
     for peer in peers:
@@ -113,7 +113,8 @@ def test_n1_delay_and_reordering(world):
 
 
 def test_n4_a_partition_that_heals(world):
-    """Longer than a silent peer is waited for: both sides notice, and the far editor comes back."""
+    """The partition lasts longer than the time after which a silent peer is disconnected: both sides notice,
+    and the far editor reconnects."""
     line, peers = world
 
     def cut_and_heal():

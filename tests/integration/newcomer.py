@@ -1,5 +1,6 @@
-"""What somebody writes who has read the README and nothing else, in one sitting: `newcomer.py URL FOLDER`. It misuses
-what it can; each mistake is an error that it shows, and none ends the process. newcomer_test.py runs it."""
+"""A script as a user writes it who has read only the README: `newcomer.py URL FOLDER`. It makes all common
+mistakes; each of them results in an error that it prints, and none ends the process. newcomer_test.py runs
+it."""
 
 import array
 import os
@@ -37,7 +38,7 @@ bob = usdlive.connect(URL, user="bob")
 mistake("the same stage twice", lambda: bob.attach(stage))
 theirs = bob.open_stage("shot.usda")
 
-# Another thread.
+# A call from another thread.
 in_thread = threading.Thread(target=lambda: mistake("a tick of another thread", ada.tick))
 in_thread.start()
 in_thread.join()
@@ -49,7 +50,7 @@ resynced = []
 class Viewport:
     def changed(self, notice, sender):
         resynced.extend(map(str, notice.GetResyncedPaths()))
-        bob.tick()  # is at work already
+        bob.tick()  # runs already
         mistake("a flush within a notice", bob.flush)
 
 
@@ -76,11 +77,11 @@ points.GetAttributeAtPath("/Points.values").default = Vt.FloatArray.FromBuffer(f
 assert ada.flush(120)
 print("saved:", ada.save("points.usdc").saved, (FOLDER / "points.usdc").stat().st_size > 200 << 20)
 
-# What is in the folder and is no layer.
+# Files in the folder that are not layers.
 print("layers:", sorted(ada.layers()))
 print("skipped:", sorted(path for path, why in ada.skipped_files()))
 
-# Closing, from where one does not think of it.
+# Closing at unexpected places.
 closing = told(bob, usdlive.events.Committed)
 bob.add_handler(lambda event: bob.close() if isinstance(event, usdlive.events.Committed) else None)
 stage.DefinePrim("/World/After")
@@ -92,7 +93,7 @@ except usdlive.Error:
 mistake("a tick after close", bob.tick)
 bob.close()
 
-# The server goes; what is written then is not lost without a word.
+# The server stops; edits made then are reported, not lost silently.
 print("stop the server", flush=True)
 sys.stdin.readline()
 stage.DefinePrim("/World/Offline")

@@ -1,4 +1,4 @@
-"""A newcomer's script, with all that one does wrong in a first week, runs to its end."""
+"""A newcomer's script with all the mistakes of a first week runs to its end."""
 
 import os
 import pathlib

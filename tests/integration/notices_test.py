@@ -1,5 +1,5 @@
-"""What an editor's stage reports of others' edits is never broader than what their authors' stages
-reported of them: a viewport rebuilds what was edited, and nothing else."""
+"""An editor's stage never reports others' edits more broadly than their authors' stages did: a viewport
+rebuilds only the edited prims."""
 
 import os
 import random
@@ -131,7 +131,7 @@ PROTOTYPE = Sdf.Path("/__Prototype")
 
 
 class Reports:
-    """What one stage has reported: paths that were resynced, and those of which only values changed."""
+    """The reports of one stage: paths that were resynced, and paths whose values changed."""
 
     def __init__(self, stage):
         self.stage, self.notices = stage, 0
@@ -148,7 +148,7 @@ class Reports:
         self.changed.update(self._named(path) for path in notice.GetChangedInfoOnlyPaths())
 
     def _named(self, path):
-        """Stages number their prototypes as they come."""
+        """Stages number their prototypes in the order of creation."""
         root = path.GetPrefixes()[0] if path != Sdf.Path.absoluteRootPath else path
         if not Usd.Prim.IsPathInPrototype(path):
             return path
@@ -156,7 +156,8 @@ class Reports:
 
     def broader_than(self, other):
         resynced = set(other.resynced)
-        # A stage makes a prototype of whichever instance it comes to first, and makes it anew when that one changes.
+        # A stage makes a prototype from the first instance that it meets, and makes it again when that
+        # instance changes.
         if any(instance.HasPrefix(path) for path in resynced for instance in other.instances):
             resynced.add(PROTOTYPE)
 
@@ -190,7 +191,8 @@ class Two:
         self.open()
 
     def open(self):
-        """Stages anew: which instance a prototype is made of depends on what a stage has seen before."""
+        """Opens new stages: the instance that a prototype is made from depends on the earlier content of a
+        stage."""
         self.stages = [Usd.Stage.Open(self.layer("shot.usda", live)) for live in (self.author, self.follower)]
         self.wrote, self.saw = map(Reports, self.stages)
 
@@ -215,7 +217,7 @@ class Two:
              min(self.author.revision, self.follower.revision), self.author, self.follower)
 
     def edit(self, function, *arguments):
-        """Edits in one change block, and what the two stages say of it."""
+        """Edits in one change block; returns the reports of both stages."""
         self.wrote.clear(), self.saw.clear()
         with Sdf.ChangeBlock():
             function(*arguments)
@@ -286,7 +288,7 @@ class Edits:
         self.log = []
 
     def belongs_to_a_prototype(self, path):
-        """What is written below an instance says something on a stage that made a prototype of just this one."""
+        """An opinion below an instance matters only to a stage that made a prototype from this instance."""
         stage = self.pair.stages[0]
         return any(prim and (prim.IsInstance() or prim.IsInstanceProxy()) for prim in
                    (stage.GetPrimAtPath(above) for above in path.GetParentPath().StripAllVariantSelections().GetPrefixes()))
@@ -531,7 +533,7 @@ def test_what_is_refused_is_taken_back_as_narrowly_as_it_was_written(two, seed):
         two.open()
         two.wrote.clear()
         for layer in two.stages[0].GetUsedLayers():
-            layer.SetPermissionToEdit(True)  # as an editor that does not mind the locks
+            layer.SetPermissionToEdit(True)  # like an editor that ignores the locks
         with Sdf.ChangeBlock():
             edits.some(ALL)
         two.saw, two.stages[1] = Reports(two.stages[0]), two.stages[0]

@@ -1,6 +1,6 @@
-"""What a history makes of a layer, by plain pxr.Sdf and the rules of PROTOCOL.md (ED1-ED6, V1-V10): an oracle
-that shares no code with the product. Splines, array edits and unregistered values are beyond what
-Python can make of bytes."""
+"""Computes a layer from its history with plain pxr.Sdf and the rules of PROTOCOL.md (ED1-ED6, V1-V10): an
+oracle that shares no code with the product. It leaves out splines, array edits and unregistered values, which
+Python cannot build from bytes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import struct
 
 from pxr import Gf, Sdf, Tf, Vt
 
-# No.: (struct format of an element, count, how a value is made of the numbers, its array)
+# Number: (struct format of an element, count, function from the numbers to the value, its array)
 NUMBERS = {
     1: ("?", 1, Vt.Bool, Vt.BoolArray), 2: ("B", 1, Vt.UChar, Vt.UCharArray),
     3: ("i", 1, Vt.Int, Vt.IntArray), 4: ("I", 1, Vt.UInt, Vt.UIntArray),
@@ -39,7 +39,7 @@ ARRAY, SUBLAYER = 0x100, 60
 
 
 class Typed:
-    """A number or token: what Python makes of it, and the very type for where Sdf keeps any."""
+    """A number or token: the Python value, and the exact type for fields where Sdf accepts any."""
 
     def __init__(self, plain, make):
         self.plain, self.typed = plain, make(plain)
@@ -83,7 +83,7 @@ class Bytes:
 class ListOp:
     def __init__(self, kind):
         self.kind, self.explicit = kind, False
-        self.lists = {name: [] for name in LISTS}  # of encoded leafs
+        self.lists = {name: [] for name in LISTS}  # encoded leafs
 
     def empty(self):
         return not self.explicit and not any(self.lists.values())
@@ -201,7 +201,7 @@ PRIM, ATTRIBUTE, ROOT, RELATIONSHIP, VARIANT, VARIANT_SET = 6, 1, 7, 8, 10, 11
 
 
 def split(path):
-    """(parent, kind of child, name)"""
+    """Returns (parent, kind of child, name)."""
     if match := re.fullmatch(r"(.*)\{([^{}=]+)=([^{}]*)\}", path):
         owner, variant_set, variant = match.groups()
         return (f"{owner}{{{variant_set}=}}", VARIANT, variant) if variant else (
@@ -225,8 +225,8 @@ class Replay:
         self.name = name
         self.layer = Sdf.Layer.CreateAnonymous(".usda")
         assert self.layer.ImportFromString(text)
-        # Fields as the wire has them: Python would make one number type of many. Those of the text
-        # this began with are not here; it should have only such that are written whole.
+        # Fields in their wire form: Python would make one number type of many. Fields of the initial text are
+        # not here; it should contain only fields that are later written as a whole.
         self.fields: dict[str, dict] = {}
 
     def apply(self, commit):
@@ -251,7 +251,7 @@ class Replay:
         if kind == PRIM:
             Sdf.JustCreatePrimInLayer(self.layer, path)
         elif kind == ATTRIBUTE:
-            # Sdf wants to know the type at once.
+            # Sdf requires the type at creation.
             types = [value_of(e["action"][1]["value"]) for e in following if e["path"] == path
                      and e["action"][0] == "SetField" and e["action"][1]["field"] == "typeName"]
             type_name = Sdf.ValueTypeNames.Find(plain(types[0])) if types \
@@ -294,7 +294,7 @@ class Replay:
         index = names.index(before) if before in names else len(names)
         expected = [n for n in names if n != name]
         expected.insert(expected.index(before) if before in expected else len(expected), name)
-        if name == before or names == expected:  # before itself: where it is
+        if name == before or names == expected:  # before itself: it stays
             return
         # Sdf cannot move a spec among its siblings unless its name changes.
         aside = child(parent, kind, name + "_aside")
@@ -420,7 +420,8 @@ class Replay:
             try:
                 self.layer.SetTimeSample(path, time, typed(sample))
             except Tf.ErrorException:
-                # Sdf wants samples of the attribute's type, which may follow: then they come again.
+                # Sdf requires samples of the attribute's type, which may come later: then the samples are
+                # written again.
                 assert self.fields[path].get("typeName") is None, path
 
     def _fill(self, proxy, op):

@@ -1,4 +1,4 @@
-"""C1: the commit log, replayed by plain pxr.Sdf in Python, gives the text that the server gives."""
+"""C1: the commit log, replayed by plain pxr.Sdf in Python, results in the text that the server has."""
 
 import os
 
@@ -9,7 +9,7 @@ from oracle import Replay
 from values_test import EDITS
 
 ROOT = '#usda 1.0\n\ndef Xform "World"\n{\n    def Xform "Kept"\n    {\n    }\n}\n\n'
-# What Python cannot make of bytes.
+# Values that Python cannot build from bytes.
 BEYOND = ("spline", "array edit")
 REPLAYED = [what for what in EDITS if EDITS[what] and what not in BEYOND]
 SEED = int(os.environ.get("USDLIVE_SEED", "1"))
@@ -30,7 +30,7 @@ def replay(commits, text, upto=None):
 
 @pytest.fixture(scope="module")
 def history(tmp_path_factory):
-    """All edits of values_test one after the other: the log, and the text after each."""
+    """All edits of values_test, one after the other: the log, and the text after each."""
     folder = tmp_path_factory.mktemp("oracle")
     (folder / "project").mkdir()
     (folder / "project" / "root.usda").write_text(ROOT)
@@ -114,8 +114,8 @@ def work(steps):
 
 @pytest.mark.parametrize("seed", range(SEED, SEED + 3))
 def test_c1_what_editors_do_at_once_by_sdf_alone(seed, project, serve, editor, capfd):
-    """Three edit the same few prims: edits that were carried forward, merged and dropped stand in the log
-    as they were executed."""
+    """Three authors edit the same few prims. The log holds edits that were carried forward, merged and
+    dropped in the form in which they were executed."""
     print(f"seed {seed}")
     (project / "root.usda").write_text(ROOT)
     server = serve(project)

@@ -1,5 +1,5 @@
-"""A build from outside the tree: the installed package is moved to another place, works without the checkout, and the
-example of the README runs."""
+"""A build from outside the tree: the installed package is moved to another place, works without the checkout,
+and the example of the README runs."""
 
 import os
 import pathlib
@@ -13,7 +13,7 @@ from conftest import cat
 
 CHECKOUT = pathlib.Path(__file__).parents[2]
 EXAMPLE = CHECKOUT / "client" / "examples" / "minimal"
-# What only a checkout, or Python's development files, have.
+# Files that only a checkout, or Python's development package, has.
 OUT_OF_REACH = (str(CHECKOUT), os.environ["USDLIVE_BUILD"], "/usr/include/python3")
 
 
@@ -29,7 +29,7 @@ def bare_environment() -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory):
-    """Installed in one place and moved to another."""
+    """The package, installed in one place and moved to another."""
     folder = tmp_path_factory.mktemp("installed")
     output("cmake", "--install", os.environ["USDLIVE_BUILD"], "--prefix", folder / "first", "--strip")
     (folder / "first").rename(folder / "moved")
@@ -57,7 +57,7 @@ def test_find_package_from_outside_the_tree(tmp_path, project, serve, prefix):
 
 
 def cpp_examples(prefix) -> list[str]:
-    """The C++ of the README, and of the comments of all headers that are installed."""
+    """The C++ of the README, and of the comments in all installed headers."""
     readme = (CHECKOUT / "README.md").read_text()
     blocks = [re.search(r"\n\n(    auto client = .*?)\n\n", readme, re.DOTALL).group(1)]
     for header in sorted((prefix / "include" / "usdlive").rglob("*.h")):

@@ -1,4 +1,4 @@
-"""FR8: what no frame can hold goes in parts, and is one commit for everybody."""
+"""FR8: a transaction that no frame can hold is sent in parts, and is one commit for everybody."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from conftest import cat, run
 
 EMPTY = "#usda 1.0\n"
 PRIMS = 12_000  # some 5 MiB in frames of at most 1 MiB
-# As an editor pastes: all in one frame.
+# Pastes like an editor: everything in one frame.
 PASTE = f"""
 source = Sdf.Layer.CreateAnonymous()
 for index in range({PRIMS}):
@@ -21,7 +21,7 @@ for index in range({PRIMS}):
 root = stage.GetRootLayer()
 assert Sdf.CopySpec(source, '/Set', root, '/Set')
 """
-# A follower never sees a part of it: after each frame all or nothing is there.
+# A follower never sees a part of it: after each frame it has all or nothing.
 WATCH = f"""
 def pasted():
     set_ = stage.GetRootLayer().GetPrimAtPath('/Set')
@@ -57,7 +57,7 @@ def test_fr8_a_paste_that_no_frame_can_hold_is_one_commit(project, serve, editor
     assert saved == 0
     assert (project / "root.usda").read_text() == late.text("root.usda")
 
-    # As it was before, and with it: from the store.
+    # The content before the commit, and with it: from the store.
     assert cat(server, "root.usda", "--revision", str(before + 1)) == text
     server.stop()
     server.start()

@@ -1,5 +1,5 @@
-"""An editor driven by its stdin: `peer.py URL USER LAYER`. Each line is a JSON string of Python
-statements; the answer is a JSON line with the value of `result`, or the error."""
+"""An editor that is driven by its stdin: `peer.py URL USER LAYER`. Each line is a JSON string of Python
+statements; the answer is a JSON line with the value of `result`, or with the error."""
 
 import json
 import os
@@ -7,7 +7,7 @@ import sys
 import traceback
 
 import usdlive
-from pxr import Gf, Sdf, Ts, Usd, UsdGeom, UsdShade, Vt  # noqa: F401 - for the statements
+from pxr import Gf, Sdf, Ts, Usd, UsdGeom, UsdShade, Vt  # used by the statements
 
 live = usdlive.connect(sys.argv[1], user=sys.argv[2])
 stage = live.open_stage(sys.argv[3])
@@ -20,14 +20,15 @@ def layer(name):
 
 
 def composed(of):
-    """Of each prim what it says; None of one that the stage has lost, which would crash at the next question."""
+    """The composed content of each prim; None for a prim that the stage has lost, which would crash at the
+    next query."""
     return {prim.GetPath(): prim.GetPrimIndex() and (
                 prim.GetTypeName(), [(a.GetName(), a.Get(), a.GetTimeSamples()) for a in prim.GetAttributes()])
             for prim in Usd.PrimRange.Stage(of, Usd.PrimAllPrimsPredicate)}
 
 
 def check_stage():
-    """What has come in step by step is what one finds who opens it now."""
+    """Checks that the content that arrived step by step equals that of a newly opened stage."""
     here, afresh = composed(stage), composed(Usd.Stage.Open(stage.GetRootLayer()))
     assert here == afresh, [(str(path), here.get(path), afresh.get(path))
                             for path in {*here, *afresh} if here.get(path) != afresh.get(path)]

@@ -1,4 +1,4 @@
-"""Locks, layer states and presence, between processes."""
+"""Tests locks, layer states and presence, between processes."""
 
 import getpass
 import json
@@ -27,7 +27,7 @@ def test_a_lock_is_enforced_and_told(project, serve):
         state = bob.layer_states()["shot.usda"]
         assert (state.holder, state.dirty, state.editors) == ("ada", True, ("ada", "bob"))
         assert abs(state.locked_at - time.time()) < 60
-        # As Kit writes it.
+        # The form is that of Kit.
         assert layers[bob].customLayerData["omni_layer"]["locked"] is True
 
         lost = []
@@ -52,7 +52,7 @@ def test_a_lock_is_enforced_and_told(project, serve):
         assert bob.flush()
         assert not lost
 
-        # Who has not heard of the lock yet is refused by the server.
+        # A client that has not received the lock yet is refused by the server.
         ada.lock("shot.usda")
         assert ada.flush()
         attribute.default = 7.0
@@ -70,7 +70,7 @@ def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project,
     with connect(server, "ada") as ada, connect(server, "bob") as bob, connect(server, "eve") as eve:
         ada.open_layer("shot.usda")
         his, hers = bob.open_layer("shot.usda"), eve.open_layer("shot.usda")
-        his.SetPermissionToEdit(False)  # his editor's own wish
+        his.SetPermissionToEdit(False)  # set by his editor itself
         ada.lock("shot.usda")
         wait(lambda: all(one.layer_states().get("shot.usda", events.LayerState("")).locked
                          for one in (bob, eve)), ada, bob, eve)
@@ -81,7 +81,7 @@ def test_a_lock_leaves_the_permission_to_its_host_and_to_administrators(project,
         wait(lambda: not bob.layer_states()["shot.usda"].locked, ada, bob)
         bob.tick()
         assert not his.permissionToEdit
-        # One that joins while the lock stands.
+        # A client that joins while the layer is locked.
         ada.lock("shot.usda")
         assert ada.flush()
         with connect(server, "joe") as joe:
@@ -189,7 +189,7 @@ def test_a_lock_outlives_the_server_and_is_saved_with_the_layer(project, serve):
         server.kill()
         server.start()
         wait(lambda: ada.connected and bob.connected, ada, bob, timeout=30)
-        # Who resumed has it open still.
+        # A client that resumed still has it open.
         wait(lambda: bob.layer_states().get("shot.usda", events.LayerState("")).editors == ("ada", "bob"),
              ada, bob)
         lost = []
@@ -219,7 +219,8 @@ def test_everybody_sees_where_the_others_are(project, serve):
             ["ada  test  /World  in shot.usda  at 24", "bob  test"],
             key=lambda line: ada.id if line.startswith("ada") else bob.id)
 
-        # A drag of the camera, 1,000 positions in a second: what is sent is bounded, the last arrives.
+        # A drag of the camera with 1,000 positions in a second: the number of messages is bounded, and the
+        # last position arrives.
         changes = []
         bob.add_handler(lambda e: changes.append(e) if isinstance(e, events.PresenceChanged) else None)
         begin = time.monotonic()
@@ -232,7 +233,7 @@ def test_everybody_sees_where_the_others_are(project, serve):
         wait(lambda: bob.presences()[0].time == 999.0, ada, bob)
         assert 5 <= len(changes) <= 22 * seconds + 5, (len(changes), seconds)
 
-        # One that hangs is gone within 3 s, and back when it goes on.
+        # A client that hangs disappears within 3 s, and is back when it responds again.
         begin = time.monotonic()
         wait(lambda: not bob.presences(), bob)
         assert time.monotonic() - begin < 3.5

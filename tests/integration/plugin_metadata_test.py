@@ -54,7 +54,7 @@ def test_v11_metadata_is_what_the_readers_plugins_say(project, serve, editor, pl
             if name == "ada":
                 person.run("a.SetInfo('studioFlag', False); a.SetInfo('studioNumber', 2.5)")
         else:
-            # As a tool that knows nothing of the plug-in can: with the text it has.
+            # A tool without the plug-in can write it, too: as the text that it has.
             person.run(f"other = Sdf.Layer.CreateAnonymous('.usda')\n"
                        f"other.ImportFromString(layer('root.usda').ExportToString().replace("
                        f"'int first = 1', 'int first = 1; int {name} = 1'))\n"

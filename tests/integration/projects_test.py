@@ -1,4 +1,4 @@
-"""Several projects in one server process."""
+"""Tests several projects in one server process."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def radius(live):
 
 
 def damage(folder):
-    """Makes a store that cannot be opened; returns what mends it."""
+    """Makes a store that cannot be opened; returns a function that repairs it."""
     manifest, = (folder / ".usdlive" / "store").rglob("MANIFEST-*")
     whole = manifest.read_bytes()
     manifest.write_bytes(b"\xff" * len(whole))
@@ -148,7 +148,7 @@ def test_folders_come_and_go(serve, tmp_path):
         shutil.move(shots / "s020", tmp_path / "away")
         wait(lambda: "s020" not in projects(server), ada, bob, timeout=30)
         set_radius(bob, 3.0)
-        # The editor keeps what it writes, and goes on when the project is back.
+        # The editor keeps its edits, and continues when the project is back.
         ada.open_layer("shot.usda").GetAttributeAtPath("/Ball.radius").default = 4.0
         ada.tick()
         shutil.move(tmp_path / "away", shots / "s020")

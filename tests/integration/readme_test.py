@@ -1,4 +1,4 @@
-"""The Python of the README runs as it stands there."""
+"""The Python examples of the README run unchanged."""
 
 import pathlib
 import re
@@ -14,7 +14,7 @@ README = pathlib.Path(__file__).parents[2] / "README.md"
 
 
 def block(beginning: str) -> str:
-    """The indented lines that begin so, to the end of the code."""
+    """Returns the indented lines that begin with `beginning`, to the end of the code."""
     text = README.read_text()
     start = text.index("    " + beginning)
     lines = re.match(r"(?:(?: {4}.*)?\n)+", text[start:]).group()
@@ -27,7 +27,7 @@ class Enough(Exception):
 
 @pytest.fixture
 def names(project, serve, monkeypatch):
-    """What the examples leave to their reader, and the server where they expect it."""
+    """Names that the examples leave to the reader, and the server at the address that they use."""
     (project / "shot.usda").write_text('#usda 1.0\ndef "A"\n{\n    double x\n}\n')
     server = serve(project)
     connect = usdlive.connect

@@ -1,4 +1,4 @@
-"""Saving big layers: what it needs of the server's memory."""
+"""Tests the server's memory while it saves big layers."""
 
 import pathlib
 
@@ -12,7 +12,7 @@ POINTS = 2_600_000  # 30 MiB
 
 
 def server_process(server) -> pathlib.Path:
-    """The process that serves: `usdlive serve` runs it in its place or as its child."""
+    """The server's process: `usdlive serve` executes it in its place or as its child."""
     own = pathlib.Path(f"/proc/{server.process.pid}")
     children = (own / "task" / own.name / "children").read_text().split()
     return pathlib.Path("/proc", children[0]) if children else own
@@ -26,7 +26,7 @@ def memory(process: pathlib.Path, name: str) -> int:
 @pytest.mark.parametrize("name", ["points.usda", "points.usdc"])
 def test_saving_points_needs_little_memory(project, serve, name):
     """Measured: 0.4 times the file as text and 1.3 to 1.6 times as binary; 5.7 and 8.4 times when a layer was
-    compared with its file as text. What is allocated at the moment of the first reading varies by some MiB."""
+    compared with its file as text. The memory at the first reading varies by some MiB."""
     file = project / name
     Sdf.Layer.CreateNew(str(file)).Save()
     server = serve(project)
@@ -40,7 +40,7 @@ def test_saving_points_needs_little_memory(project, serve, name):
             points.default = Vt.Vec3fArray(POINTS // 4, values)
         assert ada.flush(60)
 
-        (process / "clear_refs").write_text("5")  # forgets the peak so far
+        (process / "clear_refs").write_text("5")  # resets the peak
         before = memory(process, "VmRSS")
         saved = []
         ada.add_handler(lambda event: saved.append(event) if isinstance(event, events.Saved) else None)

@@ -1,4 +1,4 @@
-"""Real stages of the newton package: served, edited by two, saved, and read by pxr.Usd alone."""
+"""Real stages of the newton package are served, edited by two editors, saved, and read by pxr.Usd alone."""
 
 import importlib.util
 import os
@@ -17,7 +17,7 @@ STAGES = sorted([*(NEWTON / "examples" / "assets").glob("*.usd*"),
 
 
 def text_of(path) -> str:
-    """In a process without our code."""
+    """Returns the text, in a process without our code."""
     return subprocess.run(
         [sys.executable, "-c", "import sys; from pxr import Sdf; layer = Sdf.Layer.FindOrOpen(sys.argv[1]); "
          "print(end=layer.ExportToString())", str(path)],
@@ -25,7 +25,7 @@ def text_of(path) -> str:
 
 
 def test_real_stages_are_served_exactly(project, serve):
-    """What the server says of each layer is what pxr says of the file."""
+    """The server's text of each layer equals pxr's text of the file."""
     names = {stage: f"{stage.parts[-3]}/{stage.name}" for stage in STAGES}
     for stage, name in names.items():
         (project / name).parent.mkdir(exist_ok=True)

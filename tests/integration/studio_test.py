@@ -1,4 +1,4 @@
-"""Projects of a studio's size: many layers, of which somebody needs few."""
+"""Projects of a studio's size: many layers, of which each client needs few."""
 
 import re
 import time
@@ -12,7 +12,7 @@ PAYLOADS = 60
 
 
 def write_shot(folder) -> None:
-    """A root layer with a reference that has a payload of its own, and many payloads."""
+    """Writes a root layer with a reference that has a payload of its own, and many payloads."""
     payloads = "\n".join(f'def "p{i}" (payload = @./props/p{i}.usda@</Prop>)\n{{\n}}' for i in range(PAYLOADS))
     (folder / "shot.usda").write_text(
         f'#usda 1.0\n(\n    subLayers = [@./under.usda@]\n)\ndef "World" (references = @./set.usda@</Set>)\n{{\n}}\n'
@@ -25,7 +25,7 @@ def write_shot(folder) -> None:
 
 
 def opened(watcher, user: str) -> set[str]:
-    """The layers that somebody has joined, as the server says."""
+    """The layers that somebody has joined, from the server."""
     watcher.tick()
     return {name for name, state in watcher.layer_states().items() if user in state.editors}
 
@@ -92,7 +92,7 @@ def seconds_to_join(server, layer: str) -> float:
 
 
 def test_readers_of_old_checkpoints_delay_no_join(project, serve):
-    """Two who read as much as the server lets them, and one who joins."""
+    """Two clients read as much as the server allows, and one joins."""
     write_many_fields(project / "big.usda", 40_000)
     for name in ("one.usda", "two.usda"):
         (project / name).write_text('#usda 1.0\ndef "World"\n{\n}\n')
@@ -104,7 +104,7 @@ def test_readers_of_old_checkpoints_delay_no_join(project, serve):
         for reader in (first, second):
             for request in range(1, 1 + reads):
                 reader.send(control("openLayer", request=request, layer="big.usda", revision=1))
-        first.expect("layerOpened", timeout=60)  # they are at it
+        first.expect("layerOpened", timeout=60)  # they have begun
         begin = time.monotonic()
         imported, stored = seconds_to_join(server, "two.usda"), seconds_to_join(server, "one.usda")
         joined = time.monotonic() - begin
@@ -113,7 +113,7 @@ def test_readers_of_old_checkpoints_delay_no_join(project, serve):
         for _ in range(reads):
             second.expect("layerOpened", timeout=120)
         left = time.monotonic() - begin
-    # The readers were at it for much longer, and those who joined did not wait for them.
+    # The readers took much longer, and the clients that joined did not wait for them.
     assert left > 2 * joined, (left, joined)
     assert max(imported, stored) < 1 + 5 * alone, (imported, stored, alone)
 
@@ -135,7 +135,7 @@ def test_layers_that_nobody_has_open_leave_the_servers_memory(project, serve):
                 peer.send(control("openLayer", request=1, layer=f"layer{i:03}.usdc", revision=0))
                 peer.expect("layerOpened", timeout=60)
         wait(lambda: metric(server, "usdlive_unloaded_layers_total") > 0, ada, watcher, timeout=100)
-        # What is known of a layer beside its content stays, and who needs it gets it back.
+        # The state of a layer stays without its content, and a client that needs the content gets it again.
         watcher.tick()
         state = watcher.layer_states()["layer000.usdc"]
         assert state.dirty and state.locked and state.holder == "ada" and not state.editors

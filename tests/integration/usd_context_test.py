@@ -27,7 +27,7 @@ SAVED = ["SAVING", "SETTINGS_SAVING", "SAVED", "DIRTY_STATE_CHANGED"]
 
 
 class Heard(list):
-    """The names of a context's events, in the order in which they are delivered."""
+    """The names of a context's events, in the order of their delivery."""
 
     def __init__(self, ctx):
         self.subscription = ctx.get_stage_event_stream().create_subscription_to_pop(
@@ -41,7 +41,7 @@ class Heard(list):
 
 @pytest.fixture
 def context():
-    """context(name, **settings) makes one that goes with the test."""
+    """context(name, **settings) creates a context that is destroyed after the test."""
     names = []
 
     def make(name="test", **settings):
@@ -67,7 +67,7 @@ def ball(tmp_path):
 
 @pytest.fixture(params=["blocking", "callback", "callback without a loop", "async"])
 def call(request):
-    """call(ctx, "open_stage", *args) in each of the forms; gives what the form gives, as a tuple."""
+    """call(ctx, "open_stage", *args) in each of the forms; returns the result of the form as a tuple."""
 
     def blocking(ctx, name, *args):
         return (getattr(ctx, name)(*args),)
@@ -219,7 +219,7 @@ def test_payloads_are_loaded_as_asked(ctx, ball, tmp_path):
 
 
 def test_progress_while_a_stage_opens(ctx, tmp_path):
-    """Layers are read in a thread; meanwhile the loop goes on and sees how many are there."""
+    """A thread reads the layers; meanwhile the loop continues and sees how many are loaded."""
     for index in range(60):
         layer = Sdf.Layer.CreateNew(str(tmp_path / f"s{index}.usda"))
         with Sdf.ChangeBlock():
@@ -425,7 +425,7 @@ def test_a_task_that_waits_for_events_misses_none(ctx, ball):
         waiting = asyncio.create_task(wait(Event.CLOSED))
         await asyncio.sleep(0)
         ctx.save_stage()
-        ctx.close_stage()  # all in one go, before the task runs
+        ctx.close_stage()  # all at once, before the task runs
         return opened, await asyncio.wait_for(waiting, 5)
 
     opened, closed = asyncio.run(main())
@@ -618,7 +618,7 @@ def test_a_file_stays_of_its_kind_and_keeps_its_permissions(name, head, ctx, tmp
     link.symlink_to(path)
     for opened, comment in ((path, "one"), (link, "two")):
         assert ctx.open_stage(str(opened))
-        for more in ("", " more"):  # a .usdc is written anew although it was read from the file before
+        for more in ("", " more"):  # a .usdc is written again although it was read from the file before
             ctx.get_stage().GetRootLayer().comment = comment + more
             assert ctx.save_stage() and not ctx.has_pending_edit()
             assert Sdf.Layer.OpenAsAnonymous(str(path)).comment == comment + more
@@ -761,7 +761,7 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_file(name, tmp_path):
     end = time.monotonic() + 20
     while path.stat().st_ino == first:
         assert time.monotonic() < end
-    for _ in range(3):  # somewhere within a save, whatever the machine's speed
+    for _ in range(3):  # at three moments within a save, on a machine of any speed
         process.send_signal(signal.SIGSTOP)
         process.send_signal(signal.SIGCONT)
     process.kill()
@@ -770,7 +770,7 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_file(name, tmp_path):
     assert len(layer.GetPrimAtPath("/A").nameChildren) == 3000
 
 
-# -- what is shared, discarded and left
+# -- shared, discarded and remaining edits
 
 
 def test_a_layer_that_was_saved_is_not_outdated(ctx, ball):
@@ -811,7 +811,7 @@ def test_an_edit_during_a_save_is_not_outdated(ctx, ball):
 
 @pytest.fixture
 def authoring(ctx, ball):
-    """A stage in auto authoring, whose frame is over."""
+    """A stage in auto authoring, after its frame."""
     assert ctx.open_stage(ball)
     layers = get_layers(ctx)
     layers.set_edit_mode(1)
@@ -1056,7 +1056,7 @@ def test_a_live_stage_is_edited_by_two_and_saved_by_the_server(live, editor, cal
 
 
 def test_a_stage_opens_over_dds(project, serve, ctx, monkeypatch):
-    domain = str(random.SystemRandom().randint(1, 90))  # runs on one machine do not meet
+    domain = str(random.SystemRandom().randint(1, 90))  # runs on one machine do not interfere
     monkeypatch.setenv("USDLIVE_DDS_DOMAIN", domain)
     monkeypatch.setenv("USDLIVE_DDS_INTERFACE", "lo")
     (project / "a shot.usda").write_text(BALL)
@@ -1207,7 +1207,7 @@ def test_a_file_in_an_attached_folder_is_live(live, ctx, project, editor):
 
 
 def test_a_live_stage_follows_what_is_muted_for_everybody_in_global_scope(project, serve, ctx):
-    """As in Kit, where the scope decides."""
+    """As in Kit, the scope decides."""
     (project / "sub.usda").write_text("#usda 1.0\n")
     (project / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./sub.usda@]\n)\n")
     server = serve(project)

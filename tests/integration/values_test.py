@@ -1,4 +1,4 @@
-"""Every value type and every kind of edit, both ways between pxr.Usd processes."""
+"""Every value type and every kind of edit, in both directions between pxr.Usd processes."""
 
 import re
 
@@ -98,7 +98,7 @@ EDITS = {
 
 @pytest.mark.parametrize("what", [what for what, code in EDITS.items() if code])
 def test_an_edit_arrives_as_it_was_made(what, pair):
-    """Made by one editor after the other; both, and the server, hold the same text, and it is right."""
+    """One editor makes the edit after the other; both and the server have the same text, and it is correct."""
     server, ada, bo = pair
     for author, other in ((ada, bo), (bo, ada)):
         author.run("root = stage.GetRootLayer()\nroot.Clear()\n"
@@ -129,7 +129,7 @@ def pair(tmp_path_factory):
 
 
 def test_every_scalar_type_of_sdf_is_in_the_list():
-    """So that a type that a newer OpenUSD brings is noticed."""
+    """A type that a newer OpenUSD adds is noticed."""
     known = {str(getattr(Sdf.ValueTypeNames, n)) for n in dir(Sdf.ValueTypeNames)
              if isinstance(getattr(Sdf.ValueTypeNames, n), Sdf.ValueTypeName)}
     scalars = {name for name in known if not name.endswith("[]")}

@@ -1,4 +1,4 @@
-"""The samples of tests/vectors, read by code that shares nothing with the product."""
+"""Reads the samples of tests/vectors with code that shares nothing with the product."""
 
 import json
 import os
@@ -23,7 +23,7 @@ def as_json(value):
 
 
 def as_now(kind, members):
-    """The members of a sample, and those that the schema has got since: absent."""
+    """The members of a sample; members that the schema got later are absent."""
     if kind in wire.UNIONS and members:
         return [members[0], as_now(members[0], members[1])]
     if isinstance(members, list):
@@ -48,7 +48,7 @@ def test_frames_say_what_they_say():
             sample |= {"kind": kind, "members": as_json(members)} | ({"after": after} if after else {})
         assert (sample["kind"], as_now(kind, sample["members"])) == (kind, as_json(members)), sample["name"]
         assert sample.get("after") == after, sample["name"]
-        # Another writer's layout says the same.
+        # Another writer's layout has the same meaning.
         again = wire.decode(wire.encode(kind, members)[4:])
         assert as_json(again) == as_json((kind, members)), sample["name"]
     if os.environ.get("USDLIVE_WRITE_VECTORS"):

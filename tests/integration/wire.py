@@ -1,5 +1,5 @@
-"""The wire protocol in plain Python, for tests that share no code with the product: FlatBuffers by the
-schema of common/protocol/frames.fbs, and a peer over a bare WebSocket."""
+"""The wire protocol in plain Python, for tests that share no code with the product: FlatBuffers by the schema
+of common/protocol/frames.fbs, and a peer over a bare WebSocket."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _schema():
     for name, body in re.findall(r"table (\w+) \{(.*?)\}", text, re.S):
         members, slot = [], 0
         for member, kind in re.findall(r"(\w+): *(\[?\w+\]?)", body):
-            slot += kind in unions  # what kind of member it is stands in the slot before
+            slot += kind in unions  # the slot before contains the kind of the member
             members.append(Member(member, kind, slot))
             slot += 1
         tables[name] = members
@@ -44,7 +44,7 @@ def _number(kind, data, at):
 
 
 def _value(kind, data, at):
-    """What stands behind the offset at `at`."""
+    """Reads the value behind the offset at `at`."""
     at += _number("uint", data, at)
     if kind in TABLES:
         return _table(kind, data, at)
@@ -79,7 +79,8 @@ def _table(name, data, at):
 
 
 def decode(frame):
-    """(kind, members) of a frame: scalars, text, bytes, lists and dictionaries; a union is (kind, members)."""
+    """Returns (kind, members) of a frame: scalars, text, bytes, lists and dictionaries; a union is (kind,
+    members)."""
     assert bytes(frame[4:8]) == b"USDL"
     return _table("Frame", frame, _number("uint", frame, 0))["body"]
 
@@ -142,7 +143,7 @@ class _Builder:
 
 
 def encode(kind, members):
-    """A message of one frame."""
+    """Returns a message of one frame."""
     builder = _Builder()
     builder._refer(0, builder.table("Frame", {"body": (kind, members)}))
     return struct.pack("<I", len(builder.data)) + builder.data
@@ -159,7 +160,7 @@ def hello(client, user="wire", resume=None):
 
 
 def split(message):
-    """The frames of a message (FR1)."""
+    """Returns the frames of a message (FR1)."""
     at = 0
     while at < len(message):
         size = _number("uint", message, at)
@@ -187,8 +188,8 @@ class Broken(Exception):
 
 
 class Peer:
-    """A session. It holds the history it was sent to the rules: contiguous, chained, epochs that do not
-    fall (SE1, SE3, CH1)."""
+    """A session. It checks the rules for the received history: contiguous, chained, epochs that do not fall
+    (SE1, SE3, CH1)."""
 
     def __init__(self, url, client=None, user="wire", resume=None, timeout=10):
         self.client = client or new_client()
@@ -218,7 +219,8 @@ class Peer:
         self.socket.send(bytes(message))
 
     def frame(self, timeout=10):
-        """The next frame as (kind, members), control messages as (type, members). TimeoutError."""
+        """Returns the next frame as (kind, members), a control message as (type, members). Raises
+        TimeoutError."""
         while not self.waiting:
             self.waiting.extend(split(self.socket.recv(timeout=timeout)))
         raw = bytes(self.waiting.popleft())
@@ -241,7 +243,7 @@ class Peer:
         self.revision, self.hash = commit["revision"], commit["hash"]
 
     def expect(self, kind, timeout=10):
-        """The next frame of this kind; others are passed over."""
+        """Returns the next frame of this kind; skips others."""
         end = time.monotonic() + timeout
         while True:
             seen, members = self.frame(max(0.001, end - time.monotonic()))
@@ -251,14 +253,14 @@ class Peer:
                 raise Broken(f"{members['code']}: {members['message']}")
 
     def expect_error(self, timeout=10):
-        """The next errorMessage, whether it closes or not."""
+        """Returns the next errorMessage, whether it closes the session or not."""
         while True:
             seen, members = self.frame(timeout)
             if seen == "errorMessage":
                 return members
 
     def log(self, first=1, last=0):
-        """Commits as they are stored, verified as a chain."""
+        """Returns the stored commits, verified as a chain."""
         self.send(control("requestLog", request=1, **{"from": first, "to": last}))
         self.expect("logBegin")
         commits = []
@@ -282,7 +284,7 @@ class Peer:
                                     "edits": list(edits)}))
 
     def upload(self, content):
-        """B1: a big value, until the server has it."""
+        """B1: uploads a big value and waits until the server has it."""
         value = hashlib.sha256(content).digest()
         for at in range(0, len(content), CHUNK):
             part = content[at:at + CHUNK]
@@ -316,7 +318,7 @@ def string_bytes(text: str) -> bytes:
 
 
 def big_string(content: bytes) -> bytes:
-    """V10: a text that travels beside the stream, by what string_bytes() gave."""
+    """V10: a text that travels beside the stream, from the result of string_bytes()."""
     return struct.pack("<HBQ", STRING, 1, len(content)) + hashlib.sha256(content).digest()
 
 

@@ -1,4 +1,5 @@
-"""Includes point one way and third-party headers stay at their edge (docs/decisions, style of the tree).
+"""Checks that includes point one way and that third-party headers stay in their folders
+(docs/architecture.md).
 
 Every rule is checked over all sources of the tree at once, so that a failure lists each offending line.
 """
@@ -13,8 +14,8 @@ INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^">]+)[">]', re.MULTILINE)
 SOURCE_SUFFIXES = {".h", ".cpp"}
 FOLDERS = ["common", "server", "client", "plugins", "tests", "bench"]
 
-# area of a file -> the areas of ours whose headers it may include. An area is a folder of common, server
-# or client ("server/project"); a prefix ("common/") means all below it.
+# The area of a file, and the areas whose headers it may include. An area is a folder of common, server or
+# client ("server/project"); a prefix ("common/") means all areas below it.
 COMMON_PLAIN = ["common/core", "common/layer", "common/protocol"]
 SERVER_EDGES = ["server/transport", "server/storage", "server/files"]
 ALLOWED = {
@@ -34,7 +35,7 @@ ALLOWED = {
     "client/examples": ["common/", "client/"],
 }
 
-# third-party header -> where it may be included: a prefix of the path in the tree.
+# A third-party header, and the folders that may include it: prefixes of the path in the tree.
 EDGES = {
     r"pxr/": [
         "common/usd",
@@ -89,7 +90,8 @@ def source_files():
 
 
 def area_of(path):
-    """client/include/usdlive/client/usd/Client.h and client/src/usd/Client.cpp are both of client/usd."""
+    """Returns the area: client/include/usdlive/client/usd/Client.h and client/src/usd/Client.cpp both belong
+    to client/usd."""
     parts = path.relative_to(ROOT).parts
     if len(parts) > 4 and parts[1] == "include":
         return f"{parts[0]}/{parts[4]}"
@@ -101,13 +103,13 @@ def area_of(path):
 
 
 def area_of_include(include):
-    """The area of one of our headers, usdlive/client/usd/Client.h; None for all others."""
+    """Returns the area of one of our headers, such as usdlive/client/usd/Client.h; None for all others."""
     parts = include.split("/")
     return "/".join(parts[1:3]) if parts[0] == "usdlive" and len(parts) > 3 else None
 
 
 def all_includes():
-    """(file, line, area of the file, header) of every include of the tree."""
+    """Yields (file, line, area of the file, header) for every include of the tree."""
     for path in source_files():
         text = path.read_text(encoding="utf-8")
         for match in INCLUDE.finditer(text):
@@ -158,7 +160,7 @@ def test_third_party_headers_stay_at_their_edge(header):
 
 
 def test_json_headers_are_included_by_sources_only():
-    """json_fwd.hpp only names the type, which is what a header may do."""
+    """json_fwd.hpp only declares the type, which a header may do."""
     offences = [
         found for found in all_includes()
         if found[3].startswith("nlohmann/") and found[3] != "nlohmann/json_fwd.hpp" and found[0].suffix == ".h"
@@ -167,6 +169,7 @@ def test_json_headers_are_included_by_sources_only():
 
 
 def test_headers_are_included_by_their_full_path():
-    """usdlive/common/core/Id.h and not ../core/Id.h, so that these rules see every include."""
+    """Includes have the form usdlive/common/core/Id.h and not ../core/Id.h, so that these rules find every
+    include."""
     offences = [found for found in all_includes() if found[3].startswith((".", "/"))]
     assert not offences, listed(offences)

@@ -1,4 +1,5 @@
-"""The rules of docs/PROTOCOL.md have one number each, and who names a rule names one that is there."""
+"""Checks that each number of a rule in docs/PROTOCOL.md stands for one rule, and that every cited rule
+exists."""
 
 import collections
 import pathlib
@@ -9,7 +10,7 @@ PROTOCOL = ROOT / "docs" / "PROTOCOL.md"
 SUFFIXES = {".h", ".cpp", ".py", ".fbs", ".idl", ".md"}
 FOLDERS = ["common", "server", "client", "plugins", "tests", "bench", "docs"]
 DEFINITION = re.compile(r"\*\*([A-Z]{1,2})(\d+)\*\*")
-# Where rules are named: comments, texts, and the names of tests, which begin with them.
+# The places that cite rules: comments, documents, and the names of tests, which begin with a number.
 CPP_COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/|(?<=, )[A-Z]{1,2}\d+(?=[A-Z]\w*\)\s*\{)", re.DOTALL)
 PYTHON_COMMENT = re.compile(r"#[^\n]*|\"\"\".*?\"\"\"", re.DOTALL)
 
@@ -19,7 +20,7 @@ def defined():
 
 
 def texts():
-    """(file, what of it may name rules)"""
+    """Yields (file, the part of its text that may cite rules)."""
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix not in SUFFIXES or not path.is_file():

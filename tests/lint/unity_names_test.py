@@ -10,8 +10,8 @@ import re
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
-# The folders whose files are one target (see the CMakeLists.txt of common, client and server). Files that CMake keeps
-# out of unity builds (SKIP_UNITY_BUILD_INCLUSION) are found there.
+# The folders whose files are one target (see the CMakeLists.txt of common, client and server). Those files
+# also list the sources that CMake excludes from unity builds (SKIP_UNITY_BUILD_INCLUSION).
 TARGETS = [
     ["common/src/core", "common/src/layer", "common/src/protocol"],
     ["common/src/dds"],
@@ -42,7 +42,7 @@ def compiled_alone():
 
 
 def private_names(path):
-    """(name, what is written of it) for each thing that an unnamed namespace of the file defines."""
+    """Yields (name, its definition) for each definition in an unnamed namespace of the file."""
     inside = False
     lines = path.read_text(encoding="utf-8").splitlines()
     for number, line in enumerate(lines):
@@ -55,7 +55,7 @@ def private_names(path):
                 name = next(group for group in match.groups() if group)
                 yield name, line if line.startswith("using") else None
             elif match := FUNCTION.match(line):
-                # Overloads may stand beside each other; equal signatures may not.
+                # Overloads are allowed; equal signatures are not.
                 signature = match.group(1)
                 while ")" not in signature and number + 1 < len(lines):
                     number += 1
