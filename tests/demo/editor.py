@@ -144,7 +144,7 @@ def main() -> None:
     stage = live.open_stage("shot.usda")
     worker = ROLES[role](stage)
     report = Report(live)
-    working, number, word, told = True, 0, "", 0.0
+    working, number, word, printed = True, 0, "", 0.0
     while word != "export":
         begin = time.monotonic()
         if working:
@@ -162,8 +162,8 @@ def main() -> None:
             report.extra["finished"] = live.flush(30)
         elif word == "save":
             live.save()
-        if begin - told > 0.1 or word:
-            told = begin
+        if begin - printed > 0.1 or word:
+            printed = begin
             report.tell()
         time.sleep(max(0.0, FRAME - (time.monotonic() - begin)))
     pathlib.Path(output).mkdir(parents=True)

@@ -172,11 +172,11 @@ def test_starting_on_a_port_in_use(project):
 def test_starting_on_a_store_of_a_newer_version(project, serve):
     server = serve(project)
     server.stop()
-    (project / ".usdlive" / "store" / "format").write_bytes(sealed((1_000_000).to_bytes(4, "little")))
+    (project / ".usdlive" / "store" / "format").write_bytes(with_checksum((1_000_000).to_bytes(4, "little")))
     one_line(run("serve", str(project), "--port", "0"), str(project), "1000000")
 
 
-def sealed(content: bytes) -> bytes:
+def with_checksum(content: bytes) -> bytes:
     """Encodes a small file like the store: the content, then its SHA-256."""
     return content + hashlib.sha256(content).digest()
 

@@ -70,6 +70,6 @@ def test_b3_four_who_drag_big_values_end_with_the_same(seed, project, serve, edi
         assert "blobNotFound" not in lost and "blobMismatch" not in lost
     drags = sum(one.run("result = drags") for one in editors)
     # A gesture names two values when somebody meanwhile removed the mesh and created it again.
-    assert 0 < stored(project) <= drags * 5 // 4, "what was only shown on the way is not stored"
+    assert 0 < stored(project) <= drags * 5 // 4, "intermediate values of a drag are stored"
     with capfd.disabled():
         print(f"\nB3 seed {seed}: {drags} drags, {stored(project)} big values stored, revision {revision}")

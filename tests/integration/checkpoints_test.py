@@ -36,8 +36,8 @@ def test_by_command(served):
         assert ada.flush()
         run("checkpoint", served.url, "Zoë's dinner")
         ada.open_layer("later.usda")
-    told = run("checkpoints", served.url).splitlines()
-    assert [line.split("  ")[-1] for line in told] == ["lunch", "Zoë's dinner"]
+    listed = run("checkpoints", served.url).splitlines()
+    assert [line.split("  ")[-1] for line in listed] == ["lunch", "Zoë's dinner"]
     assert "x = 1" in run("cat", f"{served.url}/shot.usda", "--checkpoint", "lunch")
     assert "x = 2" in run("cat", f"{served.url}/shot.usda", "-c", "Zoë's dinner")
     assert "World" in run("tree", f"{served.url}/later.usda", "-c", "lunch"), "as it was opened first"

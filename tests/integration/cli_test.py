@@ -280,8 +280,8 @@ def test_links_are_followed_and_what_is_skipped_is_counted_and_logged(project, s
     assert log.count("file skipped") == 6
     listed = usdlive("ls", server.url, "--skipped").splitlines()
     assert len(listed) == 6 and any("asset.usdz" in line and "package" in line for line in listed), listed
-    told = json.loads(usdlive("ls", server.url, "--skipped", "--json"))
-    assert {"asset.usdz", "elsewhere", "v3/up"} <= {one["path"] for one in told}, told
+    listed = json.loads(usdlive("ls", server.url, "--skipped", "--json"))
+    assert {"asset.usdz", "elsewhere", "v3/up"} <= {one["path"] for one in listed}, listed
 
     usdlive("lock", server.url, "latest/hall.usda", "--user", "ada")
     usdlive("save", server.url, "latest/hall.usda", "--user", "ada")
@@ -375,7 +375,7 @@ def test_a_bar_for_what_takes_long_on_a_terminal_only(project, serve):
     server = serve(project)
     shown = on_a_terminal("tree", server.url, "big.usda")
     assert "importing big.usda" in shown
-    assert "P119999" in shown and shown.rfind("\x1b[K") < shown.find("P0 "), "the bar is gone before the answer"
+    assert "P119999" in shown and shown.rfind("\x1b[K") < shown.find("P0 "), "the bar is removed before the answer is printed"
     server.stop()
     (project / ".usdlive").rename(project.parent / "aside")
     server.start()

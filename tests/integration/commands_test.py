@@ -230,7 +230,7 @@ def test_undo_redo_and_groups(registered, ctx, stage):
     assert undo.undo("test") and root.comment == ""
     assert undo.redo("test") and root.comment == "b" and undo.can_redo("test")
     run("SetComment", text="d")
-    assert not undo.can_redo("test"), "what is new ends what was undone"
+    assert not undo.can_redo("test"), "a new command clears the redo stack"
     assert undo.undo("test") and undo.undo("test") and root.comment == ""
     with undo.disabled():
         run("SetComment", text="e")
@@ -445,7 +445,7 @@ def test_set_edit_target(ctx, stage, layer, caplog):
     run("SetEditTarget", layer_identifier=layer("root").identifier)
     stage.MuteLayer(layer("weak").identifier)
     undo.undo("test")
-    assert stage.GetEditTarget().GetLayer() == layer("root"), "not one that is muted"
+    assert stage.GetEditTarget().GetLayer() == layer("root"), "a muted layer became the edit target"
 
 
 def test_create_a_sublayer(ctx, stage, layer, folder, caplog):
@@ -947,7 +947,7 @@ def live(project, serve, editor, folder):
     omni_usd.destroy_context("test")
 
 
-def settled(context, ada):
+def synced(context, ada):
     """Waits until both have everything; returns the texts of the layers, which are the same for both."""
     names = ("root.usda", "strong.usda", "weak.usda", "deep/below.usda")
     connection = context.live
@@ -965,7 +965,7 @@ def test_commands_on_a_live_stage_are_one_transaction_each_and_undone_everywhere
     stage, connection = context.get_stage(), context.live
     identifiers = {layer.GetDisplayName(): layer.identifier for layer in stage.GetLayerStack(False)}
     root = identifiers["root.usda"]
-    before = settled(context, ada)
+    before = synced(context, ada)
     for name, arguments in (
             ("MergeLayers", dict(dst_parent_layer_identifier=root,
                                  dst_layer_identifier=identifiers["strong.usda"],
@@ -978,16 +978,16 @@ def test_commands_on_a_live_stage_are_one_transaction_each_and_undone_everywhere
             ("FlattenLayers", {})):
         values, revision = composed(stage), connection.revision
         run(name, **arguments)
-        after = settled(context, ada)
+        after = synced(context, ada)
         assert connection.revision == revision + 1, f"{name} is one transaction"
         assert after != before
         if name != "MoveSublayer":
             assert composed(stage) == values
         result = undo.undo("test")
         assert result and not result.kept, result
-        assert settled(context, ada) == before and connection.revision == revision + 2
-        assert undo.redo("test") and settled(context, ada) == after
-        assert undo.undo("test") and settled(context, ada) == before
+        assert synced(context, ada) == before and connection.revision == revision + 2
+        assert undo.redo("test") and synced(context, ada) == after
+        assert undo.undo("test") and synced(context, ada) == before
 
 
 def test_undo_in_a_live_project_leaves_what_others_did(live, caplog):
@@ -1000,11 +1000,11 @@ def test_undo_in_a_live_project_leaves_what_others_did(live, caplog):
         run("CreateLayerReference", layer_identifier=root, path_to="/World/New",
             asset_path="./props/prop.usda", prim_path="/Prop")
         run("CreateLayerReference", layer_identifier=root, path_to="/World/Mine")
-    settled(context, ada)
+    synced(context, ada)
     ada.run("stage.GetPrimAtPath('/World/New').CreateAttribute('hers', Sdf.ValueTypeNames.Int).Set(1)\n"
             "over = Sdf.CreatePrimInLayer(layer('strong.usda'), '/World/Ball')\n"
             "Sdf.AttributeSpec(over, 'radius', Sdf.ValueTypeNames.Double).default = 50.0")
-    settled(context, ada)
+    synced(context, ada)
     with caplog.at_level(logging.WARNING):
         result = undo.undo("test")
     assert result and [kept.path for kept in result.kept] == ["/World/New"]
@@ -1012,28 +1012,28 @@ def test_undo_in_a_live_project_leaves_what_others_did(live, caplog):
     assert stage.GetAttributeAtPath("/World/New.hers").Get() == 1 and not stage.GetPrimAtPath("/World/Mine")
     result = undo.undo("test")
     assert result and [kept.path for kept in result.kept] == ["/World/Ball"]
-    texts_now = settled(context, ada)
+    texts_now = synced(context, ada)
     assert "radius = 50" in texts_now["strong.usda"] and "int hers = 1" in texts_now["root.usda"]
 
 
 def test_a_live_prim_is_moved_back_with_what_others_did_to_it(live):
     context, ada = live
     assert move(path_from="/World/Ball", path_to="/World/Planet")
-    settled(context, ada)
+    synced(context, ada)
     ada.run("stage.GetPrimAtPath('/World/Planet').CreateAttribute('hers', Sdf.ValueTypeNames.Int).Set(1)")
-    settled(context, ada)
+    synced(context, ada)
     assert undo.undo("test")
-    assert "int hers = 1" in settled(context, ada)["root.usda"]
+    assert "int hers = 1" in synced(context, ada)["root.usda"]
     assert context.get_stage().GetAttributeAtPath("/World/Ball.hers").Get() == 1
 
 
 def test_a_live_prim_that_another_one_has_moved_on_stays_there(live):
     context, ada = live
     assert move(path_from="/World/Ball", path_to="/World/Planet")
-    settled(context, ada)
+    synced(context, ada)
     ada.run("e = Usd.NamespaceEditor(stage); e.MovePrimAtPath('/World/Planet', '/World/Star')\n"
             "assert e.ApplyEdits()")
-    settled(context, ada)
+    synced(context, ada)
     result = undo.undo("test")
     assert result and [kept.path for kept in result.kept] == ["/World/Planet"]
     assert context.get_stage().GetPrimAtPath("/World/Star")
@@ -1049,8 +1049,8 @@ def test_a_live_layer_gets_layers_of_its_project_alone(live, caplog, tmp_path):
     refused(caplog, "CreateSublayer", "no layer of the project", new_layer_path=str(tmp_path / "own.usda"),
             create_or_insert=False, **arguments)
     run("CreateSublayer", new_layer_path="props/prop.usda", create_or_insert=False, **arguments)
-    assert "@./props/prop.usda@" in settled(context, ada)["root.usda"]
-    assert undo.undo("test") and "@./props/prop.usda@," not in settled(context, ada)["root.usda"]
+    assert "@./props/prop.usda@" in synced(context, ada)["root.usda"]
+    assert undo.undo("test") and "@./props/prop.usda@," not in synced(context, ada)["root.usda"]
 
 
 def test_a_live_layer_gets_a_new_layer_that_everybody_has(live, caplog, tmp_path, project):
@@ -1063,10 +1063,10 @@ def test_a_live_layer_gets_a_new_layer_that_everybody_has(live, caplog, tmp_path
     made = Sdf.Layer.Find(identifier)
     assert context.live.layer_name(made) == "fx/new.usda" and (project / "fx" / "new.usda").is_file()
     Sdf.CreatePrimInLayer(made, "/New").specifier = Sdf.SpecifierDef
-    assert "@./fx/new.usda@" in settled(context, ada)["root.usda"]
+    assert "@./fx/new.usda@" in synced(context, ada)["root.usda"]
     assert context.live.flush()
     ada.run("assert live.wait(lambda: stage.GetPrimAtPath('/New'), 20)")
     refused(caplog, "CreateSublayer", "open it, or choose another name", new_layer_path="strong.usda", **arguments)
     refused(caplog, "CreateSublayer", "cannot be made", new_layer_path=str(tmp_path.parent / "own.usda"), **arguments)
-    assert undo.undo("test") and "new.usda" not in settled(context, ada)["root.usda"]
-    assert undo.redo("test") and "@./fx/new.usda@" in settled(context, ada)["root.usda"]
+    assert undo.undo("test") and "new.usda" not in synced(context, ada)["root.usda"]
+    assert undo.redo("test") and "@./fx/new.usda@" in synced(context, ada)["root.usda"]

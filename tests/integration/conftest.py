@@ -32,7 +32,7 @@ class Server:
         end = time.monotonic() + 20
         while not self.port_file.exists():
             assert self.process.poll() is None, self.log.read_text()
-            assert time.monotonic() < end, "the server did not come up"
+            assert time.monotonic() < end, "the server did not start"
             time.sleep(0.005)
         self.port = int(self.port_file.read_text())
         return self
@@ -158,7 +158,7 @@ def wait(condition, *ticking, timeout=10):
     """Waits until the condition is true; `live` objects with a tick() run frames meanwhile."""
     end = time.monotonic() + timeout
     while not condition():
-        assert time.monotonic() < end, "it did not happen"
+        assert time.monotonic() < end, "the condition did not become true in time"
         for one in ticking:
             one.tick()
         time.sleep(0.002)

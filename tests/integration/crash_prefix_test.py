@@ -160,7 +160,7 @@ def judge(server, made, place, whole, refusal):
     """Returns how many commits without an acknowledgement are there, too; None if the store was refused,
     where that is allowed."""
     acknowledged = [one for one in made.acknowledged if one.at <= place]
-    told = acknowledged[-1].revision if acknowledged else 0
+    newest = acknowledged[-1].revision if acknowledged else 0
     server.launch()
     try:
         end = time.monotonic() + 30
@@ -180,10 +180,10 @@ def judge(server, made, place, whole, refusal):
         if base not in [*promised[-1:], *bases[len(promised):], *([] if promised else [0])]:
             raise Wrong(f"the history begins after {base}: {promised} were done, {bases} asked for")
         head = base + len(log)
-        if head < told:
-            raise Wrong(f"revision {told} was acknowledged, {head} is there")
+        if head < newest:
+            raise Wrong(f"revision {newest} was acknowledged, {head} is there")
         if log != made.history[base:head]:
-            raise Wrong("the history is another one")
+            raise Wrong("the history differs from the acknowledged one")
         with wire.Peer(server.url) as peer:
             if acknowledged and peer.epoch <= acknowledged[-1].epoch:
                 raise Wrong(f"SE3: epoch {peer.epoch} after {acknowledged[-1].epoch}")
@@ -199,12 +199,12 @@ def judge(server, made, place, whole, refusal):
                 raise Wrong("the layer does not parse")
             small = sum(bool(one[1]) and one[1:3] not in made.big for one in made.history[:head])
             if layer.GetNumTimeSamplesForPath("/World.s") != small + bool(big):
-                raise Wrong("the layer is not that of the history")
+                raise Wrong("the layer differs from the history")
             if big:
                 text = wire.string_bytes(layer.QueryTimeSample("/World.s", BIG_SAMPLE))
                 if hashlib.sha256(text).hexdigest() != big[-1][1]:
                     raise Wrong("the layer has another big value")
-        return head - told
+        return head - newest
     finally:
         server.process.kill()
         server.process.wait()
@@ -285,4 +285,4 @@ def test_k3_acknowledged_edits_survive_a_crash_of_the_machine(journal, pages, un
         print(f"\nK3 seed {SEED}: {len(results)} crashes over {len(records)} calls, {len(made.history)} commits, "
               f"{refused} refused, {len(wrong)} wrong")
     assert not wrong, f"{len(wrong)} of {len(results)}:\n" + "\n".join(wrong[:20])
-    assert refused <= len(results) // 4, "the places do not say anything"
+    assert refused <= len(results) // 4, "too few places tested what they should"

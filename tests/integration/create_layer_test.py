@@ -125,19 +125,19 @@ def test_an_import_a_save_and_an_upload_tell_how_far_they_are(project, serve):
     for i in range(150):
         (project / f"l{i:03}.usda").write_text("#usda 1.0\n")
     server = serve(project)
-    told = []
+    received = []
     with connect(server, "ada") as live:
-        live.add_handler(lambda event: told.append(event) if isinstance(event, usdlive.events.Progress) else None)
+        live.add_handler(lambda event: received.append(event) if isinstance(event, usdlive.events.Progress) else None)
         layers = [live.open_layer(f"l{i:03}.usda") for i in range(150)]
         live.tick()
-        assert any(one.task == "import" and one.layer == "l000.usda" for one in told)
+        assert any(one.task == "import" and one.layer == "l000.usda" for one in received)
         for layer in layers:  # big enough that writing all of them takes more than half a second
             attribute = Sdf.AttributeSpec(Sdf.CreatePrimInLayer(layer, "/A"), "v", Sdf.ValueTypeNames.StringArray)
             attribute.default = Vt.StringArray([str(i) for i in range(20_000)])
             assert live.flush(20)
         saved = live.save(timeout=120)
         assert len(saved.saved) == 150
-        saves = [one for one in told if one.task == "save"]
+        saves = [one for one in received if one.task == "save"]
         assert saves and all(one.request == saved.request and one.total == 150 for one in saves)
         assert [one.done for one in saves] == sorted(one.done for one in saves) and saves[0].layer.startswith("l")
 
@@ -147,7 +147,7 @@ def test_an_import_a_save_and_an_upload_tell_how_far_they_are(project, serve):
         noise = random.Random(1).randbytes(8 * 12_000_000)
         attribute.default = Vt.DoubleArray.FromBuffer(memoryview(noise).cast("d"))
         assert live.flush(120)
-        uploads = [one for one in told if one.task == "upload"]
+        uploads = [one for one in received if one.task == "upload"]
         assert uploads and uploads[-1].total >= len(noise) and all(one.done <= one.total for one in uploads)
 
 

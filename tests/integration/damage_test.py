@@ -223,5 +223,5 @@ def test_k5_a_damaged_store_is_served_whole_or_refused(manifest, places, project
     for (kind, outcome), count in sorted(kinds.items()):
         print(f"  {kind:10} {outcome:16} {count}")
     assert not wrong, f"{len(wrong)} of {places}:\n" + "\n".join(wrong[:20])
-    assert outcomes["refused"], "the places do not say anything"
+    assert outcomes["refused"], "too few places tested what they should"
     assert manifest or any(kind == "snapshot" for kind, _ in kinds), "the store has no snapshot"

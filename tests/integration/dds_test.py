@@ -74,7 +74,7 @@ def write(editor: Peer, name: str, first: int, last: int, pause: float = 0.0) ->
                f"for i in range({first}, {last}):\n a.Set(i * 7, i); live.tick(); time.sleep({pause})")
 
 
-def settle(server: DdsServer, editors) -> str:
+def synced(server: DdsServer, editors) -> str:
     revision = max(editor.flush() for editor in editors)
     for editor in editors:
         editor.catch_up(revision)
@@ -107,7 +107,7 @@ def test_m8_editors_of_both_transports_have_the_same(server, three):
         editor.process.stdin.flush()
     for editor in three:
         editor._answer()
-    text = settle(server, three)
+    text = synced(server, three)
     assert text.count("1393") == 3  # the last value of each editor
 
 
@@ -117,7 +117,7 @@ def test_m11_previews_end_with_their_gesture(server, three):
     for turn in range(20):
         ada.run("live.begin_gesture()\na = stage.GetAttributeAtPath('/World.ada')\n"
                 f"for i in range(5): a.Set({turn * 100} + i); live.tick()\nlive.end_gesture()\nlive.tick()")
-    text = settle(server, three)
+    text = synced(server, three)
     assert "int64 ada = 1904" in text
 
 
@@ -133,7 +133,7 @@ def test_big_values_and_large_commits_come_whole(server, three):
                    "stage.GetAttributeAtPath('/World/Cloud.points').Get() is not None and "
                    "len(stage.GetAttributeAtPath('/World/Cloud.points').Get()) == 500_000, 60)\n"
                    "assert live.flush(20)")
-    settle(server, three)
+    synced(server, three)
 
 
 def test_editors_resume_after_kill_9(server, three):
@@ -144,7 +144,7 @@ def test_editors_resume_after_kill_9(server, three):
         for editor, name in zip(three, NAMES):
             write(editor, name, turn * 20 + 10, turn * 20 + 20)
         server.start()
-        text = settle(server, three)
+        text = synced(server, three)
         assert text.count(str((turn * 20 + 19) * 7)) >= 3
 
 
@@ -160,7 +160,7 @@ def test_an_editor_that_hangs_does_not_slow_the_others(server, three):
         "result = slowest")
     bo.process.send_signal(signal.SIGCONT)
     assert slowest < 2.0, f"an edit waited {slowest:.2f} s"
-    settle(server, three)
+    synced(server, three)
 
 
 def test_a_clean_stop_and_start_is_noticed_at_once(server, three):
@@ -171,7 +171,7 @@ def test_a_clean_stop_and_start_is_noticed_at_once(server, three):
     server.start()
     for editor, name in zip(three, NAMES):
         write(editor, name, 0, 10)
-    settle(server, three)
+    synced(server, three)
 
 
 def test_projects_are_listed(server):
@@ -190,7 +190,7 @@ def test_commits_are_sent_once_for_all(server, join):
     for editor in editors:
         editor.catch_up(settle_at)
     frames = metric(server, "usdlive_sent_frames_total") - before
-    assert 0 < frames < 150, "each commit went to each client"
+    assert 0 < frames < 150, "each commit was sent to each client separately"
 
 
 @pytest.mark.parametrize("options, what", [
@@ -253,7 +253,7 @@ def test_dd13_odd_samples_are_counted_logged_once_and_ignored(server, join, what
     while sender.poll() is None:  # ada works meanwhile
         write(ada, "ada", 10, 20, 0.01)
     assert sender.communicate() == ("", "")
-    settle(server, [ada])
+    synced(server, [ada])
     assert metric(server, "usdlive_ignored_samples_total", f'reason="{reason}"') == 50
     assert ada.run("result = [type(e).__name__ for e in happened if type(e).__name__ in ('Lost', 'Disconnected')]") == []
     logged = [line for line in server.log.read_text().splitlines() if "samples ignored" in line]
@@ -294,7 +294,7 @@ def test_dd14_with_an_identity_one_edits_and_without_one_gets_nothing(secure_ser
     ada.run("live.lock('root.usda'); assert live.flush(20)")
     bo.run("assert live.wait(lambda: live.layer_states()['root.usda'].holder == 'ada', 20)")
     ada.run("live.unlock('root.usda'); assert live.flush(20)")
-    text = settle(secure_server, [ada, bo])
+    text = synced(secure_server, [ada, bo])
     assert text.count("343") == 2
     assert usdlive("ls", "dds://").stdout.startswith(secure_server.dds)
 
@@ -393,7 +393,7 @@ def test_dd11_states_and_presences_are_sent_once_for_all(server, join):
         time.sleep(0.05)
     wait_all(editors[1:], "any(p.user == 'ada' and p.time == 59.0 for p in live.presences())")
     sent = metric(server, "usdlive_sent_frames_total") - before
-    assert 20 < sent < 100, "a presence went to each client"
+    assert 20 < sent < 100, "each presence was sent to each client separately"
     editors[0].run("live.close()")
     wait_all(editors[1:], "len(live.presences()) == 2", 5)
 
@@ -430,7 +430,7 @@ def test_locks_and_people_cross_the_transports(server, join):
            "assert a.Get() is None")
     ada.run("live.unlock('root.usda'); assert live.flush(20)")
     cy.run("assert live.wait(lambda: not live.layer_states()['root.usda'].locked, 20)\na.Set(6)")
-    settle(server, [ada, cy])
+    synced(server, [ada, cy])
 
 
 def test_fr8_a_commit_in_parts_comes_over_both(tmp_path, domain, join):

@@ -22,7 +22,7 @@ def two(project, serve, editor):
     return server, editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
 
 
-def settle(server, *editors):
+def synced(server, *editors):
     revision = max(e.flush() for e in editors)
     for e in editors:
         e.catch_up(revision)
@@ -37,10 +37,10 @@ def test_events_come_while_they_are_awaited(two):
     ada.run("UsdGeom.Sphere(stage.GetPrimAtPath('/World/Ball')).GetRadiusAttr().Set(7.0)")
     ada.flush()
     bo.run("import asyncio\n"
-           "async def heard():\n"
+           "async def first_event():\n"
            "    async for event in live.events():\n"
            "        if type(event).__name__ == 'Committed' and event.user == 'ada': return event\n"
-           "event = asyncio.run(asyncio.wait_for(heard(), 20))\n"
+           "event = asyncio.run(asyncio.wait_for(first_event(), 20))\n"
            "assert [(e.kind, e.path, e.field) for e in event.edits] == "
            "[('set', '/World/Ball.radius', 'default')], event\n"
            "assert stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Get() == 7")
@@ -52,7 +52,7 @@ def test_m3_an_edit_follows_a_rename_it_did_not_know_of(two):
             "assert e.ApplyEdits()")
     bo.run("stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Set(5.0)")
     ada.flush()  # the rename is committed before bo sends; he has not seen it
-    text = settle(server, ada, bo)
+    text = synced(server, ada, bo)
     assert '"Planet"' in text and "radius = 5" in text and '"Ball"' not in text
 
 
@@ -62,11 +62,11 @@ def test_a_name_that_one_prim_leaves_and_another_takes(two, kind):
     the first prim."""
     server, ada, bo = two
     ada.run("for name in 'AB': stage.DefinePrim('/World/' + name, 'Cube').GetAttribute('size').Set(ord(name))")
-    settle(server, ada, bo)
+    synced(server, ada, bo)
     move = {"composed": "e = Usd.NamespaceEditor(stage); e.MovePrimAtPath(a, b); assert e.ApplyEdits()",
             "local": "e = Sdf.BatchNamespaceEdit(); e.Add(a, b); assert stage.GetRootLayer().Apply(e)"}[kind]
     ada.run(f"for a, b in [('/World/A', '/World/C'), ('/World/B', '/World/A')]: {move}")
-    settle(server, ada, bo)
+    synced(server, ada, bo)
     for editor in (ada, bo):
         sizes = editor.run("check_stage()\nresult = [stage.GetPrimAtPath('/World/' + name)"
                            ".GetAttribute('size').Get() for name in 'AC']")
@@ -78,7 +78,7 @@ def test_m4_an_edit_below_a_deleted_prim_comes_back_to_its_author(two):
     ada.run("stage.RemovePrim('/World/Ball')")
     bo.run("stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Set(5.0)")
     ada.flush()
-    text = settle(server, ada, bo)
+    text = synced(server, ada, bo)
     assert "Ball" not in text
     lost = bo.run("lost = [e for e in happened if type(e).__name__ == 'Lost']\n"
                   "result = [(e.code, e.refused, [(x.path, x.field) for x in e.edits]) for e in lost]")
@@ -97,7 +97,7 @@ def test_m6_a_refused_transaction_goes_back_whole(two):
            "e = Sdf.BatchNamespaceEdit(); e.Add('/World/Ball', '/World/Place'); assert root.Apply(e)")
     ada.flush()
     bo.run("live.tick(); stage.DefinePrim('/World/Later')")
-    text = settle(server, ada, bo)
+    text = synced(server, ada, bo)
     assert "goes back" not in text and '"Ball"' in text and '"Later"' in text
     assert bo.run("result = [e.code for e in happened if type(e).__name__ == 'Lost' and e.refused]") == [
         "specExists"]
@@ -111,7 +111,7 @@ def test_m1_different_parts_of_one_field_are_all_kept(two):
                    f"ball.GetAttribute('radius').Set(2.0, {len(name)})\n"
                    f"ball.CreateRelationship('friends').AddTarget('/World/{name}')\n"
                    f"ball.GetReferences().AddInternalReference('/World/{name}')")
-    text = settle(server, ada, bo)
+    text = synced(server, ada, bo)
     for name in ("ada", "bo"):
         assert f"int {name} = 1" in text and f"</World/{name}>" in text
     assert "2: 2" in text and "3: 2" in text
@@ -127,7 +127,7 @@ def test_m11_a_gesture_is_seen_at_once_and_committed_once(two):
     assert bo.run("result = live.revision") == before, "a preview is no commit"
     assert "radius = 1\n" in cat(server, "root.usda")
     ada.run("live.end_gesture()")
-    assert "radius = 29" in settle(server, ada, bo)
+    assert "radius = 29" in synced(server, ada, bo)
     assert ada.run("result = live.revision") == before + 1
 
 

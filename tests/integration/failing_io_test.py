@@ -108,7 +108,7 @@ def audit(folder, acknowledged, where):
         server.process.wait()
 
 
-def nobody_is_told_yes(server):
+def new_client_waits(server):
     """Only the store knows whether an edit of a new client was committed before: it waits."""
     newcomer = Author(server, 3)
     try:
@@ -151,7 +151,7 @@ def work(server, folder, goes_on=False, refusals=False):
         # Before the store can be opened again, nobody knows whether they are on the disk.
         if not goes_on:
             raise Wrong(f"not answered: {server.log.read_text()[-1000:]}") from None
-        nobody_is_told_yes(server)
+        new_client_waits(server)
         # It also waits when its own edit is on its way: the commit of the import may have been acknowledged
         # alone.
         if other.written and other.answered == other.written:

@@ -13,7 +13,7 @@ ANIM = '#usda 1.0\n\ndef "World"\n{\n    double x = 5\n    double y = 5\n}\n'
 CHANGED = '#usda 1.0\n\ndef "World"\n{\n    double x = 3\n    double z = 1\n}\n\ndef "New"\n{\n}\n'
 
 
-class Told(list):
+class EventList(list):
     """Collects the events of one kind."""
 
     def __init__(self, live, kind):
@@ -43,14 +43,14 @@ def test_a_file_changed_behind_the_server_is_seen_kept_and_taken(project, serve)
         assert run("ls", "-l", server.url) == "shot.usda  changed, outdated: its file was changed, open: ada bob\n"
 
         # The file that somebody has put there is not overwritten.
-        saved = Told(ada, events.Saved)
+        saved = EventList(ada, events.Saved)
         ada.save()
         wait(lambda: saved, ada)
         assert [failure[:2] for failure in saved[0].failed] == [("shot.usda", "layerOutdated")]
         assert file.read_text() == CHANGED
 
         # It becomes a commit that everybody gets, in the name of the user who requested it.
-        reloaded, committed = Told(bob, events.Reloaded), Told(ada, events.Committed)
+        reloaded, committed = EventList(bob, events.Reloaded), EventList(ada, events.Committed)
         bob.reload()
         wait(lambda: reloaded and committed, ada, bob)
         assert reloaded[0].reloaded == ("shot.usda",) and not reloaded[0].failed
@@ -127,7 +127,7 @@ def test_a_file_changed_while_no_server_ran_is_seen(project, serve):
     server = serve(project)
     with connect(server, "ada") as ada:
         layer = ada.open_layer("shot.usda")
-        assert layer.GetAttributeAtPath("/World.x").default == 5.0, "the server's layer is what counts"
+        assert layer.GetAttributeAtPath("/World.x").default == 5.0, "the content is not the server's layer"
         wait(lambda: state(ada).outdated, ada)
         # Writing the same bytes again is no change, whoever does it.
         file.write_text(ANIM)
@@ -144,7 +144,7 @@ def test_a_file_without_write_permission_is_read_only_and_stays(project, serve):
         wait(lambda: not state(ada).writable, ada)
         layer.GetAttributeAtPath("/World.x").default = 1.0
         assert ada.flush()
-        saved = Told(ada, events.Saved)
+        saved = EventList(ada, events.Saved)
         ada.save()
         wait(lambda: saved, ada)
         assert saved[0].failed[0][1] == "saveFailed" and file.read_text() == ANIM
@@ -188,7 +188,7 @@ def test_a_muted_layer_is_muted_on_every_stage(project, serve):
             ada.mute("shot.usda", "anim.usda")
             wait(lambda: not any(map(shown, (*stages.values(), attached))), ada, bob, cy)
             wait(lambda: state(bob, "anim.usda").globally_muted, bob)
-            assert shown(free) == 5.0, "it does not follow"
+            assert shown(free) == 5.0, "the muted layer does not follow"
             assert bob.globally_muted("shot.usda") == ["anim.usda"]
             # The form is that of Kit.
             assert stages[bob].GetRootLayer().customLayerData["omni_layer"]["muteness"] == {"./anim.usda": True}
@@ -226,7 +226,7 @@ def test_a_layer_that_the_editor_saves_itself_is_saved_by_the_server(project, se
             layer.GetAttributeAtPath("/World.x").default = number
             assert bob.flush()  # ada's layer does not have it yet
             stage.GetPrimAtPath("/World").SetCustomDataByKey("note", number)
-            saved = Told(ada, events.Saved)
+            saved = EventList(ada, events.Saved)
             stage.Save()
             wait(lambda: saved, ada)
             assert saved[0].saved == ("shot.usda",) and not saved[0].failed
@@ -239,7 +239,7 @@ def test_a_layer_that_the_editor_saves_itself_is_saved_by_the_server(project, se
         # The server is requested to save right afterwards, within the same frame.
         stage.GetPrimAtPath("/World").SetCustomDataByKey("note", 3)
         stage.Save()
-        saved = Told(ada, events.Saved)
+        saved = EventList(ada, events.Saved)
         ada.save()
         wait(lambda: len(saved) == 2, ada)
         assert not any(answer.failed for answer in saved), saved
@@ -250,7 +250,7 @@ def test_a_layer_that_the_editor_saves_itself_is_saved_by_the_server(project, se
         layer.GetAttributeAtPath("/World.x").default = 7.0
         assert bob.flush()
         file.write_text(CHANGED)
-        saved = Told(ada, events.Saved)
+        saved = EventList(ada, events.Saved)
         ada.save()
         wait(lambda: saved, ada)
         assert [failure[:2] for failure in saved[0].failed] == [("shot.usda", "layerOutdated")]

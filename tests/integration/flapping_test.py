@@ -150,7 +150,7 @@ def test_n2_a_flapping_line_loses_and_doubles_nothing(project, serve, editor, ca
             threads[-1].start()
         for thread in threads:
             thread.join(SECONDS + 60)
-        assert set(written) == set(NAMES), "an editor did not come back"
+        assert set(written) == set(NAMES), "an editor did not reconnect"
         for line in lines.values():
             line.whole_for_good.set()
         healed = time.monotonic()

@@ -205,7 +205,7 @@ def test_beside_those_who_edit(project, serve, capfd):
         print(f"\nCH4: {done['replaced']} commits in {end - begin:.2f} s, {done['bytesBefore']} bytes before and "
               f"{done['bytesAfter']} after; an edit took {figures(quiet)} before, {figures(beside)} beside it")
     assert len(beside) > 5
-    assert max(beside) < 1, "an edit waited for it"
+    assert max(beside) < 1, "an edit waited for the compaction"
 
 
 @pytest.mark.parametrize("how", ["points", "moments"])
@@ -218,7 +218,7 @@ def test_killed_while_it_compacts(how, project, tmp_path, capfd):
         (project / name).write_text(ROOT)
     server = Server(project, tmp_path / "server.log")
     product = server.program
-    moved, seconds, stood = 0, 0.3, {}
+    moved, seconds, expected = 0, 0.3, {}
     for number in range(kills):
         server.start()
         with Author(server) as author:
@@ -226,7 +226,7 @@ def test_killed_while_it_compacts(how, project, tmp_path, capfd):
         wanted = whole(server)
         for at in random_.sample(range(wanted[2] // 2, wanted[2] + 1), 3):
             if at >= max(wanted[0], len(LAYERS)):
-                stood |= {(name, at): cat(server, name, "--revision", str(at)) for name in LAYERS}
+                expected |= {(name, at): cat(server, name, "--revision", str(at)) for name in LAYERS}
         server.kill()
         # The server is killed while it compacts: at a point of the code, or at a random moment.
         if how == "points":
@@ -249,14 +249,14 @@ def test_killed_while_it_compacts(how, project, tmp_path, capfd):
         assert base >= wanted[0]
         assert [c["hash"] for c in log] == [c["hash"] for c in wanted[1][base - wanted[0]:]]
         moved += base > wanted[0]
-        for name, at in stood:
+        for name, at in expected:
             if at >= base:
-                assert cat(server, name, "--revision", str(at)) == stood[name, at], f"{name} at {at}"
-        stood = {(name, at): text for (name, at), text in stood.items() if at >= base}
+                assert cat(server, name, "--revision", str(at)) == expected[name, at], f"{name} at {at}"
+        expected = {(name, at): text for (name, at), text in expected.items() if at >= base}
         server.kill()
     with capfd.disabled():
         print(f"\nCH4 {how}: {kills} kills, the base moved at {moved} of them")
-    assert 0 < moved, "it was never compacted"
+    assert 0 < moved, "the history was never compacted"
     server.start()
     assert compact(server)["base"] == wanted[2]
     base, log, revision, hash_, texts = whole(server)

@@ -90,7 +90,7 @@ class Writer(threading.Thread):
         end = time.monotonic() + 20
         while self.acknowledged < self.written:
             self.check()
-            assert time.monotonic() < end, "what was pending is not committed"
+            assert time.monotonic() < end, "pending work was not committed"
             time.sleep(0.01)
 
     def end(self):
@@ -179,7 +179,7 @@ def test_k1_acknowledged_edits_survive_kill_9(lot, project, serve, editor, capfd
             written, acknowledged, happened = one.run("result = (written, acknowledged, happened)")
             expected = list(range(1, written + 1))
             assert acknowledged == expected, (
-                f"doubled, not told or out of order: {sorted(set(expected) ^ set(acknowledged))}\n{happened}")
+                f"duplicated, not acknowledged or out of order: {sorted(set(expected) ^ set(acknowledged))}\n{happened}")
             assert samples(text, name) == {n: n * 7 for n in range(1, written + 1)}
         for name, one in wires.items():
             assert samples(text, name) == {n: n * 7 for n in range(1, one.written + 1)}

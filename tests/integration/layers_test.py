@@ -178,10 +178,10 @@ def test_layers_go_with_their_context(scene):
 
 
 def test_nothing_is_missed_before_the_first_frame(scene):
-    def hear(context):
-        told = []
+    def listen(context):
+        received = []
         stream = layers.get_event_stream(context)
-        return told, stream.create_subscription_to_pop(lambda event: told.append(event.type))
+        return received, stream.create_subscription_to_pop(lambda event: received.append(event.type))
 
     weak = scene.weak.identifier
 
@@ -193,16 +193,16 @@ def test_nothing_is_missed_before_the_first_frame(scene):
 
     expected = {LayerEventType.PRIM_SPECS_CHANGED, LayerEventType.MUTENESS_STATE_CHANGED}
     early = Context(scene.stage, "early")
-    told, _early = hear(early)
+    received, _early = listen(early)
     change(scene.stage, "First")
-    assert expected <= set(told)
+    assert expected <= set(received)
 
     context = create_context("early")
     try:
-        told, _late = hear(context)  # there is no stage yet
+        received, _late = listen(context)  # there is no stage yet
         assert context.open_stage(scene.root.identifier)
         change(context.get_stage(), "Second")
-        assert expected <= set(told)
+        assert expected <= set(received)
     finally:
         destroy_context("early")
 
@@ -219,9 +219,9 @@ def test_locks(scene):
     assert not state.is_layer_readonly_on_disk(scene.weak.identifier)
     assert scene.weak.customLayerData["omni_layer"]["locked"] is True
     assert scene.root.customLayerData["omni_layer"]["locked"] == {"./weak.usda": True}
-    told = [e for e in scene.frame() if e.event_type == LayerEventType.LOCK_STATE_CHANGED]
-    assert len(told) == 1 and told[0].identifiers_or_spec_paths == [scene.weak.identifier]
-    assert told[0].is_layer_influenced(scene.weak) and not told[0].is_layer_influenced(scene.root)
+    received = [e for e in scene.frame() if e.event_type == LayerEventType.LOCK_STATE_CHANGED]
+    assert len(received) == 1 and received[0].identifiers_or_spec_paths == [scene.weak.identifier]
+    assert received[0].is_layer_influenced(scene.weak) and not received[0].is_layer_influenced(scene.root)
     state.set_layer_lock_state(scene.root.identifier, True)
     assert layers.get_last_error_type(scene.context) == LayerErrorType.INVALID_PARAM
     assert not state.is_layer_locked(scene.root.identifier)
@@ -249,7 +249,7 @@ def test_muteness(scene):
     scene.stage.MuteLayer(weak)
     assert state.is_layer_globally_muted(weak)
     scene.frame()
-    assert LayerUtils.get_layer_global_muteness(scene.root, weak), "what is muted in global scope is kept"
+    assert LayerUtils.get_layer_global_muteness(scene.root, weak), "a mute in global scope was not stored"
     scene.stage.UnmuteLayer(weak)
     scene.frame()
     state.set_muteness_scope(False)
@@ -300,8 +300,8 @@ def test_dirty_outdated_reload_and_permission(scene):
     for path in (weak, asset):
         text = open(path).read()
         open(path, "w").write(text.replace("#usda 1.0\n", "#usda 1.0\n# other\n", 1))
-    told = [e for e in scene.frame() if e.event_type == LayerEventType.OUTDATE_STATE_CHANGED]
-    assert len(told) == 1 and sorted(told[0].identifiers_or_spec_paths) == sorted([asset, weak])
+    received = [e for e in scene.frame() if e.event_type == LayerEventType.OUTDATE_STATE_CHANGED]
+    assert len(received) == 1 and sorted(received[0].identifiers_or_spec_paths) == sorted([asset, weak])
     assert state.is_layer_outdated(weak)
     assert state.get_all_outdated_layer_identifiers() == sorted([asset, weak])
     assert state.get_outdated_sublayer_identifiers() == [weak]
@@ -316,8 +316,8 @@ def test_dirty_outdated_reload_and_permission(scene):
     assert state.remove_auto_reload_layer(asset) and not state.remove_auto_reload_layer(asset)
 
     os.chmod(weak, stat.S_IRUSR)
-    told = [e for e in scene.frame() if e.event_type == LayerEventType.LAYER_FILE_PERMISSION_CHANGED]
-    assert len(told) == 1 and told[0].layer_identifier == weak
+    received = [e for e in scene.frame() if e.event_type == LayerEventType.LAYER_FILE_PERMISSION_CHANGED]
+    assert len(received) == 1 and received[0].layer_identifier == weak
     assert state.is_layer_readonly_on_disk(weak) and not state.is_layer_writable(weak)
     assert not LayerUtils.is_layer_writable(weak)
 
@@ -358,17 +358,17 @@ def test_events_of_content_come_once_and_in_order(scene):
     scene.root.startTimeCode = 3
     scene.root.subLayerOffsets[0] = Sdf.LayerOffset(2, 3)
     scene.stage.SetEditTarget(scene.weak)
-    heard = scene.frame()
-    kinds = [e.event_type for e in heard if e.event_type != LayerEventType.DIRTY_STATE_CHANGED]
+    received = scene.frame()
+    kinds = [e.event_type for e in received if e.event_type != LayerEventType.DIRTY_STATE_CHANGED]
     assert kinds == [LayerEventType.PRIM_SPECS_CHANGED, LayerEventType.PRIM_SPECS_CHANGED,
                      LayerEventType.INFO_CHANGED, LayerEventType.EDIT_TARGET_CHANGED]
-    specs = {k: v for e in heard for k, v in e.layer_spec_paths.items()}
+    specs = {k: v for e in received for k, v in e.layer_spec_paths.items()}
     assert specs[scene.weak.identifier] == ["/New"] and "/A.x" in specs[scene.root.identifier]
-    info = [e for e in heard if e.event_type == LayerEventType.INFO_CHANGED]
+    info = [e for e in received if e.event_type == LayerEventType.INFO_CHANGED]
     assert len(info) == 1
     assert info[0].layer_info_data == {scene.root.identifier: ["startTimeCode", "subLayerOffsets_offset",
                                                                "subLayerOffsets_scale"]}
-    assert sum(e.event_type == LayerEventType.EDIT_TARGET_CHANGED for e in heard) == 1
+    assert sum(e.event_type == LayerEventType.EDIT_TARGET_CHANGED for e in received) == 1
     assert scene.frame() == []
     scene.root.subLayerPaths.remove("./strong.usda")
     assert {LayerEventType.SUBLAYERS_CHANGED, LayerEventType.USED_LAYERS_CHANGED} <= set(scene.types())
@@ -400,12 +400,12 @@ def test_subscriptions_hear_what_they_asked_for(scene):
 
 
 def test_frames_of_the_app_update_and_deliver(scene):
-    heard = []
-    kept = scene.layers.get_event_stream().create_subscription_to_pop(heard.append)
+    received = []
+    kept = scene.layers.get_event_stream().create_subscription_to_pop(received.append)
     scene.weak.comment = "other"
-    assert not heard
+    assert not received
     get_app().update()
-    assert LayerEventType.INFO_CHANGED in [event.type for event in heard] and kept
+    assert LayerEventType.INFO_CHANGED in [event.type for event in received] and kept
 
 
 # -- auto authoring
@@ -432,7 +432,7 @@ def test_auto_authoring(scene):
     scene.frame()
     assert scene.weak.GetAttributeAtPath("/A.x").default == 5
     assert scene.strong.GetAttributeAtPath("/New.radius").default == 2
-    assert scene.strong.GetAttributeAtPath("/R.a").default == 9, "a new opinion of what comes over a reference"
+    assert scene.strong.GetAttributeAtPath("/R.a").default == 9, "the new opinion of a referenced property is missing"
     with layers.active_authoring_layer_context(scene.context):
         assert scene.stage.GetEditTarget().GetLayer() == scene.strong
     scene.stage.SetEditTarget(scene.weak)
@@ -469,9 +469,9 @@ def test_an_edit_for_a_locked_layer_goes_back_with_a_reason(scene):
     attribute = scene.stage.GetAttributeAtPath("/A.x")
     attribute.Set(7.0)
     assert attribute.Get() == 7, "until the frame"
-    heard = [e for e in scene.frame() if e.event_type == LayerEventType.EDITS_REFUSED]
+    received = [e for e in scene.frame() if e.event_type == LayerEventType.EDITS_REFUSED]
     assert attribute.Get() == 1
-    assert len(heard) == 1 and heard[0].identifiers_or_spec_paths == ["/A.x"]
+    assert len(received) == 1 and received[0].identifiers_or_spec_paths == ["/A.x"]
     (edit,) = scene.layers.get_auto_authoring().refused_edits
     assert (edit.path, edit.field, edit.layer_identifier) == ("/A.x", "default", scene.weak.identifier)
     assert edit.error_type == LayerErrorType.READ_ONLY and "locked" in edit.reason
@@ -484,8 +484,8 @@ def test_linking(scene):
     context, strong, root = scene.context, scene.strong.identifier, scene.root.identifier
     linking = scene.layers.get_specs_linking()
     assert linking.link_spec("/A", strong) == ["/A", "/A.x"]
-    heard = [e for e in scene.frame() if e.event_type == LayerEventType.SPECS_LINKING_CHANGED]
-    assert heard[0].layer_spec_paths == {strong: ["/A", "/A.x"]}
+    received = [e for e in scene.frame() if e.event_type == LayerEventType.SPECS_LINKING_CHANGED]
+    assert received[0].layer_spec_paths == {strong: ["/A", "/A.x"]}
     assert linking.link_spec("/Nothing", strong) == [] and linking.link_spec("/A", "nowhere") == []
     assert linking.link_spec("/", root) == [] and "/A/B.y" in linking.link_spec("/", root, hierarchy=True)
     assert linking.get_spec_layer_links("/A") == {"/A": sorted([root, strong]), "/A.x": sorted([root, strong])}
@@ -516,8 +516,8 @@ def test_linking(scene):
 def test_locking(scene):
     context, locking = scene.context, scene.layers.get_specs_locking()
     assert locking.lock_spec("/A") == ["/A", "/A.x"]
-    heard = [e for e in scene.frame() if e.event_type == LayerEventType.SPECS_LOCKING_CHANGED]
-    assert heard[0].identifiers_or_spec_paths == ["/A", "/A.x"]
+    received = [e for e in scene.frame() if e.event_type == LayerEventType.SPECS_LOCKING_CHANGED]
+    assert received[0].identifiers_or_spec_paths == ["/A", "/A.x"]
     assert locking.is_spec_locked("/A.x") and not locking.is_spec_locked("/A/B")
     for layer in (scene.session, scene.root, scene.strong, scene.weak):
         with Usd.EditContext(scene.stage, layer):
@@ -818,17 +818,17 @@ def test_locks_links_and_muteness_reach_the_other(two):
             "mine.get_layers_state().set_layer_lock_state(sub, True)\n"
             "mine.get_specs_linking().link_spec('/A.x', sub)\nmine.get_specs_locking().lock_spec('/A.z')\n"
             "mine.get_layers_state().set_muteness_scope(True)\nframe()")
-    bo.run("heard = []\nkept = mine.get_event_stream().create_subscription_to_pop("
-           "lambda e: heard.append(layers.LayerEventType(e.type).name))")
+    bo.run("received = []\nkept = mine.get_event_stream().create_subscription_to_pop("
+           "lambda e: received.append(layers.LayerEventType(e.type).name))")
     bo.catch_up(ada.flush())
     bo.run("sub = layer('sub.usda').identifier\nframe()\n"
            "assert mine.get_layers_state().is_layer_locked(sub)\n"
            "assert not mine.get_layers_state().is_layer_writable(sub)\n"
            "assert mine.get_specs_linking().is_spec_linked('/A.x', sub)\n"
            "assert mine.get_specs_locking().get_all_locked_specs() == ['/A.z']")
-    heard = bo.run("result = heard")
+    received = bo.run("result = received")
     for name in ("LOCK_STATE_CHANGED", "SPECS_LINKING_CHANGED", "SPECS_LOCKING_CHANGED"):
-        assert heard.count(name) == 1, heard
+        assert received.count(name) == 1, received
     # bo gets the reason, with the holder's name.
     bo.run("mine.set_edit_mode(layers.LayerEditMode.AUTO_AUTHORING)\nframe()\n"
            "stage.GetAttributeAtPath('/A.y').Set(9.0)\nstage.GetAttributeAtPath('/A.z').Set(9.0)\nframe()")
@@ -926,9 +926,9 @@ def test_the_slower_of_two_locks_is_told(two):
     for one in (ada, bo):  # neither has received the other's edit
         one.run("asked = mine.get_specs_locking().lock_spec('/A.y')")
     ada.flush()
-    bo.run("heard = []\nkept = mine.get_event_stream().create_subscription_to_pop_by_type("
-           "layers.LayerEventType.EDITS_REFUSED, heard.append)\nassert live.flush(20)\nframe()")
-    reason = bo.run("assert heard\nedit = mine.get_auto_authoring().refused_edits[-1]\n"
+    bo.run("received = []\nkept = mine.get_event_stream().create_subscription_to_pop_by_type("
+           "layers.LayerEventType.EDITS_REFUSED, received.append)\nassert live.flush(20)\nframe()")
+    reason = bo.run("assert received\nedit = mine.get_auto_authoring().refused_edits[-1]\n"
                     "assert edit.error_type == layers.LayerErrorType.READ_ONLY\nresult = edit.reason")
     assert "/A.y is locked by ada" in reason
     held = "result = dict(layer('root.usda').customLayerData['omni_layer']['specs_locking'])"

@@ -23,7 +23,7 @@ def server(project, serve):
     return serve(project)
 
 
-def heard(live: usdlive.Live, kind: type) -> list:
+def collected(live: usdlive.Live, kind: type) -> list:
     """Collects the events of one kind from now on."""
     happened: list = []
     live.add_handler(lambda event: happened.append(event) if isinstance(event, kind) else None)
@@ -112,7 +112,7 @@ def test_one_layer_and_two_connections(server):
         wait(lambda: stage.GetPrimAtPath("/World").GetAttribute("x").Get() == 7.0, ada)
     # The first editor has closed it: no lost work is reported, because nothing was written since.
     with connect(server, "bob") as bob:
-        lost = heard(bob, events.Lost)
+        lost = collected(bob, events.Lost)
         bob.attach(stage)
         stage.GetPrimAtPath("/World").GetAttribute("x").Set(8.0)
         assert bob.flush()
@@ -142,7 +142,7 @@ def test_calls_and_edits_from_another_thread(server):
                            ("open_layer", lambda: live.open_layer("look.usda")), ("lock", lambda: live.lock("shot.usda"))):
             (sentence,) = in_thread(call)
             assert f"{name}()" in sentence and "another thread" in sentence
-        lost = heard(live, events.Lost)
+        lost = collected(live, events.Lost)
         layer.comment = "mine"
         in_thread(lambda: setattr(layer.GetAttributeAtPath("/World.x"), "default", 5.0))
         in_thread(lambda: Sdf.CreatePrimInLayer(layer, "/World/Theirs"))
@@ -184,7 +184,7 @@ def test_save_returns_when_the_file_is_written(server):
         saved = live.save()
         assert saved.saved == ("shot.usda",) and not saved.failed
         assert "saved" in (server.folder / "shot.usda").read_text()
-        answers = heard(live, events.Saved)
+        answers = collected(live, events.Saved)
         request = live.request_save()
         assert live.wait(lambda: answers) and answers[0].request == request
         server.stop()
@@ -210,7 +210,7 @@ def test_what_is_not_sent_is_offered_to_the_next_connection(server):
     assert time.monotonic() - started < 15
     server.start()
     with connect(server, "ada") as later:
-        found = heard(later, events.UnsentFound)
+        found = collected(later, events.UnsentFound)
         later.tick()
         assert found and found[0].work[0].layers == ("shot.usda",)
         (work,) = later.unsent_work()

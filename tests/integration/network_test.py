@@ -70,11 +70,11 @@ def edit(peers, seconds, meanwhile=None):
         meanwhile()
     for thread in threads:
         thread.join(seconds + 60)
-    assert set(written) == {"ada", "bo"}, "an editor did not come back"
+    assert set(written) == {"ada", "bo"}, "an editor did not reconnect"
     return written
 
 
-def settle(peers, written, within):
+def wait_until_equal(peers, written, within):
     """Waits until all have the same content, within some seconds, and checks that each edit is there once."""
     begin = time.monotonic()
     revision = max(peer.flush() for peer in peers)
@@ -100,7 +100,7 @@ def test_n1_loss(world, loss):
     line, peers = world
     line.loss = loss
     written = edit(peers, 6)
-    settle(peers, written, 20)
+    wait_until_equal(peers, written, 20)
     assert line.lost > 20 and min(written.values()) > 50
 
 
@@ -108,7 +108,7 @@ def test_n1_delay_and_reordering(world):
     line, peers = world
     line.delay, line.jitter = 0.06, 0.03
     written = edit(peers, 6)
-    settle(peers, written, 10)
+    wait_until_equal(peers, written, 10)
     assert min(written.values()) > 50
 
 
@@ -125,6 +125,6 @@ def test_n4_a_partition_that_heals(world):
         line.loss = 0.02
 
     written = edit(peers, 21, cut_and_heal)
-    settle(peers, written, 30)
+    wait_until_equal(peers, written, 30)
     assert peers[1].run("result = [type(e).__name__ for e in happened].count('Disconnected')") >= 1
     assert peers[0].run("result = [type(e).__name__ for e in happened].count('Disconnected')") == 0

@@ -24,7 +24,7 @@ def mistake(what, call):
         sys.exit(f"{what}: nothing was said")
 
 
-def told(live, kind):
+def collected(live, kind):
     happened = []
     live.add_handler(lambda event: happened.append(event) if isinstance(event, kind) else None)
     return happened
@@ -82,7 +82,7 @@ print("layers:", sorted(ada.layers()))
 print("skipped:", sorted(path for path, why in ada.skipped_files()))
 
 # Closing at unexpected places.
-closing = told(bob, usdlive.events.Committed)
+closing = collected(bob, usdlive.events.Committed)
 bob.add_handler(lambda event: bob.close() if isinstance(event, usdlive.events.Committed) else None)
 stage.DefinePrim("/World/After")
 assert ada.flush(20)

@@ -26,7 +26,7 @@ BALL = '#usda 1.0\n\ndef Sphere "Ball"\n{\n    double radius = 1\n}\n'
 SAVED = ["SAVING", "SETTINGS_SAVING", "SAVED", "DIRTY_STATE_CHANGED"]
 
 
-class Heard(list):
+class EventNames(list):
     """The names of a context's events, in the order of their delivery."""
 
     def __init__(self, ctx):
@@ -111,14 +111,14 @@ def frames(count=2):
 
 
 def test_new_open_reopen_close(call, ctx, ball):
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     assert call(ctx, "new_stage")[0] is True
     assert ctx.is_new_stage() and ctx.get_stage().GetRootLayer().anonymous
-    assert heard.take() == ["OPENING", "OPENED"]
+    assert names.take() == ["OPENING", "OPENED"]
     assert call(ctx, "open_stage", ball)[0] is True
     assert radius(ctx.get_stage()).Get() == 1 and not ctx.is_new_stage()
     assert ctx.get_stage_url() == ball and ctx.get_stage_state() == StageState.OPENED
-    assert [e for e in heard.take() if "ASSETS" not in e] == ["CLOSING", "CLOSED", "OPENING", "OPENED"]
+    assert [e for e in names.take() if "ASSETS" not in e] == ["CLOSING", "CLOSED", "OPENING", "OPENED"]
     radius(ctx.get_stage()).Set(5.0)
     result = call(ctx, "reopen_stage")
     assert result in ((True,), (True, "")) and radius(ctx.get_stage()).Get() == 1
@@ -131,10 +131,10 @@ def test_save_writes_what_changed(call, ctx, ball):
     assert ctx.open_stage(ball)
     radius(ctx.get_stage()).Set(2.0)
     frames()
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     result = call(ctx, "save_stage")
     assert result in ((True,), (True, "", [ball]))
-    assert heard.take() == SAVED
+    assert names.take() == SAVED
     assert "radius = 2" in pathlib.Path(ball).read_text() and not ctx.get_stage().GetRootLayer().dirty
     assert call(ctx, "save_stage") in ((True,), (True, "", [])), "nothing to write"
 
@@ -271,7 +271,7 @@ def test_one_operation_at_a_time(ctx, ball):
 
 
 def test_an_open_that_is_cancelled_leaves_the_context_usable(ctx, ball):
-    heard = Heard(ctx)
+    names = EventNames(ctx)
 
     async def main():
         opening = asyncio.create_task(ctx.open_stage_async(ball))
@@ -281,7 +281,7 @@ def test_an_open_that_is_cancelled_leaves_the_context_usable(ctx, ball):
             await opening
 
     asyncio.run(main())
-    assert heard.take() == ["OPENING", "OPEN_FAILED"] and ctx.get_stage_state() == StageState.CLOSED
+    assert names.take() == ["OPENING", "OPEN_FAILED"] and ctx.get_stage_state() == StageState.CLOSED
     assert ctx.open_stage(ball)
 
 
@@ -297,10 +297,10 @@ def test_what_cannot_be_opened_is_named_and_the_stage_stays(content, said, ctx, 
         bad.write_text("x")
     elif content:
         bad.write_text(content)
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     ok, error = asyncio.run(ctx.open_stage_async(str(bad)))
     assert ok is False and said in error and bad.name in error
-    assert heard.take() == ["OPENING", "OPEN_FAILED"] and ctx.get_stage_state() == StageState.CLOSED
+    assert names.take() == ["OPENING", "OPEN_FAILED"] and ctx.get_stage_state() == StageState.CLOSED
     assert ctx.open_stage(ball) and ctx.open_stage(str(bad)) is False
     assert ctx.get_stage_url() == ball and ctx.get_stage_state() == StageState.OPENED
 
@@ -344,27 +344,27 @@ def test_cyclic_sublayers_open_with_a_diagnostic(ctx, tmp_path):
 
 
 def test_assets_events_follow_in_the_frame(ctx, ball):
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     ctx.open_stage(ball)
-    assert heard.take() == ["OPENING", "OPENED"]
+    assert names.take() == ["OPENING", "OPENED"]
     get_app().update()
-    assert heard.take() == ["ASSETS_LOADING", "ASSETS_LOADED"]
+    assert names.take() == ["ASSETS_LOADING", "ASSETS_LOADED"]
 
 
 def test_dirty_state_is_told_at_the_first_edit_and_after_saving(ctx, ball):
     ctx.open_stage(ball)
     frames()
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     for value in range(5):
         radius(ctx.get_stage()).Set(float(value + 10))
         frames()
-    assert heard.take() == ["DIRTY_STATE_CHANGED"] and ctx.has_pending_edit()
+    assert names.take() == ["DIRTY_STATE_CHANGED"] and ctx.has_pending_edit()
     assert ctx.save_stage() and not ctx.has_pending_edit()
     frames()
-    assert heard.take() == SAVED
+    assert names.take() == SAVED
     radius(ctx.get_stage()).Set(1.0)
     frames()
-    assert heard.take() == ["DIRTY_STATE_CHANGED"]
+    assert names.take() == ["DIRTY_STATE_CHANGED"]
 
 
 def test_pending_edit_can_be_set(ctx, ball):
@@ -382,28 +382,28 @@ def test_pending_edit_can_be_set(ctx, ball):
 def test_hierarchy_changes_are_told_once_per_frame(ctx, ball):
     ctx.open_stage(ball)
     frames()
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     for index in range(10):
         ctx.get_stage().DefinePrim(f"/New{index}")
-    assert heard.take() == []
+    assert names.take() == []
     frames()
-    assert heard.take() == ["HIERARCHY_CHANGED", "DIRTY_STATE_CHANGED"]
+    assert names.take() == ["HIERARCHY_CHANGED", "DIRTY_STATE_CHANGED"]
     radius(ctx.get_stage()).Set(2.0)
     frames()
-    assert heard.take() == []
+    assert names.take() == []
 
 
 def test_a_save_can_be_cancelled_while_it_is_announced(ctx, ball):
     ctx.open_stage(ball)
     radius(ctx.get_stage()).Set(2.0)
     assert ctx.try_cancel_save() is False
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     for kind in (Event.SAVING, Event.SETTINGS_SAVING):
         subscription = ctx.get_stage_event_stream().create_subscription_to_pop_by_type(
             kind, lambda _: ctx.try_cancel_save())
         result = asyncio.run(ctx.save_stage_async())
         assert result == (False, "saving was cancelled", [])
-        assert heard.take() == ["SAVING", "SETTINGS_SAVING", "SAVE_FAILED"]
+        assert names.take() == ["SAVING", "SETTINGS_SAVING", "SAVE_FAILED"]
         subscription.unsubscribe()
     assert pathlib.Path(ball).read_text() == BALL
     assert ctx.save_stage()
@@ -454,7 +454,7 @@ def test_event_names_and_numbers(ctx):
 def test_selection(ctx, ball):
     ctx.open_stage(ball)
     ctx.get_stage().DefinePrim("/Xform", "Xform")
-    selection, heard = ctx.get_selection(), Heard(ctx)
+    selection, names = ctx.get_selection(), EventNames(ctx)
     assert selection.set_selected_prim_paths(["/Ball", "/Xform"], True)
     assert not selection.set_prim_path_selected("/None", True, False, False, True)
     assert selection.set_prim_path_selected("/Ball", False, False, False, True)
@@ -472,7 +472,7 @@ def test_selection(ctx, ball):
         await asyncio.wait_for(waiting, 1)
 
     asyncio.run(main())
-    assert heard.take().count("SELECTION_CHANGED") == 1
+    assert names.take().count("SELECTION_CHANGED") == 1
     assert selection.clear_selected_prim_paths() and not selection.clear_selected_prim_paths()
     selection.select_all_prims()
     ctx.close_stage()
@@ -645,7 +645,7 @@ def test_what_is_edited_while_a_save_waits_for_the_disk_is_not_lost(ctx, ball):
 def test_a_save_that_is_cancelled_leaves_the_old_file(ctx, ball):
     ctx.open_stage(ball)
     radius(ctx.get_stage()).Set(2.0)
-    heard = Heard(ctx)
+    names = EventNames(ctx)
 
     async def main():
         saving = asyncio.create_task(ctx.save_stage_async())
@@ -655,7 +655,7 @@ def test_a_save_that_is_cancelled_leaves_the_old_file(ctx, ball):
             await saving
 
     asyncio.run(main())
-    assert heard.take() == ["SAVING", "SETTINGS_SAVING", "SAVE_FAILED"]
+    assert names.take() == ["SAVING", "SETTINGS_SAVING", "SAVE_FAILED"]
     assert pathlib.Path(ball).read_text() == BALL and os.listdir(os.path.dirname(ball)) == ["ball.usda"]
     assert ctx.has_pending_edit() and ctx.save_stage()
 
@@ -665,10 +665,10 @@ def test_a_read_only_file_is_left_alone(ctx, ball):
     ctx.open_stage(ball)
     assert not ctx.is_writable() and not ctx.can_save_stage()
     radius(ctx.get_stage()).Set(2.0)
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     ok, error, saved = asyncio.run(ctx.save_stage_async())
     assert not ok and "read-only" in error and ball in error and saved == []
-    assert heard.take() == ["SAVING", "SETTINGS_SAVING", "SAVE_FAILED", "DIRTY_STATE_CHANGED"]
+    assert names.take() == ["SAVING", "SETTINGS_SAVING", "SAVE_FAILED", "DIRTY_STATE_CHANGED"]
     assert pathlib.Path(ball).read_text() == BALL and ctx.has_pending_edit()
     os.chmod(ball, 0o644)
     assert ctx.save_stage()
@@ -1028,11 +1028,11 @@ def live(project, serve):
 
 def test_a_live_stage_is_edited_by_two_and_saved_by_the_server(live, editor, call, ctx, project):
     server, url = live
-    heard = Heard(ctx)
+    names = EventNames(ctx)
     assert call(ctx, "open_stage", url)[0] is True
     assert ctx.is_omni_stage() and ctx.is_writable() and ctx.can_save_stage() and not ctx.has_pending_edit()
     assert ctx.get_stage_url() == url and ctx.live.connected
-    assert [e for e in heard.take() if "ASSETS" not in e] == ["OPENING", "OPENED"]
+    assert [e for e in names.take() if "ASSETS" not in e] == ["OPENING", "OPENED"]
     ada = editor(server, "ada", "shot.usda")
     ada.run("stage.GetAttributeAtPath('/Ball.radius').Set(5.0)")
     ada.flush()
@@ -1142,28 +1142,28 @@ def test_live_states_and_refusals_are_told(live, ctx, editor):
     server, url = live
     assert ctx.open_stage(url)
     layers = get_layers(ctx)
-    root, told = ctx.get_stage().GetRootLayer().identifier, []
+    root, received = ctx.get_stage().GetRootLayer().identifier, []
     kept = layers.get_event_stream().create_subscription_to_pop(  # noqa: F841
-        lambda event: told.append(get_layer_event_payload(event)))
+        lambda event: received.append(get_layer_event_payload(event)))
     ada = editor(server, "ada", "shot.usda")
 
-    def heard(kind):
-        return [one for one in told if one.event_type == kind]
+    def of_kind(kind):
+        return [one for one in received if one.event_type == kind]
 
     ada.run("stage.GetAttributeAtPath('/Ball.radius').Set(5.0)")
     ada.flush()
-    wait_frames(lambda: heard(LayerEventType.DIRTY_STATE_CHANGED))
-    assert heard(LayerEventType.DIRTY_STATE_CHANGED)[0].identifiers_or_spec_paths == [root]
+    wait_frames(lambda: of_kind(LayerEventType.DIRTY_STATE_CHANGED))
+    assert of_kind(LayerEventType.DIRTY_STATE_CHANGED)[0].identifiers_or_spec_paths == [root]
     assert layers.get_layers_state().get_dirty_layer_identifiers() == [root]
-    told.clear()
+    received.clear()
     assert ctx.save_stage()
-    wait_frames(lambda: heard(LayerEventType.DIRTY_STATE_CHANGED))
+    wait_frames(lambda: of_kind(LayerEventType.DIRTY_STATE_CHANGED))
     assert layers.get_layers_state().get_dirty_layer_identifiers() == []
 
     ada.run("live.lock('shot.usda')")
     ada.flush()
     radius(ctx.get_stage()).Set(8.0)
-    wait_frames(lambda: heard(LayerEventType.EDITS_REFUSED))
+    wait_frames(lambda: of_kind(LayerEventType.EDITS_REFUSED))
     refused = layers.get_auto_authoring().refused_edits[-1]
     assert refused.path == "/Ball.radius" and refused.layer_identifier == root and "ada" in refused.reason
     assert refused.error_type == LayerErrorType.READ_ONLY and radius(ctx.get_stage()).Get() == 5
