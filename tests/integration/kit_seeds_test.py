@@ -1,4 +1,8 @@
-"""The snippets of Kit's guides, verbatim, with `import omni`; and the same as runnable files."""
+"""Scripts for the steps of Kit's guides, with `import omni`.
+
+Our own scripts for each step are in this file (OWN, OWN_LAYERS) and in client/examples/kit. The snippets of the
+guides themselves are tested verbatim, too, where the guides are beside the repository.
+"""
 
 import ast
 import asyncio
@@ -26,7 +30,7 @@ needs_seeds = pytest.mark.skipif(not SEEDS.is_dir(), reason="the guides are not 
 
 @pytest.fixture
 def omni(monkeypatch):
-    """`import omni` as with usdlive-omni installed."""
+    """`import omni` works as with usdlive-omni installed."""
     before = set(sys.modules)
     monkeypatch.syspath_prepend(str(SHIM / "src"))
     monkeypatch.setattr(sys, "meta_path", list(sys.meta_path))
@@ -42,15 +46,94 @@ def omni(monkeypatch):
 
 
 def execute(code, names):
-    """With top-level await."""
+    """Executes code that may contain await at its top level."""
     compiled = compile(code, "<guide>", "exec", flags=ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
 
     async def main():
-        result = eval(compiled, names)  # noqa: S307 - a guide's text
+        result = eval(compiled, names)  # noqa: S307 - text of a guide or of this file
         if inspect.iscoroutine(result):
             await result
 
     asyncio.run(main())
+
+
+# -- operations on files
+
+# The operation, the same in an async and in a blocking form. `context`, `path` and `saved` are defined.
+OWN = {
+    "New Stage": ("""
+result, err = await context.new_stage_async()
+assert result is True and err == ""
+await omni.kit.app.get_app().next_update_async()
+""", "assert context.new_stage() is True"),
+    "Open stage": ("""
+result, err = await context.open_stage_async(path)
+assert result is True and err == ""
+""", "assert context.open_stage(path) is True"),
+    "Close stage": ("""
+result, err = await context.close_stage_async()
+assert result is True and err == ""
+""", "assert context.close_stage() is True"),
+    "Reopen stage": ("""
+result, err = await context.reopen_stage_async()
+assert result is True and err == ""
+""", "assert context.reopen_stage() is True"),
+    "Save stage": ("""
+result, err, layers = await context.save_as_stage_async(saved)
+assert result is True and err == "" and layers == [saved]
+""", "assert context.save_as_stage(saved) is True"),
+    "Export stage": ("""
+result, err = await context.export_as_stage_async(saved)
+assert result is True and err == ""
+""", "assert context.export_as_stage(saved) is True"),
+}
+TITLES = list(OWN)
+
+
+def state_after(title, context, path):
+    if title == "Close stage":
+        assert context.get_stage() is None
+    elif title == "New Stage":
+        assert context.is_new_stage()
+    elif title in ("Open stage", "Reopen stage"):
+        assert context.get_stage_url() == path
+        assert not context.get_stage().GetPrimAtPath("/Unsaved"), "the stage is not as it is on disk"
+    else:
+        saved = path.replace("scene.usd", "saved.usda")
+        assert Usd.Stage.Open(saved).GetPrimAtPath("/Unsaved")
+        assert context.get_stage_url() == (saved if title == "Save stage" else path)
+
+
+@pytest.mark.parametrize("title", TITLES)
+@pytest.mark.parametrize("form", [0, 1], ids=["async", "blocking"])
+def test_each_operation_does_what_it_says(title, form, omni, tmp_path):
+    path = str(tmp_path / "scene.usd")
+    Usd.Stage.CreateNew(path).Save()
+    context = omni.usd.get_context()
+    assert context.open_stage(path)
+    context.get_stage().DefinePrim("/Unsaved")
+    execute(OWN[title][form], {"omni": omni, "context": context, "path": path, "saved": str(tmp_path / "saved.usda")})
+    state_after(title, context, path)
+    if context.get_stage():
+        assert context.close_stage()
+
+
+def test_a_file_that_does_not_open_is_named(omni, tmp_path):
+    names = {"context": omni.usd.get_context(), "path": str(tmp_path / "missing.usd")}
+    execute("success, error = await context.open_stage_async(path)", names)
+    assert names["success"] is False and "missing.usd" in names["error"]
+
+
+def test_a_coroutine_runs_beside_the_loop(omni):
+    names = {"asyncio": asyncio, "context": omni.usd.get_context(), "opened": []}
+    execute("""
+task = asyncio.ensure_future(context.new_stage_async())
+await context.next_stage_event_async()
+await task
+opened.append(context.get_stage() is not None)
+""", names)
+    assert names["opened"] == [True]
+    assert names["context"].close_stage()
 
 
 # -- the guide to the file system
@@ -58,7 +141,7 @@ def execute(code, names):
 
 @functools.cache
 def sections():
-    """Title -> the Python blocks below it."""
+    """Returns the Python blocks below each title."""
     lines = (SEEDS / "usd-context-file-operations.txt").read_text().splitlines()
     found, title, block = {}, "", None
     for previous, line in zip(["", *lines], lines):
@@ -74,9 +157,6 @@ def sections():
                 block = None
     return {title: [inspect.cleandoc("\n" + "\n".join(block)) for block in blocks]
             for title, blocks in found.items()}
-
-
-TITLES = ["New Stage", "Open stage", "Close stage", "Reopen stage", "Save stage", "Export stage"]
 
 
 @needs_seeds
@@ -95,20 +175,6 @@ def test_the_snippet_for_coroutines(omni):
     assert names["opened"] == [1]
 
 
-def state_after(title, context, path):
-    if title == "Close stage":
-        assert context.get_stage() is None
-    elif title == "New Stage":
-        assert context.is_new_stage()
-    elif title in ("Open stage", "Reopen stage"):
-        assert context.get_stage_url() == path
-        assert not context.get_stage().GetPrimAtPath("/Unsaved"), "as it is on disk"
-    else:
-        saved = path.replace("scene.usd", "saved.usda")
-        assert Usd.Stage.Open(saved).GetPrimAtPath("/Unsaved")
-        assert context.get_stage_url() == (saved if title == "Save stage" else path)
-
-
 @needs_seeds
 @pytest.mark.parametrize("title", TITLES)
 @pytest.mark.parametrize("form", [0, 1], ids=["async", "blocking"])
@@ -119,7 +185,7 @@ def test_each_snippet_does_what_it_says(title, form, omni, tmp_path):
     assert context.open_stage(path)
     names = {"os": os, "tmpdirname": str(tmp_path)}
     execute(sections()["File system"][0], names)
-    for index, snippet in enumerate(sections()[title][: form + 1]):  # the second uses names of the first
+    for snippet in sections()[title][: form + 1]:  # the second snippet uses names of the first
         snippet = snippet.replace("<your usd file>.usd", path).replace("<your save path>", "saved")
         assert "<" not in snippet
         assert context.open_stage(path)
@@ -144,11 +210,51 @@ def test_the_snippet_says_what_did_not_open(omni, tmp_path):
     assert names["success"] is False
 
 
+# -- layers
+
+OWN_LAYERS = """
+import carb.events
+import omni.kit.usd.layers as layers
+
+for which in ("", context):
+    instance = layers.get_layers(which)
+    parts = [instance.get_layers_state(), instance.get_specs_linking(), instance.get_specs_locking()]
+    assert None not in parts
+
+def on_event(event: carb.events.IEvent):
+    payload = layers.get_layer_event_payload(event)
+    if payload.event_type == layers.LayerEventType.SUBLAYERS_CHANGED:
+        received.append(payload)
+
+subscription = instance.get_event_stream().create_subscription_to_pop(on_event, name="test")
+"""
+
+
+def add_a_sublayer(context):
+    """Adds a sublayer and runs the frames that deliver its event."""
+    usdlive.omni.kit.app.get_app().update()
+    extra = Sdf.Layer.CreateAnonymous()
+    context.get_stage().GetRootLayer().subLayerPaths.append(extra.identifier)
+    for _ in range(3):
+        usdlive.omni.kit.app.get_app().update()
+
+
+def test_the_interfaces_and_events_of_layers(omni):
+    context = omni.usd.get_context()
+    assert context.new_stage()
+    names = {"context": context, "received": []}
+    execute(OWN_LAYERS, names)
+    add_a_sublayer(context)
+    assert names["received"]
+    assert context.close_stage()
+
+
 # -- the guide to layers
 
 
 def layer_snippets():
-    """The code of its Python part, whose indentation the text has lost: `...` ends what a colon began."""
+    """Returns the code of the guide's Python part. Its text has lost the indentation: `...` ends a block that a
+    colon began."""
     text = (SEEDS / "kit-usd-layers.txt").read_text()
     python = text[text.index("Here are the steps to use Python"):text.rindex("\nC++\n")]
     code, depth = [], 0
@@ -178,22 +284,18 @@ def test_the_snippets_for_layers(omni):
 
     context = usdlive.omni.usd.get_context()
     assert context.new_stage()
-    names = {"usd_context_name": "", "instance_of_usd_context": context, "carb": carb, "heard": []}
+    names = {"usd_context_name": "", "instance_of_usd_context": context, "carb": carb, "received": []}
     code = "\n".join(layer_snippets()).replace("XXXXXX", "SUBLAYERS_CHANGED")
-    code = code.replace("        ...", "        heard.append(payload)")
+    code = code.replace("        ...", "        received.append(payload)")
     execute(code, names)
     for part in ("layers_state", "specs_linking", "specs_locking"):
         assert names[part] is not None
-    usdlive.omni.kit.app.get_app().update()
-    extra = Sdf.Layer.CreateAnonymous()
-    context.get_stage().GetRootLayer().subLayerPaths.append(extra.identifier)
-    for _ in range(3):
-        usdlive.omni.kit.app.get_app().update()
-    assert names["heard"]
+    add_a_sublayer(context)
+    assert names["received"]
     assert context.close_stage()
 
 
-# -- the same as files
+# -- the examples as files
 
 
 def run_example(name, *arguments):
@@ -236,7 +338,7 @@ def test_the_live_example(project, serve):
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """usdlive-omni, installed by pip."""
+    """A folder in which pip has installed usdlive-omni."""
     target = tmp_path_factory.mktemp("site")
     subprocess.run([sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps",
                     "--no-build-isolation", "--disable-pip-version-check", "--target", str(target),
@@ -246,7 +348,7 @@ def installed(tmp_path_factory):
 
 
 def in_python(code, *folders):
-    """With folders of installed packages, as Python finds them when it starts."""
+    """Runs code in a new Python that finds the packages in these folders when it starts."""
     begin = "import site\n" + "".join(f"site.addsitedir({str(folder)!r})\n" for folder in folders)
     done = subprocess.run([sys.executable, "-W", "always", "-c", begin + code],
                           text=True, capture_output=True)
@@ -297,7 +399,7 @@ def test_another_distributions_part_of_omni_stays(installed, tmp_path):
 
 @pytest.mark.parametrize("first", ["import omni", "import omni.kit.usd.layers", "import carb.events"])
 def test_omni_is_there_in_the_source_tree(first, monkeypatch):
-    """As `./run python` has it, without anything being installed."""
+    """`./run python` has it in this way, with nothing installed."""
     monkeypatch.setenv("PYTHONPATH", os.environ["PYTHONPATH"] + os.pathsep + str(SHIM / "tree"))
     in_python(f"{first}\nimport omni, omni.usd, carb, usdlive.omni, usdlive.omni._events\n"
               "assert omni is usdlive.omni and omni.usd.get_context()\n"
