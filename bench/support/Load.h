@@ -76,7 +76,7 @@ struct LoadFigures {
     double cpuSeconds = 0;        ///< CPU time of the server
     std::uint64_t delivered = 0;  ///< transactions, counted once for each receiver
     double p50Ms = 0, p99Ms = 0;  ///< from writing a transaction to its delivery
-    std::size_t frameBytes = 0;   ///< of a delivered frame, with its length
+    std::size_t frameBytes = 0;   ///< a delivered frame, with its length
     std::size_t submissionBytes = 0;
 };
 /// Runs in this thread until the plan is done.

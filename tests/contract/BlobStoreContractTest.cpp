@@ -1,4 +1,4 @@
-// One suite for the stores of big values: in memory and as files.
+// Tests all stores of big values with one suite: in memory and as files.
 
 #include <gtest/gtest.h>
 
@@ -130,7 +130,7 @@ TYPED_TEST(BlobStoreContract, B6WhatIsDroppedIsGoneUntilItComesAgain) {
         EXPECT_EQ(codeOf(this->blobs.read(hashes[index], 0, 1)), ErrorCode::BlobNotFound);
     }
     EXPECT_EQ(*this->blobs.list(), std::vector<Hash>{hashes[4]});
-    // One comes again before its bytes are removed, and stays.
+    // One value is written again before its bytes are removed, and stays.
     EXPECT_EQ(this->blobs.write(hashes[1], 1'000, 0, someBytes(1'000, 1)), true);
     EXPECT_TRUE(this->blobs.has(hashes[1]));
     std::size_t removed = 0;
@@ -145,7 +145,7 @@ TYPED_TEST(BlobStoreContract, B6WhatIsDroppedIsGoneUntilItComesAgain) {
     EXPECT_EQ(this->blobs.read(hashes[1], 0, 1'000), someBytes(1'000, 1));
     listed = *this->blobs.list();
     EXPECT_EQ(std::set<Hash>(listed.begin(), listed.end()), (std::set<Hash>{hashes[1], hashes[4]}));
-    // And one after that.
+    // The other is written again after its bytes were removed.
     EXPECT_EQ(this->blobs.write(hashes[0], 1'000, 0, someBytes(1'000, 0)), true);
     EXPECT_EQ(this->blobs.read(hashes[0], 0, 1'000), someBytes(1'000, 0));
 }
@@ -183,7 +183,7 @@ TEST(FileBlobStore, KeepsValuesAndThrowsUnfinishedOnesAway) {
     EXPECT_TRUE(std::filesystem::exists(folder.path / hex.substr(0, 2) / hex));
 }
 
-// The process is killed between the two: nothing is lost by it, and nothing is left behind.
+// The process is killed between drop() and the removal: nothing is lost and nothing is left behind.
 TEST(FileBlobStore, B6WhatWasDroppedAndNotRemovedIsThereAgain) {
     test::TestFolder folder;
     const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);

@@ -1,4 +1,4 @@
-// One suite for the stores of a project's history: in memory and RocksDB.
+// Tests all stores of a project's history with one suite: in memory and RocksDB.
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@ using test::TestCommits;
 
 const LayerId kLayer{"a.usda"}, kOther{"b.usda"};
 
-/// A place where a store is kept, and opened again.
+/// A place that holds a store, which can be opened again.
 class Disk {
 public:
     virtual ~Disk() = default;
@@ -140,13 +140,14 @@ TYPED_TEST(CommitStoreContract, RefusesAGapAndAWrongHash) {
     EXPECT_TRUE(this->append(second));
 }
 
-/// A store that takes groups of random edits of two layers, and has to give back what they make.
+/// Appends groups of random edits of two layers to a store, and checks that it returns their
+/// results.
 template <class Where>
 class RandomHistory {
 public:
     explicit RandomHistory(unsigned seed) : random(seed) {}
 
-    /// `made` is called after each commit of the group, before it is appended.
+    /// Calls `made` after each commit of the group, before the group is appended.
     template <class Made>
     void appendGroup(Made made) {
         std::vector<CommitRecord> group;
@@ -158,7 +159,7 @@ public:
         }
         ASSERT_TRUE(store->append(group));
     }
-    /// Once in so many times; half of these opened anew.
+    /// Compares once in `times` calls; half of these after opening the store again.
     void compare(std::size_t times) {
         if (random.below(times)) return;
         if (random.below(2)) {
@@ -223,8 +224,8 @@ TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
     EXPECT_EQ(this->store->setSaved({"c.usda"}, saved).error().code, ErrorCode::LayerNotFound);
 }
 
-// What is loaded is the snapshot and what was committed since, so one of another revision would
-// show.
+// The store loads the snapshot and the commits since. A snapshot of another revision would
+// therefore be noticed.
 TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
     for (unsigned seed = 0; seed < 15; ++seed) {
         RandomHistory<TypeParam> history(seed);
@@ -233,7 +234,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
         for (int step = 0; step < 60; ++step) {
             SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
             ASSERT_NO_FATAL_FAILURE(history.appendGroup([&] {
-                if (history.random.below(12)) return;  // also in the middle of a group
+                if (history.random.below(12)) return;  // compares also in the middle of a group
                 before = history.commits.layers;
                 at = history.commits.head;
             }));
@@ -251,29 +252,29 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
 TYPED_TEST(CommitStoreContract, ALayerIsThereAsItStood) {
     for (unsigned seed = 0; seed < 8; ++seed) {
         RandomHistory<TypeParam> history(seed);
-        std::vector<LayerDocs> stood(1);  // by revision
+        std::vector<LayerDocs> contents(1);  // by revision
         std::map<LayerId, Revision> first;
         for (int step = 0; step < 40; ++step) {
             SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
             ASSERT_NO_FATAL_FAILURE(
-                history.appendGroup([&] { stood.push_back(history.commits.layers); }));
-            const Revision newest = stood.size() - 1;
+                history.appendGroup([&] { contents.push_back(history.commits.layers); }));
+            const Revision newest = contents.size() - 1;
             const auto layers = *history.store->layers();
             for (const LayerId& layer : layers) first.try_emplace(layer);
             for (auto& [layer, revision] : first)
-                while (stood[revision][layer] == LayerDoc()) ++revision;
+                while (contents[revision][layer] == LayerDoc()) ++revision;
             if (history.random.below(4) == 0)
                 for (const LayerId& layer : layers) {
                     const Revision at = std::max(
                         first[layer], newest - history.random.below(std::min(newest, 5UL)));
-                    ASSERT_TRUE(history.store->keepSnapshot(layer, stood[at][layer], at,
+                    ASSERT_TRUE(history.store->keepSnapshot(layer, contents[at][layer], at,
                                                             *history.store->hashAt(at)));
                 }
             const Revision wanted = history.random.below(newest + 1);
             for (const LayerId& layer : layers) {
                 const auto found = history.store->layerAt(layer, wanted);
                 ASSERT_TRUE(found) << found.error().message;
-                ASSERT_EQ((*found)->dump(), stood[std::max(wanted, first[layer])][layer].dump())
+                ASSERT_EQ((*found)->dump(), contents[std::max(wanted, first[layer])][layer].dump())
                     << layer.value << " at " << wanted;
             }
             EXPECT_FALSE(*history.store->layerAt({"c.usda"}, wanted));
@@ -284,9 +285,10 @@ TYPED_TEST(CommitStoreContract, ALayerIsThereAsItStood) {
 
 bool always() { return true; }
 
-/// The whole of a store from its base on: its chain, and what each layer held at each revision.
+/// Checks a whole store from its base on: its chain, and the content of each layer at each
+/// revision.
 template <class Where>
-void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& stood,
+void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& contents,
                     std::map<LayerId, Revision>& first) {
     const CommitStore& store = *history.store;
     const auto base = store.base();
@@ -308,7 +310,7 @@ void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& stood
         for (Revision at = base.revision; at <= newest; ++at) {
             const auto found = store.layerAt(layer, at);
             ASSERT_TRUE(found) << found.error().message;
-            ASSERT_EQ((*found)->dump(), stood[std::max(at, first[layer])][layer].dump())
+            ASSERT_EQ((*found)->dump(), contents[std::max(at, first[layer])][layer].dump())
                 << layer.value << " at " << at << ", base " << base.revision;
         }
     if (base.revision == 0) return;
@@ -322,24 +324,25 @@ void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& stood
 TYPED_TEST(CommitStoreContract, TheBaseStandsForTheCommitsItReplaced) {
     for (unsigned seed = 0; seed < 8; ++seed) {
         RandomHistory<TypeParam> history(seed);
-        std::vector<LayerDocs> stood(1);  // by revision
+        std::vector<LayerDocs> contents(1);  // by revision
         std::map<LayerId, Revision> first;
         for (int step = 0; step < 40; ++step) {
             SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
             ASSERT_NO_FATAL_FAILURE(
-                history.appendGroup([&] { stood.push_back(history.commits.layers); }));
-            const Revision newest = stood.size() - 1;
+                history.appendGroup([&] { contents.push_back(history.commits.layers); }));
+            const Revision newest = contents.size() - 1;
             const auto layers = *history.store->layers();
             for (const LayerId& layer : layers) first.try_emplace(layer);
             for (auto& [layer, revision] : first)
-                while (stood[revision][layer] == LayerDoc()) ++revision;
+                while (contents[revision][layer] == LayerDoc()) ++revision;
             const Revision base = history.store->base().revision;
             if (history.random.below(4) == 0) {
                 const Revision at = newest - history.random.below(newest - base + 1);
                 const auto hash = *history.store->hashAt(at);
                 for (const LayerId& layer : layers)
                     if (at >= first[layer]) {
-                        ASSERT_TRUE(history.store->keepSnapshot(layer, stood[at][layer], at, hash));
+                        ASSERT_TRUE(
+                            history.store->keepSnapshot(layer, contents[at][layer], at, hash));
                     }
             }
             if (history.random.below(5) == 0) {
@@ -352,7 +355,7 @@ TYPED_TEST(CommitStoreContract, TheBaseStandsForTheCommitsItReplaced) {
                     EXPECT_EQ(history.store->base().hash, hash);
                 }
             }
-            if (history.random.below(4) == 0) expectFromBase(history, stood, first);
+            if (history.random.below(4) == 0) expectFromBase(history, contents, first);
             ASSERT_FALSE(testing::Test::HasFailure());
             ASSERT_NO_FATAL_FAILURE(history.compare(4));
         }
@@ -392,7 +395,7 @@ TYPED_TEST(CommitStoreContract, ALayerBeginsWithItsNewestSnapshot) {
     const Hash first = this->commits.head.hash;
     ASSERT_TRUE(this->append(this->commits.next(kLayer, "/B", CreateSpec{SpecKind::Prim})));
     const Hash second = this->commits.head.hash;
-    LayerDoc older, newer;  // the log alone would give neither
+    LayerDoc older, newer;  // the log alone would give neither of them
     ASSERT_TRUE(older.apply("/Older", CreateSpec{SpecKind::Prim}));
     ASSERT_TRUE(newer.apply("/Newer", CreateSpec{SpecKind::Prim}));
     ASSERT_TRUE(this->store->keepSnapshot(kLayer, newer, 2, second));
@@ -422,7 +425,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsOfThisHistory) {
     this->expectLayers();
 }
 
-// As the server imports a file: plug-ins call their metadata what they like.
+// The content is like that of an imported file: plug-ins may give their metadata any name.
 TYPED_TEST(CommitStoreContract, WhatAFileHoldsIsThereAgain) {
     LayerDoc doc;
     ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
@@ -462,7 +465,7 @@ TYPED_TEST(CommitStoreContract, M14ForgetsTheClientsThatCameFirst) {
     for (std::uint64_t number = 1; number <= 20; ++number) commit(number, 1);
     for (std::uint64_t sequence = 2; sequence <= 30; ++sequence) commit(3, sequence);
     commit(4, 2'000);
-    commit(4, 5);  // late (SE4), and the newest there is
+    commit(4, 5);  // late (SE4), and the newest commit
     ASSERT_TRUE(this->store->append(group));
     EXPECT_EQ(this->store->forgottenUpTo(), 0u);
     EXPECT_EQ(*this->store->forgetClients(20, {}), 0u);
@@ -481,18 +484,18 @@ TYPED_TEST(CommitStoreContract, M14ForgetsTheClientsThatCameFirst) {
         EXPECT_EQ(this->store->clientRecord(id(4))->find(5), Revision(51));
         EXPECT_EQ(this->store->forgottenUpTo(), 14u);
     };
-    // Nor those that are kept, however old.
+    // Clients that the caller keeps are not forgotten, however old they are.
     std::set<ClientId> all;
     for (std::uint64_t number = 1; number <= 20; ++number) all.insert(id(number));
     EXPECT_EQ(*this->store->forgetClients(10, all), 0u);
     EXPECT_EQ(this->store->forgottenUpTo(), 0u);
-    // Some more than too many, so that it is not due at once again.
+    // forgetClients() forgets some more than necessary, so that it is not due again at once.
     EXPECT_EQ(*this->store->forgetClients(10, {}), 12u);
     expectKnown();
     this->reopen();
     expectKnown();
     EXPECT_EQ(*this->store->forgetClients(10, {}), 0u);
-    // Who comes again is known again.
+    // A client that commits again is known again.
     group.clear();
     commit(1, 2);
     ASSERT_TRUE(this->store->append(group));
@@ -533,7 +536,7 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
     this->reopen();
     EXPECT_EQ(last(ada), 1'030u);
     EXPECT_EQ(committed(ada, 1'030), Revision(1'031));
-    commit(ada, 2'000);  // those between were refused
+    commit(ada, 2'000);  // those in between were refused
     ASSERT_TRUE(this->store->append(group));
     group.clear();
     EXPECT_EQ(committed(ada, 976), std::nullopt);
@@ -548,9 +551,10 @@ TYPED_TEST(CommitStoreContract, M9KnowsTheLast1024OfAClient) {
 
     group.clear();
 
-    // SE4: one whose big value took its time comes behind all these, and takes nobody's place.
+    // SE4: a transaction whose big value was late comes after all these, and replaces no other
+    // record.
     for (std::uint64_t sequence = 98'900; sequence < 100'000; ++sequence) commit(ada, sequence);
-    commit(ada, 98'305);  // of 100,000's slot
+    commit(ada, 98'305);  // uses the same slot as 100,000
     ASSERT_TRUE(this->store->append(group));
     for (int opened = 0; opened < 2; ++opened) {
         EXPECT_TRUE(committed(ada, 98'305));

@@ -1,5 +1,5 @@
-// One suite for the two stores of a layer's content, LayerDoc and SdfLayerStore: given the same
-// edits they answer the same, hold the same and export the same text.
+// Tests both stores of a layer's content, LayerDoc and SdfLayerStore, with one suite: after the
+// same edits they return the same results, hold the same content and export the same text.
 
 #include <gtest/gtest.h>
 #include <pxr/base/gf/half.h>
@@ -31,7 +31,7 @@ namespace {
 
 using Edits = std::vector<std::pair<std::string, EditAction>>;
 
-// Edits of every kind, most of which fit the doc they are for.
+// Makes edits of every kind; most of them are valid for the given doc.
 class RandomEdits {
 public:
     RandomEdits(unsigned seed, usd::BlobSink& blobs) : random_(seed), blobs_(blobs) {}
@@ -73,7 +73,7 @@ private:
     std::string name() {
         return oneOf<std::string>({"A", "B", "C", "x", "y", "long_name", "\u00e9"});
     }
-    // Now and then one that is not there.
+    // Returns some spec, sometimes one that does not exist.
     Spec anySpec() {
         if (below(40) == 0) return {"/Nowhere", SpecKind::Prim};
         return oneOf(specs_);
@@ -99,7 +99,7 @@ private:
                                                     : ChildList::Properties;
         const std::string path = specpath::child(parent, list, name());
         Edits edits{{path, CreateSpec{below(40) ? kind : Relationship}}};
-        // Text without a type name cannot be read.
+        // A text without a type name cannot be read.
         if (kind == Attribute) edits.push_back({path, SetField{"typeName", {}, token("double")}});
         return edits;
     }
@@ -347,7 +347,7 @@ private:
     std::vector<Spec> specs_;
 };
 
-// What a layer holds, as the doc would.
+// Compares the content of a layer with that of the doc.
 void expectSame(const LayerDoc& doc, const pxr::SdfLayerRefPtr& layer, MemoryBlobs& blobs) {
     const auto read = usd::readLayer(layer, blobs);
     ASSERT_TRUE(read) << read.error().message;

@@ -1,4 +1,4 @@
-// Which big values a history names, in each of the stores (B6).
+// Tests which big values a history names (B6), in each of the stores.
 
 #include <gtest/gtest.h>
 
@@ -61,7 +61,7 @@ TYPED_TEST(NamedBlobsContract, B6AllThatCommitsName) {
     TimeSamples samples;
     samples.samples = {{1.0, big(2)}, {2.0, big(3)}};
     this->set("timeSamples", samples);
-    this->set("default", doubleValue(4));  // the first is named by history alone
+    this->set("default", doubleValue(4));  // only the history still names the first value
     LayerDoc file;
     ASSERT_TRUE(file.apply("/B", CreateSpec{SpecKind::Prim}));
     ASSERT_TRUE(file.apply("/B.y", CreateSpec{SpecKind::Attribute}));
@@ -86,7 +86,7 @@ TYPED_TEST(NamedBlobsContract, B6ReadsInStepsAndGoesOn) {
         EXPECT_TRUE(this->named.contains(hashOf(number)));
 }
 
-// What only commits named that were replaced is named no longer.
+// A value is no longer named after the base replaced all commits that named it.
 TYPED_TEST(NamedBlobsContract, B6FollowsTheBaseOfTheHistory) {
     const auto always = [] { return true; };
     const auto readAll = [&](NamedBlobs& named) {
@@ -114,7 +114,7 @@ TYPED_TEST(NamedBlobsContract, B6FollowsTheBaseOfTheHistory) {
         }
     };
     ASSERT_TRUE(this->where.store->compact(base, always));
-    expect({2, 3, 4}, 4);  // the layer held the second at the base
+    expect({2, 3, 4}, 4);  // the layer held the second value at the base
     this->set("default", big(5));
     this->set("custom", doubleValue(2));
     ASSERT_TRUE(this->where.store->compact(this->commits.head.revision, always));

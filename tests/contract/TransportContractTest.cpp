@@ -1,5 +1,4 @@
-// What a server's Transport and a client's Connection are to one another, over each of the
-// transports.
+// Tests a server's Transport and a client's Connection together, over each of the transports.
 #include <gtest/gtest.h>
 
 #include <boost/asio/executor_work_guard.hpp>
@@ -26,7 +25,7 @@ namespace asio = boost::asio;
 
 namespace {
 
-/// A frame as it goes over the wire: its length and at least 16 bytes.
+/// Makes a frame in its wire format: its length and at least 16 bytes.
 SharedBytes frame(std::string text) {
     text.resize(std::max<std::size_t>(text.size(), 16), ' ');
     Bytes bytes;
@@ -54,7 +53,7 @@ class NoLog final : public Log {
 
 enum class Kind { WebSocket, Dds };
 
-/// A server whose handler notes what it is told.
+/// A server whose handler notes its calls.
 class World final : public SessionHandler {
 public:
     explicit World(Kind kind, std::size_t slowReaderBytes = 16ull << 20) : kind_(kind) {
@@ -81,7 +80,7 @@ public:
         thread_ = std::thread([this] { io_.run(); });
     }
 
-    /// On the network thread, and waits for it.
+    /// Runs `function` on the network thread and waits for it.
     template <class Function>
     auto call(Function function) {
         std::packaged_task<decltype(function())()> task(std::move(function));
@@ -114,15 +113,15 @@ public:
             if (call(condition)) return true;
         return false;
     }
-    /// Until each connection made so far has had a session: a client may know before the handler
-    /// does.
+    /// Waits until each connection made so far has a session: a client may know of it before the
+    /// handler does.
     bool waitForSessions() {
         return waitFor([&] { return sessions.size() + ended.size() >= connected_; });
     }
     Transport& transport() { return *transport_; }
 
-    // Of the network thread.
-    std::vector<SessionId> sessions;  // that are open
+    // Used on the network thread only.
+    std::vector<SessionId> sessions;  // the open ones
     std::map<SessionId, std::vector<std::string>> got;
     std::vector<SessionId> ended, drainedSessions;
 
@@ -150,7 +149,7 @@ private:
     std::thread thread_;
 };
 
-/// What a connection was told, until `done`.
+/// Collects the events of a connection, until `done`.
 struct Inbox {
     std::vector<std::string> texts;
     int opened = 0, lost = 0;
@@ -273,7 +272,7 @@ TEST_P(TransportContract, NoCommitStandsBetweenWhatIsSentWhileTheyAreHeld) {
         world.transport().holdCommits(first);
         world.transport().send(first, frame("begin"));
     });
-    // The one under test has begun to read its log before the commit is sent.
+    // The tested session has begun to read its log before the commit is sent.
     ASSERT_TRUE(inbox.read(*one, 2));
     world.call([&] { world.transport().sendCommit(only, frame("c2"), 2); });
     ASSERT_TRUE(ignored.read(*other, 2));
@@ -304,7 +303,8 @@ Presence presenceOf(const std::string& client, double time) {
     return presence;
 }
 
-/// What came of states and presences, in the order of the rest: "c1 a.usda=3 ada=1 -bo".
+/// Returns the received states and presences in order, mixed with the commits: "c1 a.usda=3 ada=1
+/// -bo".
 std::string newsIn(const std::vector<std::string>& texts) {
     std::string news;
     for (const std::string& text : texts) {
@@ -337,11 +337,12 @@ TEST_P(TransportContract, NewsReachWhoWasToldTheFirst) {
         return inbox.readUntil(*one, [&] { return newsIn(inbox.texts).ends_with(end); });
     };
     world.call([&] {
-        // Before anybody was told: for who comes it is in what is told first.
+        // A state that changed before a session was notified: the session gets it with its first
+        // states.
         world.transport().tell({}, LayerStates{{stateOf("a.usda", 1)}});
         world.transport().tell({}, Presences{{presenceOf("ada", 1)}, {}});
     });
-    // Both are there, and only one has asked for news.
+    // Both are connected, but only one has asked for states and presences.
     std::vector<SessionId> listening;
     for (const SessionId session : world.call([&] { return world.sessions; })) {
         world.call([&] { world.transport().send(session, frame("hello")); });
@@ -483,7 +484,7 @@ TEST_P(TransportContract, WhoIsNotReadFromWaits) {
         world.transport().setReading(world.sessions[0], false);
         return world.sessions[0];
     });
-    std::this_thread::sleep_for(20ms);  // a read may be under way
+    std::this_thread::sleep_for(20ms);  // a read may be in progress
     for (int index = 0; index < 200; ++index) connection->send(frame(std::string(100'000, 'x')));
     std::this_thread::sleep_for(500ms);
     world.call([&] { EXPECT_LT(world.got[session].size(), 200u); });

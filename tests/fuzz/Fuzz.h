@@ -9,11 +9,11 @@
 
 namespace usdlive::fuzz {
 
-/// What a target defines besides LLVMFuzzerTestOneInput(): valid inputs to begin with.
-/// `fuzz_NAME --seeds=FOLDER` writes them there.
+/// Each target defines this function besides LLVMFuzzerTestOneInput(): it returns valid inputs to
+/// begin with. `fuzz_NAME --seeds=FOLDER` writes them to FOLDER.
 std::vector<Bytes> seeds();
 
-/// A rule that an input has broken: libFuzzer keeps it.
+/// Fails if an input has broken a rule: libFuzzer then keeps the input.
 inline void require(bool holds, const char* rule) {
     if (holds) return;
     std::fprintf(stderr, "broken: %s\n", rule);

@@ -1,4 +1,4 @@
-// Control messages: any JSON, or what is none.
+// Fuzzes the decoder of control messages with any text, JSON or not.
 #include "usdlive/common/protocol/Control.h"
 
 #include "Fuzz.h"
@@ -9,7 +9,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto message = decodeControl(asText({data, size}));
     if (!message) return 0;
     const auto again = decodeControl(encodeControl(*message));
-    fuzz::require(again && *again == *message, "a message comes back as it was");
+    fuzz::require(again && *again == *message, "decoding and encoding returns the same message");
     return 0;
 }
 

@@ -1,4 +1,4 @@
-// Messages as they come from a peer: split into frames, decoded, and what is inside of those.
+// Fuzzes the messages of a peer: splits them into frames, decodes these, and decodes their content.
 #include "usdlive/common/protocol/Frame.h"
 
 #include <algorithm>
@@ -29,7 +29,7 @@ void look(const auto&) {}
 namespace usdlive {
 namespace {
 
-// The reader says nothing of a part of a commit that is not its last (FR8).
+// The reader returns nothing for a part of a commit that is not its last (FR8).
 bool hasPart(ByteView message) {
     const auto frames = splitMessage(message);
     return frames && std::ranges::any_of(*frames, [](ByteView bytes) {
@@ -52,7 +52,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     client::MessageReader reader;
     for (int twice = 0; twice < 2; ++twice)
         fuzz::require(!reader.read({data, size}).frames.empty() || hasPart({data, size}),
-                      "a message says something");
+                      "a message is not empty");
     const auto message = splitMessage({data, size});
     if (!message) return 0;
     for (const ByteView bytes : *message) {
@@ -61,7 +61,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         if (!frame) continue;
         const Bytes written = encodeFrame(*frame);
         const auto again = decodeFrame(ByteView(written).subspan(sizeof(std::uint32_t)));
-        fuzz::require(again && *again == *frame, "a frame comes back as it was");
+        fuzz::require(again && *again == *frame, "decoding and encoding returns the same frame");
         std::visit([](const auto& content) { look(content); }, *frame);
     }
     return 0;
@@ -70,7 +70,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 std::vector<Bytes> fuzz::seeds() {
     std::vector<Bytes> all;
     for (const Frame& frame : sampleFrames()) all.push_back(encodeFrame(frame));
-    // Each kind of edit alone, so that a seed is small.
+    // Uses each kind of edit alone, so that a seed is small.
     for (const Edit& edit : everyKindOfEdit())
         all.push_back(encodeFrame(SubmitFrame{{{{"client"}, 4}, 17, 5, {edit}}}));
     for (const Bytes& part : partsOf(sampleCommit())) all.push_back(part);

@@ -1,5 +1,5 @@
-// What comes in at the port: an HTTP request and, if that became a session, WebSocket frames. The
-// server is the real one, on loopback, run step by step.
+// Fuzzes the port: an HTTP request and, if it became a session, WebSocket frames. The server is the
+// real one, on loopback, run step by step.
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
@@ -23,7 +23,7 @@ struct NoLog final : Log {
     void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
 };
 
-/// Answers each message with itself; those that are no frames end the session.
+/// Echoes each message; a message without frames ends the session.
 class World final : public SessionHandler {
 public:
     World() {
@@ -45,7 +45,7 @@ public:
 
     void opened(SessionId) override { ++open; }
     void received(SessionId session, ByteView message) override {
-        require(open > 0, "a message comes from a session");
+        require(open > 0, "a message belongs to a session");
         if (const auto frames = splitMessage(message); !frames)
             return sessions->close(session, frames.error());
         sessions->send(session, std::make_shared<const Bytes>(message.begin(), message.end()));
@@ -60,7 +60,7 @@ public:
     std::unique_ptr<HttpServer> server;
 };
 
-/// All that has arrived.
+/// Returns everything that has arrived.
 std::string arrived(tcp::socket& socket) {
     std::string all;
     boost::system::error_code error;
@@ -79,7 +79,8 @@ void checkAnswer(const std::string& answer, std::string_view request) {
         "HTTP/1.1 400 Bad Request",         "HTTP/1.1 403 Forbidden",
         "HTTP/1.1 404 Not Found",           "HTTP/1.1 405 Method Not Allowed",
         "HTTP/1.1 426 Upgrade Required",    "HTTP/1.1 431 Request Header Fields Too Large"};
-    require(std::count(kLines.begin(), kLines.end(), line) == 1, "one of the answers there are");
+    require(std::count(kLines.begin(), kLines.end(), line) == 1,
+            "the answer is one of the known ones");
     if (line == kLines[0])
         require(request.starts_with("GET /live"), "a session begins at /live only");
 }
@@ -104,12 +105,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::string answer = arrived(client);
     checkAnswer(answer, request);
     if (answer.starts_with("HTTP/1.1 101")) send(input.substr(request.size()));
-    client.set_option(asio::socket_base::linger(true, 0), error);  // no port waits for long
+    client.set_option(asio::socket_base::linger(true, 0), error);  // keeps no port busy afterwards
     client.close(error);
     while (world.server->counters().connections != 0)
-        require(world.io.run_one_for(20s) != 0, "a connection that is gone is given up");
+        require(world.io.run_one_for(20s) != 0, "the server notices a closed connection");
     world.io.poll();
-    require(world.open == 0, "who was told of a session is told of its end");
+    require(world.open == 0, "the end of each session is reported");
     return 0;
 }
 

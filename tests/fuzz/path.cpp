@@ -1,4 +1,5 @@
-// Paths of specs, held against OpenUSD's own, and names of layers, up to the files they name.
+// Fuzzes paths of specs, compared with OpenUSD's own, and names of layers, including the files that
+// they name.
 #include <pxr/usd/sdf/path.h>
 
 #include <filesystem>
@@ -21,8 +22,9 @@ bool isSpec(const pxr::SdfPath& path) {
                                      path.IsPrimVariantSelectionPath());
 }
 
-// What paths of USD may be and ours not: nothing is below a variant without a name (PA1), and a
-// variant set is called by an identifier (PA2), as by Sdf's API, not by its parser.
+// True for paths that USD allows and usdlive does not: nothing is below a variant without a name
+// (PA1), and a variant set has an identifier as its name (PA2), as in Sdf's API but not in its
+// parser.
 bool isBeyondOurs(const pxr::SdfPath& path) {
     for (const pxr::SdfPath& prefix : path.GetPrefixes()) {
         if (!prefix.IsPrimVariantSelectionPath()) continue;
@@ -36,10 +38,10 @@ bool isBeyondOurs(const pxr::SdfPath& path) {
 void checkPath(std::string_view text) {
     const auto elements = specpath::parse(text);
     const usd::TfComplaints silent;
-    const pxr::SdfPath path{std::string(text)};  // of what is no path: empty
+    const pxr::SdfPath path{std::string(text)};  // empty if the text is not a path
     const bool isUsds = !path.IsEmpty() && path.GetAsString() == text && isSpec(path);
-    if (!elements) return require(!isUsds || isBeyondOurs(path), "PA1: a path of USD is one");
-    require(isUsds, "PA1: a path is one of USD, and of a spec");
+    if (!elements) return require(!isUsds || isBeyondOurs(path), "PA1: a path of USD is accepted");
+    require(isUsds, "PA1: an accepted path is a path of USD, and of a spec");
     std::string built = "/";
     for (const PathElement& element : *elements) {
         const std::string parent =
@@ -50,10 +52,10 @@ void checkPath(std::string_view text) {
         require(specpath::hasPrefix(built, parent), "PA3: a child is below its parent");
         require(specpath::replacePrefix(built, parent, parent) == built, "a prefix by itself");
     }
-    require(built == text, "a path is made of its elements");
+    require(built == text, "the elements make up the path");
 }
 
-/// A project with links in it, one of which leads out.
+/// A project that contains links, one of which leads out of it.
 class Folder {
 public:
     Folder() {
@@ -76,7 +78,7 @@ void checkLayer(std::string_view text) {
     static const Folder folder;
     const auto layer = parseLayerId(text);
     const auto file = folder.files->resolve({std::string(text)});
-    if (!layer) return require(!file, "LN1: what is no name is no file");
+    if (!layer) return require(!file, "LN1: a text that is no name has no file");
     if (!file) return;
     std::error_code problem;
     const fs::path real = fs::weakly_canonical(*file, problem);

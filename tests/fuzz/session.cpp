@@ -1,5 +1,6 @@
-// A session that follows the rules, but for a few of its messages, against the real project (F3).
-// An input says which are changed and how. Whatever comes of it, the session beside it goes on.
+// Fuzzes the real project with a session that follows the rules, except in a few of its messages
+// (F3). An input says which messages are changed and how. Whatever happens, a second session must
+// not be affected.
 #include <fuzzer/FuzzedDataProvider.h>
 
 #include "Fuzz.h"
@@ -12,7 +13,8 @@ using fuzz::require;
 
 namespace {
 
-// Of names far apart: whoever says the client of another session takes its place.
+// The numbers of the two sessions. Their clients' names differ much: a session that sends the name
+// of another session's client would replace that session.
 constexpr SessionId kBystander = 777, kStranger = 1;
 const LayerId kA{"a.usda"}, kB{"b.usda"};
 
@@ -22,7 +24,7 @@ Frame submission(std::uint64_t sequence, std::vector<Edit> edits, std::uint64_t 
     return SubmitFrame{{{World::client(kStranger), sequence}, 0, gesture, std::move(edits)}};
 }
 
-/// What a session of an editor is like.
+/// The messages of a normal session of an editor.
 std::vector<Frame> script(const World& world) {
     const Bytes texture(1000, 7);
     const Hash hash = sha256(texture);
@@ -48,7 +50,7 @@ std::vector<Frame> script(const World& world) {
     };
 }
 
-/// Does all that the project has asked for.
+/// Answers everything that the project has requested.
 void serve(World& world) {
     FakeHost& host = world.host;
     world.answerQuestions();
@@ -69,13 +71,13 @@ void serve(World& world) {
     }
 }
 
-// --- What can be wrong with a message
+// ---- faults of a message
 
 class Mutator {
 public:
     explicit Mutator(FuzzedDataProvider& choices) : choices_(choices) {}
 
-    /// Of the script: order, repeats, fields with wrong content.
+    /// Changes the script: order, repeats, fields with wrong content.
     void change(std::vector<Frame>& script) {
         const std::size_t at = choices_.ConsumeIntegralInRange<std::size_t>(0, script.size() - 1);
         const auto here = script.begin() + std::ptrdiff_t(at);
@@ -100,7 +102,7 @@ public:
         }
     }
 
-    /// Of the bytes: type, length, an end too early, anything.
+    /// Changes bytes: type, length, an end too early, anything.
     void change(Bytes& message) {
         if (message.empty()) return;
         const std::size_t at = choices_.ConsumeIntegralInRange<std::size_t>(0, message.size() - 1);
@@ -135,7 +137,7 @@ private:
     }
     Hash hash() { return sha256(asBytes(path())); }
 
-    // What only a server sends.
+    // Returns a frame that only a server sends.
     Frame foreign() {
         switch (choices_.ConsumeIntegralInRange(0, 3)) {
             case 0:
@@ -163,7 +165,7 @@ private:
     void wrong(RequestBlob& request) { request = {hash(), number()}; }
     void wrong(RequestLog& request) { request = {number(), number(), number()}; }
     void wrong(SaveLayers& save) { save = {number(), {layer(), layer()}}; }
-    void wrong(auto&) {}  // the server's own
+    void wrong(auto&) {}  // sent by the server only
 
     void wrong(SubmitFrame& frame) {
         Transaction& transaction = frame.transaction;
@@ -219,17 +221,18 @@ private:
     FuzzedDataProvider& choices_;
 };
 
-// --- The session beside it
+// ---- the other session
 
-/// What it was sent makes one history, and the layer it shows is the server's (SE1, CH1, M8).
+/// Checks that the messages which it received make one history, and that its layer is the server's
+/// (SE1, CH1, M8).
 void checkBystander(World& world) {
-    require(!world.host.closed.contains(kBystander), "nobody else is closed");
+    require(!world.host.closed.contains(kBystander), "no other session is closed");
     LayerDoc seen = World::sample();
     Revision revision = 0;
     Hash hash;
     for (const Bytes& bytes : world.host.sent[kBystander]) {
         const auto frame = decodeFrame(bytes);
-        require(frame.has_value(), "what is sent is a frame");
+        require(frame.has_value(), "a sent message is a frame");
         const auto* sent = std::get_if<CommitFrame>(&*frame);
         if (!sent) continue;
         require(sent->commit.revision == ++revision, "SE1: revisions without gaps");
@@ -248,18 +251,18 @@ void checkBystanderWorks(World& world) {
     const Revision before = world.project->durableRevision();
     world.submit(kBystander, 1, {create("/Mine")}, before);
     serve(world);
-    require(world.project->durableRevision() == before + 1, "others go on editing");
+    require(world.project->durableRevision() == before + 1, "others can edit");
     checkBystander(world);
 }
 
-/// FR5
-void checkToldBeforeClosed(World& world) {
+/// Checks FR5.
+void checkReasonBeforeClosed(World& world) {
     if (!world.host.closed.contains(kStranger)) return;
     const auto frame = decodeFrame(world.host.sent[kStranger].back());
     const auto* last = frame ? std::get_if<ControlFrame>(&*frame) : nullptr;
     const auto message = last ? decodeControl(last->json) : fail(ErrorCode::Internal, "");
     const auto* error = message ? std::get_if<ErrorMessage>(&*message) : nullptr;
-    require(error && error->closing, "FR5: who is closed is told why");
+    require(error && error->closing, "FR5: a session that is closed gets the reason");
 }
 
 }  // namespace
@@ -274,7 +277,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
 
     std::vector<Frame> frames = script(world);
     for (auto left = choices.ConsumeIntegralInRange(0, 3); left > 0; --left) mutator.change(frames);
-    // One message may have its bytes changed; none when the number is past the last.
+    // The bytes of one message may be changed; of none if the number is beyond the last.
     const auto broken = choices.ConsumeIntegralInRange<std::size_t>(0, 2 * frames.size());
     world.project->connected(kStranger);
     for (std::size_t at = 0; at < frames.size(); ++at) {
@@ -284,18 +287,19 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         if (choices.ConsumeBool()) serve(world);
     }
     serve(world);
-    checkToldBeforeClosed(world);
+    checkReasonBeforeClosed(world);
     checkBystander(world);
     if (choices.ConsumeBool()) world.project->disconnected(kStranger);
     checkBystanderWorks(world);
     return 0;
 }
 
-// Nothing but choices: one of each kind, of each message.
+// The seeds contain only choices: one for each kind of fault in each message.
 std::vector<Bytes> fuzz::seeds() {
     std::vector<Bytes> all{{}};
     for (std::uint8_t kind = 0; kind < 6; ++kind)
         for (std::uint8_t message = 0; message < 15; ++message)
-            all.push_back({0, message, kind, message, kind, 1});  // read from the end
+            all.push_back(
+                {0, message, kind, message, kind, 1});  // FuzzedDataProvider reads from the end
     return all;
 }

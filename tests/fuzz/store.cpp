@@ -1,4 +1,4 @@
-// What the store keeps of a layer, as it reads it back.
+// Fuzzes the store's reading of a layer's file.
 #include "Fuzz.h"
 #include "server/src/storage/LayerSnapshots.h"
 #include "unit/common/layer/RandomValue.h"
@@ -27,8 +27,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         require(specpath::parse(spec.path).has_value(), "a stored spec has a path");
         require(doc->kind(spec.path) == spec.kind, "a stored spec is found");
     });
-    require(specs == doc->specCount(), "all stored specs are there");
-    require(difference(*doc, *doc).empty(), "a layer differs from itself");
+    require(specs == doc->specCount(), "the layer has all stored specs");
+    require(difference(*doc, *doc).empty(), "a layer equals itself");
     return 0;
 }
 

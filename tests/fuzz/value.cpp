@@ -1,4 +1,5 @@
-// Contents of fields: the rules of the protocol, then the same as a value of USD.
+// Fuzzes contents of fields: checks the rules of the protocol, then the conversion to a value of
+// USD.
 #include <pxr/usd/sdf/schema.h>
 
 #include "Fuzz.h"
@@ -15,14 +16,14 @@ struct NoBlobs final : usd::BlobSource, usd::BlobSink {
     void keepBlob(const Hash&, SharedBytes) override {}
 };
 
-/// What USD takes it gives back as it was.
+/// Checks that USD returns a value unchanged if it accepts it.
 void throughUsd(const pxr::TfToken& field, const FieldValue& value) {
     const usd::TfComplaints silent;
     NoBlobs blobs;
     const auto decoded = usd::decodeValue(field, value, blobs);
     if (!decoded) return;
     const auto encoded = usd::encodeValue(*decoded, blobs);
-    fuzz::require(encoded && *encoded == value, "a value of USD comes back as it was");
+    fuzz::require(encoded && *encoded == value, "decoding and encoding returns the same value");
 }
 
 }  // namespace
@@ -33,7 +34,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (!value) return 0;
     fuzz::require(encodeFieldValue(*value) == fuzz::copyOf(bytes), "V10: there is one encoding");
     throughUsd(pxr::SdfFieldKeys->Default, *value);
-    // The two fields whose C++ types their content does not tell.
+    // These are the two fields whose C++ types do not follow from their content.
     if (value->type() == ValueType::Map) throughUsd(pxr::SdfFieldKeys->Relocates, *value);
     if (value->type() == ValueType::Token) throughUsd(pxr::SdfFieldKeys->DisplayUnit, *value);
     return 0;
@@ -44,7 +45,7 @@ std::vector<Bytes> fuzz::seeds() {
     RandomValue random(1);
     for (const ValueType type : allLeafTypes()) {
         const auto number = std::uint16_t(type);
-        // One array and one edit of an array stand for all.
+        // One array type and one array edit represent all others.
         if (number < 0x100 || (number & 0xFF) == std::uint16_t(ValueType::Token))
             all.push_back(encodeFieldValue(FieldValue(random.leaf(type))));
     }

@@ -342,7 +342,7 @@ def test_the_log_says_who_did_what(served, editor):
     bob = editor(served, "bob", "root.usda")
     usdlive("lock", url, "root.usda", "--user", "cy")
     bob.run("layer = stage.GetRootLayer(); assert live.wait(lambda: not layer.permissionToEdit, 20)\n"
-            "layer.SetPermissionToEdit(True)  # as an editor that does not mind the lock\n"
+            "layer.SetPermissionToEdit(True)  # like an editor that ignores the lock\n"
             "for i in range(100):\n"
             "    stage.GetRootLayer().comment = str(i); live.flush(5)")
     added = served.log.read_text()[len(log):]

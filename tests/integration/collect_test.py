@@ -82,7 +82,7 @@ def test_b6_what_nobody_names_goes_and_what_commits_name_stays(project, serve, e
         one.run("import time\n" + WRITE)
     bo.run("live.lock('locked.usda'); assert live.flush(20)")
     cy.run("layer = stage.GetRootLayer(); assert live.wait(lambda: not layer.permissionToEdit, 20)\n"
-           "layer.SetPermissionToEdit(True)  # as an editor that does not mind the lock")
+           "layer.SetPermissionToEdit(True)  # like an editor that ignores the lock")
     ada.process.stdin.write('"result = drag(\'/M\', 4)"\n')
     cy.process.stdin.write('"result = write(\'/M\', 4, range(1, 400))"\n')
     for one in (ada, cy):
@@ -115,7 +115,7 @@ def test_b6_values_that_are_uploaded_while_they_are_removed(project, serve, edit
         one.run("import time\n" + WRITE)
     bo.run("live.lock('locked.usda'); assert live.flush(20)")
     cy.run("layer = stage.GetRootLayer(); assert live.wait(lambda: not layer.permissionToEdit, 20)\n"
-           "layer.SetPermissionToEdit(True)  # as an editor that does not mind the lock")
+           "layer.SetPermissionToEdit(True)  # like an editor that ignores the lock")
     for round in range(4):
         numbers = list(range(round * 10, round * 10 + 10))
         for one in (ada, cy):

@@ -28,7 +28,7 @@ ROOT = '#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n'
 
 BIG_SAMPLE = -1  # the sample that big values are written to, in turn
 Acknowledged = collections.namedtuple("Acknowledged", "at epoch revision client sequence hash")
-Compacted = collections.namedtuple("Compacted", "asked done base")  # where in the trace, and to which revision
+Compacted = collections.namedtuple("Compacted", "asked done base")  # the places in the trace, and to which revision
 Recorded = collections.namedtuple("Recorded", "trace acknowledged history compacted big")
 
 

@@ -424,7 +424,7 @@ def test_locks_and_people_cross_the_transports(server, join):
     who = usdlive("who", f"{server.dds}").stdout.splitlines()
     assert sum(line.startswith("ada") and line.endswith("/World  at 3") for line in who) == 1, who
     cy.run("lost = []\nlive.add_handler(lambda e: lost.append(e) if type(e).__name__ == 'Lost' else None)\n"
-           "stage.GetRootLayer().SetPermissionToEdit(True)  # as an editor that knows better\n"
+           "stage.GetRootLayer().SetPermissionToEdit(True)  # like an editor that ignores the lock\n"
            "a = stage.GetAttributeAtPath('/World.cy'); a.Set(5)\n"
            "assert live.wait(lambda: lost, 20) and lost[0].code == 'locked' and 'ada' in lost[0].message\n"
            "assert a.Get() is None")

@@ -1207,7 +1207,7 @@ def test_a_file_in_an_attached_folder_is_live(live, ctx, project, editor):
 
 
 def test_a_live_stage_follows_what_is_muted_for_everybody_in_global_scope(project, serve, ctx):
-    """As in Kit, the scope decides."""
+    """The scope decides, as in Kit."""
     (project / "sub.usda").write_text("#usda 1.0\n")
     (project / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./sub.usda@]\n)\n")
     server = serve(project)

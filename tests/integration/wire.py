@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 SCHEMA = pathlib.Path(__file__).parents[2] / "common/protocol/frames.fbs"
 SCALARS = {"bool": "?", "ubyte": "B", "ushort": "H", "uint": "I", "ulong": "Q", "long": "q",
            "double": "d"}
-CHUNK = 256 * 1024  # of a big value
+CHUNK = 256 * 1024  # the size of a chunk of a big value
 Member = collections.namedtuple("Member", "name type slot")
 
 

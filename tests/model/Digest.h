@@ -18,9 +18,9 @@
 
 namespace usdlive::model {
 
-/// Writes down all of a state that decides what comes: two states with the same text behave alike
-/// for ever. Types of ours say what they are made of by a function `digest` beside them; one that
-/// takes a struct apart does not compile any more when the struct has got another member.
+/// Writes down everything in a state that decides its future: two states with the same text behave
+/// alike for ever. A type of ours declares its members in a function `digest` beside it. A function
+/// that decomposes a struct no longer compiles when the struct gets another member.
 class Digest {
 public:
     template <class... Parts>

@@ -19,23 +19,25 @@ namespace usdlive::model {
 
 using MessageId = std::uint32_t;
 
-/// What happens to a machine. Small and equal by value, so that it names a step.
+/// An input of a machine. It is small and comparable, so that it can name a step.
 struct Input {
     enum Kind : std::uint8_t {
         Connect,
         Disconnect,
         Receive,  ///< `argument`: MessageId
-        // of a client
+        // Inputs of a client:
         Tick,
-        Write,   ///< the next edit of its script
+        Write,   ///< makes the next edit of its script
         Toggle,  ///< closes the layer, or opens it again
-        // of the server
-        Flush,   ///< `argument`: so many commits become durable and the project hears of it
-        Answer,  ///< `argument`: which of the host's jobs is done
-        Die,     ///< `argument`: so many commits become durable, unheard; a new process starts
+        // Inputs of the server:
+        Flush,   ///< `argument`: how many commits become durable and are reported to the project
+        Answer,  ///< `argument`: which of the host's jobs is finished
+        Die,  ///< `argument`: how many commits become durable without a report; then a new process
+              ///< starts
         DiskFull,
-        DiskFails,  ///< `argument`: so many commits are durable all the same, unheard
-        RollBack,   ///< dies, and the newest durable commit is gone, too: the disk had lied
+        DiskFails,  ///< `argument`: how many commits become durable all the same, without a report
+        RollBack,   ///< the process dies and the newest durable commit is lost, too: the disk
+                    ///< reported it falsely
     };
     static constexpr std::uint32_t kMaxArgument = (1u << 20) - 1;
 
@@ -51,15 +53,15 @@ struct Input {
     }
 };
 
-/// What a machine says.
+/// An output of a machine.
 struct Output {
     std::uint8_t session = 0;
-    bool closes = false;  ///< the server ends the session; otherwise:
+    bool closes = false;  ///< the server ends the session; otherwise the output is a message:
     MessageId message = 0;
     bool operator==(const Output&) const = default;
 };
 
-/// The messages of a whole search by number.
+/// The messages of a whole search, by number.
 class Messages {
 public:
     MessageId number(const SharedBytes& message) {
@@ -76,10 +78,11 @@ private:
     std::vector<SharedBytes> messages_;
 };
 
-/// The states of one machine and the steps between them, found as they are asked for. A machine
-/// runs only to find a step that is not known yet, and a search over several of them moves numbers.
-/// It is at the state already, or is copied from one on the way, or, when it cannot be copied, is
-/// made anew; and is led there by the inputs that led there first.
+/// The states of one machine and the steps between them, which are computed when they are first
+/// asked for. A machine runs only to compute an unknown step; a search over several machines works
+/// with numbers. To run a step, the explorer takes a machine that is in the state already, or
+/// copies one from a state on the way, or, if it cannot be copied, creates a new one. It then
+/// applies the inputs that first led to the state.
 ///
 /// A Machine has apply(Input) -> std::vector<Output>, digest(Digest&) and a Summary summary().
 template <class Machine>
@@ -90,7 +93,7 @@ public:
     struct Step {
         State next = 0;
         std::vector<Output> outputs;
-        std::string fault;  ///< not empty: a rule does not hold in this machine alone
+        std::string fault;  ///< not empty: this machine alone breaks a rule
     };
 
     explicit Explored(std::function<std::unique_ptr<Machine>()> make) : make_(std::move(make)) {
@@ -107,7 +110,7 @@ public:
     }
 
     /// Checks that digest() leaves out nothing that matters: every `each`th state that was reached
-    /// in two ways does the same from both, in all steps known from it. Returns how many steps were
+    /// in two ways must behave the same from both, in all known steps. Returns how many steps were
     /// compared; throws std::logic_error at a difference.
     std::size_t compareWays(std::size_t each) {
         std::size_t compared = 0;
@@ -131,10 +134,10 @@ private:
         State parent = 0;
         Input input;
         Summary summary;
-        std::optional<std::pair<State, Input>> other;  // way here
+        std::optional<std::pair<State, Input>> other;  // another way to this state
     };
-    // Machines at the states reached last are kept, and of the others some to begin from. One that
-    // cannot be copied is good for one step.
+    // Keeps machines in the states that were reached last, and some others as starting points. A
+    // machine that cannot be copied can take only one step.
     static constexpr State kMaxIdle = 10'000, kKeepEach = 8;
 
     Step run(State state, Input input) {

@@ -10,8 +10,8 @@ void require(bool holds, const char* what) {
     if (!holds) throw Violation(what);
 }
 
-// Sessions are numbered by client and connection, so that their numbers do not depend on the order
-// in which the clients connect.
+// Sessions are numbered by client and connection, so that the numbers do not depend on the order in
+// which the clients connect.
 std::size_t clientOf(std::uint8_t session) { return session % kClients; }
 std::uint8_t nextSession(std::uint8_t session, std::size_t client) {
     return std::uint8_t(session == 0 ? kClients + client : session + kClients);
@@ -49,7 +49,7 @@ void Model::setLine(World& world, std::size_t client, Line line) {
     world.lines[client] = entry->second;
 }
 
-// ---- what may happen
+// ---- possible actions
 
 std::vector<Action> Model::actions(const World& world) {
     std::vector<Action> actions;
@@ -106,7 +106,7 @@ void Model::addActionsOfServer(std::vector<Action>& actions, const World& world)
         add(Action::RollBack);
 }
 
-// ---- what comes of it
+// ---- results of actions
 
 World Model::after(World world, Action action) {
     act(world, action, lineOf(world, action.client));
@@ -189,7 +189,7 @@ void Model::act(World& world, Action action, Line line) {
     }
 }
 
-// What the process had sent may still arrive.
+// Messages that the process had sent may still arrive.
 void Model::serverDied(World& world) {
     for (std::size_t client = 0; client < kClients; ++client) {
         Line line = lineOf(world, client);
@@ -223,8 +223,9 @@ void Model::stepServer(World& world, Input input) {
     for (std::size_t client = 0; client < kClients; ++client) lines[client] = lineOf(world, client);
     for (const Output& output : step.outputs) {
         Line& line = lines[clientOf(output.session)];
-        if (line.session != output.session || line.state != Line::Up) continue;  // gone
-        if (output.closes) {  // a hello of the client's over an older line has arrived, late
+        if (line.session != output.session || line.state != Line::Up)
+            continue;         // the session has ended
+        if (output.closes) {  // a late hello of the client over an older connection has arrived
             line.state = Line::Dead;
             line.late.push_back({line.session, std::move(line.toServer)});
             line.toServer.clear();
@@ -236,7 +237,7 @@ void Model::stepServer(World& world, Input input) {
         setLine(world, client, std::move(lines[client]));
 }
 
-// ---- what has to hold
+// ---- rules that must hold
 
 void Model::check(const World& world, bool quiet) const {
     const ModelServer::Summary& server = server_.summary(world.server);
@@ -244,33 +245,34 @@ void Model::check(const World& world, bool quiet) const {
         const ModelClient::Summary& summary = clients_[client].summary(world.clients[client]);
         if (!scenario_.losesHistory()) checkClient(summary, *server.history);
         if (!quiet) continue;
-        require(summary.online, "a client stays away");
-        require(summary.settled, "work stays pending, or is not what all see");
+        require(summary.online, "a client stays offline");
+        require(summary.upToDate,
+                "work stays pending, or the editor does not show the confirmed layer");
         require(summary.revision + 1 == server.history->hashes.size() &&
                     summary.hash == server.history->hashes.back(),
-                "a client does not get to the newest commit");
+                "a client does not reach the newest commit");
         require(!summary.wanted ||
                     (summary.joined && summary.confirmed == server.history->contents.back()),
-                "a client does not end with the layer the server has (M8)");
+                "a client's layer differs from the server's in the end (M8)");
     }
-    if (quiet) require(server.loadedIsStored, "the server has another layer than its store");
+    if (quiet) require(server.loadedIsStored, "the server's layer differs from its store's");
 }
 
 void Model::checkClient(const ModelClient::Summary& client, const History& history) const {
     if (!client.hasHistory) return;
     require(client.revision < history.hashes.size(),
-            "a client knows of a commit not durable (M10)");
+            "a client received a commit that is not durable (M10)");
     require(client.hash == history.hashes[client.revision], "a client has seen another order");
     require(!client.joined || client.confirmed == history.contents[client.revision],
-            "what a client has confirmed is not the log up to there (M8)");
+            "a client's confirmed layer differs from the log up to its revision (M8)");
     const Labels answered = client.authored & ~client.pending & ~client.lost;
     require((answered & ~history.committed[client.revision]) == 0,
-            "an edit is neither pending nor committed, and not told to be lost (M12)");
+            "an edit is neither pending nor committed nor reported as lost (M12)");
     require((client.lost & history.committed.back()) == 0,
-            "an edit is committed that its author was told is lost (M12)");
+            "an edit is committed that was reported as lost (M12)");
 }
 
-// ---- for people
+// ---- text for readers
 
 std::string Model::describe(MessageId message) const {
     std::string text;
@@ -326,11 +328,11 @@ std::string Model::describe(const World& before, Action action) {
         case Action::Break:
             return who + "'s line breaks";
         case Action::Die:
-            return "the server dies, with " + number + " commits durable and not told";
+            return "the server dies, with " + number + " commits durable and not reported";
         case Action::DiskFull:
             return "the disk is full";
         case Action::DiskFails:
-            return "the disk fails, with " + number + " commits durable and not told";
+            return "the disk fails, with " + number + " commits durable and not reported";
         case Action::RollBack:
             return "the server dies, and its disk has lost the newest commit";
     }
@@ -348,7 +350,7 @@ std::string Model::describe(const World& world) const {
         std::snprintf(labels, sizeof labels, "authored %x, pending %x, lost %x", summary.authored,
                       summary.pending, summary.lost);
         text += std::string(nameOf(client)) + ": " + (summary.online ? "online" : "offline") +
-                (summary.joined ? ", joined" : "") + (summary.settled ? ", settled" : "") +
+                (summary.joined ? ", joined" : "") + (summary.upToDate ? ", up to date" : "") +
                 ", revision " + std::to_string(summary.revision) + ", " + labels + "\n";
     }
     return text;

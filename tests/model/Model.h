@@ -15,23 +15,23 @@
 
 namespace usdlive::model {
 
-/// A rule does not hold in a state or a step.
+/// Thrown when a state or a step breaks a rule.
 using Violation = simulation::SimFailure;
 
-/// What may happen next.
+/// A possible next step.
 struct Action {
     enum Kind : std::uint8_t {
-        // What goes on by itself.
-        ToClient,  ///< `argument`: which of the messages under way
+        // Steps that happen without a decision:
+        ToClient,  ///< `argument`: which of the messages on their way
         ToServer,
-        ToServerLate,   ///< over a line that the client has given up; `argument`: which
-        ServerNotices,  ///< that such a line is dead
-        ClientNotices,  ///< that its line is dead
+        ToServerLate,   ///< over a connection that the client has closed; `argument`: which one
+        ServerNotices,  ///< the server notices that such a connection is dead
+        ClientNotices,  ///< the client notices that its connection is dead
         Connect,
         Tick,
         Flush,
         Answer,
-        // What people and fate do; bounded.
+        // Decisions of users, and faults; their number is bounded:
         Write,
         Toggle,
         Break,
@@ -53,7 +53,8 @@ struct Action {
     }
 };
 
-/// All machines and the lines between them at one moment, as numbers of states that are kept once.
+/// All machines and the connections between them at one moment, as numbers of states that are
+/// stored once.
 struct World {
     std::array<std::uint32_t, kClients> clients{};
     std::uint32_t server = 0;
@@ -63,7 +64,7 @@ struct World {
     bool operator==(const World&) const = default;
 };
 
-/// The protocol as a graph of Worlds: what may happen in one, what comes of it, and the rules that
+/// The protocol as a graph of Worlds: the possible steps of each, their results, and the rules that
 /// hold in each.
 class Model {
 public:
@@ -71,9 +72,9 @@ public:
 
     [[nodiscard]] World start();
     [[nodiscard]] std::vector<Action> actions(const World& world);
-    /// The world afterwards. Throws Violation.
+    /// Returns the world after the action. Throws Violation.
     [[nodiscard]] World after(World world, Action action);
-    /// Throws Violation. `quiet`: nothing goes on by itself any more.
+    /// Throws Violation if a rule is broken. `quiet`: no step happens without a decision any more.
     void check(const World& world, bool quiet) const;
 
     [[nodiscard]] std::string describe(const World& before, Action action);
@@ -83,14 +84,15 @@ public:
 
 private:
     using Queue = std::vector<MessageId>;
-    /// A connection the client has given up: what it had sent may still arrive.
+    /// A connection that the client has closed; messages that it had sent may still arrive.
     struct Late {
         std::uint8_t session = 0;
         Queue toServer;
         auto operator<=>(const Late&) const = default;
     };
     struct Line {
-        enum State : std::uint8_t { Down, Up, Dead } state = Down;  // as the client sees it
+        // From the client's point of view.
+        enum State : std::uint8_t { Down, Up, Dead } state = Down;
         std::uint8_t session = 0;
         Queue toServer, toClient;
         std::vector<Late> late;

@@ -41,7 +41,7 @@ static void digest(Digest& out, const Prediction& part) {
 }
 static void digest(Digest& out, const Incoming& part) {
     const auto& [request, opened, content] = part;
-    // What a snapshot holds follows from its revision.
+    // The content of a snapshot follows from its revision.
     out(request, opened ? encodeControl(*opened) : "", content.has_value());
 }
 static void digest(Digest& out, const Joining& part) {
@@ -81,9 +81,9 @@ static void digest(Digest& out, const Session::Impl::LogReader& part) {
     out(part.request, part.begun);
 }
 
-// Left out: what the model does not use (gestures and previews, big values, peeks, saves, a
-// prediction that is not finished within a tick), what follows from the rest of the pending work,
-// the events, which are taken at once, and of the welcome what is the same in all of them.
+// Left out: parts that the model does not use (gestures and previews, big values, peeks, saves, a
+// prediction that is not finished within a tick), parts that follow from the rest of the pending
+// work, the events, which are taken at once, and the parts of the welcome that are always the same.
 static void digest(Digest& out, const Session::Impl& part) {
     out(part.welcome_.has_value(), part.welcome_ ? part.welcome_->revision : Revision(0),
         part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
@@ -136,7 +136,7 @@ std::vector<Output> ModelClient::apply(Input input) {
 }
 
 void ModelClient::digest(Digest& out) const {
-    out(editor_, wanted_, written_, authored_, lost_, told_);
+    out(editor_, wanted_, written_, authored_, lost_, notified_);
     out(*session_.impl_);
 }
 
@@ -146,8 +146,8 @@ ModelClient::Summary ModelClient::summary() const {
             .joined = session_.isJoined(kLayer),
             .wanted = wanted_,
             .hasHistory = session_.impl_->hasHistory_,
-            .settled = session_.pendingTransactions() == 0 &&
-                       (!wanted_ || (confirmed && *confirmed == editor_)),
+            .upToDate = session_.pendingTransactions() == 0 &&
+                        (!wanted_ || (confirmed && *confirmed == editor_)),
             .revision = session_.revision(),
             .hash = session_.impl_->hash_,
             .confirmed = confirmed ? sha256(asBytes(confirmed->dump())) : Hash{},
@@ -168,7 +168,7 @@ Labels ModelClient::pendingLabels() const {
     return labels;
 }
 
-// ---- what the editor does
+// ---- actions of the editor
 
 void ModelClient::write() {
     const auto& script = scenario_.scripts[number_];
@@ -185,10 +185,10 @@ void ModelClient::write() {
     const Labels before = pendingLabels();
     const std::uint64_t writtenAgain = session_.writtenAgain();
     session_.author(std::move(edits));
-    // SE15: what these took the place of is never committed, as what is lost.
+    // SE15: labels that these edits replaced are never committed; they count as lost.
     const Labels replaced = before & ~pendingLabels();
     require(std::popcount(replaced) <= int(session_.writtenAgain() - writtenAgain),
-            "a pending edit is gone that was not written again");
+            "a pending edit disappeared and was not written again");
     lost_ |= replaced;
 }
 
@@ -206,24 +206,24 @@ void ModelClient::tick() {
         std::visit([this](const auto& one) { on(one); }, event);
 }
 
-// ---- what it is told
+// ---- events from the session
 
 void ModelClient::send(SharedBytes frames) {
     outputs_.push_back({.message = messages_.number(frames)});
 }
 
 void ModelClient::reset(const LayerId&, const LayerDoc& doc) {
-    require(wanted_, "a layer is shown that is closed");
+    require(wanted_, "the session shows a closed layer");
     editor_ = doc;
 }
 
 void ModelClient::apply(const LayerId&, const std::string& path, const EditAction& action) {
     const auto applied = editor_.apply(path, action);
-    require(applied.has_value(), "an edit does not apply to what the editor shows");
+    require(applied.has_value(), "an edit does not apply to the layer that the editor shows");
 }
 
 void ModelClient::on(const event::Lost& event) {
-    require(!event.work.edits.empty(), "work was lost and it is not said which");
+    require(!event.work.edits.empty(), "lost work was reported without its edits");
     if (scenario_.flaw == Flaw::Hides) return;
     for (const AuthoredEdit& edit : event.work.edits) {
         const auto label = labelOf(edit.action);
@@ -234,12 +234,13 @@ void ModelClient::on(const event::Lost& event) {
 }
 
 void ModelClient::on(const event::Committed& event) {
-    require(told_ == 0 || event.commit.revision == told_ + 1, "the commits told have a gap");
-    told_ = event.commit.revision;
+    require(notified_ == 0 || event.commit.revision == notified_ + 1,
+            "the received commits have a gap");
+    notified_ = event.commit.revision;
 }
 
 void ModelClient::on(const event::Connected& event) {
-    if (!event.resumed) told_ = event.welcome.revision;
+    if (!event.resumed) notified_ = event.welcome.revision;
 }
 
 void ModelClient::on(const event::ServerError& event) {
@@ -249,20 +250,20 @@ void ModelClient::on(const event::ServerError& event) {
             event.message.message);
 }
 
-// The editor asks again.
+// The editor requests the layer again.
 void ModelClient::on(const event::JoinFailed&) { session_.openLayer(kLayer); }
 
-// ---- what has to hold in each state of its own
+// ---- rules that hold in each state of one client
 
-// M7, M6: what is shown is what the session says, and without work of one's own that is what is
-// confirmed.
+// M7, M6: the editor shows the session's view; without pending work this is the confirmed layer.
 void ModelClient::checkEditor() const {
     const LayerDoc* view = session_.view(kLayer);
     if (!view || (scenario_.ownTicks && session_.impl_->resets_.contains(kLayer))) return;
-    require(*view == editor_, "the editor shows another layer than the session's view");
+    require(*view == editor_, "the editor's layer differs from the session's view");
     const LayerDoc* confirmed = session_.confirmed(kLayer);
     if (confirmed && session_.pendingTransactions() == 0 && !session_.impl_->dirty_)
-        require(*confirmed == *view, "nothing is pending, and the view is not what is confirmed");
+        require(*confirmed == *view,
+                "nothing is pending, but the view differs from the confirmed layer");
 }
 
 }  // namespace usdlive::model

@@ -8,16 +8,16 @@
 
 namespace usdlive::model {
 
-/// The real Session with an editor around it that has one layer, which is a LayerDoc.
+/// The real Session with a simulated editor that has one layer, a LayerDoc.
 class ModelClient : public client::SessionHost, public client::LayerView {
 public:
-    /// What the rules about several machines need to know of a state.
+    /// The properties of a state that rules about several machines need.
     struct Summary {
         bool online = false, joined = false, wanted = false, hasHistory = false;
-        bool settled = false;  ///< nothing pending, and the editor shows what is confirmed
+        bool upToDate = false;  ///< nothing is pending, and the editor shows the confirmed layer
         Revision revision = 0;
-        Hash hash;       ///< of the commit `revision`
-        Hash confirmed;  ///< of the layer's content, when joined
+        Hash hash;       ///< the chain hash of the commit `revision`
+        Hash confirmed;  ///< the hash of the layer's content, when joined
         std::size_t written = 0;
         Labels authored = 0, pending = 0, lost = 0;
     };
@@ -57,8 +57,8 @@ private:
     bool wanted_ = true;  // the layer is open
     std::size_t written_ = 0;
     Labels authored_ = 0, lost_ = 0;
-    Revision told_ = 0;                            // the last commit the editor heard of
-    std::optional<client::MessageReader> reader_;  // of the present line
+    Revision notified_ = 0;  // the last commit that the editor was notified of
+    std::optional<client::MessageReader> reader_;  // belongs to the current connection
     client::Session session_;
 };
 

@@ -39,14 +39,14 @@ static void digest(Digest& out, const server::Session& part) {
                  shown, uploads, greeted, greetedAt, position, ahead, opened, stream, logs, reads,
                  transactions, transactionBytes, coming, sending, answers, historyReads,
                  blobRequests, failedSaves] = part;
-    // Features are the same for all, nobody shows where he is, and nothing is so large that it goes
-    // in parts.
+    // All clients have the same features, nobody sends presences, and nothing is large enough for
+    // parts.
     out(id, phase, client, user, open, greetedAt, position, opened, stream, logs, reads,
         transactions, transactionBytes, answers, historyReads, failedSaves);
 }
 static void digest(Digest& out, const Author& part) {
     const auto& [creations, inFlight, newest, committed, isRead] = part;
-    // Which they are, the store says.
+    // The store knows the committed numbers.
     out(creations, inFlight, newest, committed.has_value(), isRead);
 }
 static void digest(Digest& out, const WaitingOpen& part) {
@@ -56,7 +56,7 @@ static void digest(Digest& out, const WaitingOpen& part) {
 static void digest(Digest& out, const Subject& part) { out(part.user, part.isAdministrator); }
 static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
 static void digest(Digest& out, const LayerEntry& part) {
-    // Nobody notices when a snapshot is taken.
+    // The time of a snapshot has no effect that a client can observe.
     const auto& [state, opens, changed, replayCost, snapshotBytes, takesSnapshot, snapshotMs, saved,
                  unsaved, file, told, lock, idle] = part;
     out(state, opens, changed, saved.revision, unsaved,
@@ -69,17 +69,17 @@ static void digest(Digest& out, const ReadyOpen& part) {
 static void digest(Digest& out, const InFlightCommit& part) {
     const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, user, layers,
                  layerData, blobs, imported, reloaded, mark] = part;
-    out(revision, hash, id, session, gesture, layers, imported, mark);  // the others follow
+    out(revision, hash, id, session, gesture, layers, imported, mark);  // the rest follows
 }
 static void digest(Digest& out, const NamespaceHistory& part) {
     out(part.log_, part.revisions_, part.end_);
 }
 static void digest(Digest& out, const RecentCommits& part) {
-    // From its oldest on they are those of the log.
+    // From the oldest entry on, they equal those of the log.
     out(part.entries_.size(), part.entries_.empty() ? Revision(0) : part.entries_.front().revision);
 }
 
-// Left out: counters, and what the model does not use (previews, saves).
+// Left out: counters, and parts that the model does not use (previews, saves).
 static void digest(Digest& out, const Project::Impl& part) {
     out(part.epoch_, part.sessions_, part.authors_, part.docs_, part.layers_, part.history_,
         part.executed_, part.executedHash_, part.inFlight_, part.storeClosed_, part.durable_,
@@ -94,7 +94,7 @@ void digest(Digest& out, const ModelServer::SendSnapshot& part) {
     out(part.session, part.request, part.doc);
 }
 
-// ---- what is durable
+// ---- the durable history
 
 const History& Archive::of(const CommitStore& store) {
     const Hash newest = store.head().hash;
@@ -129,7 +129,7 @@ const History& Archive::of(const CommitStore& store) {
 
 // ---- the process
 
-/// Stands for whichever copy is at work.
+/// Serves the copy that is working at the moment.
 class ModelServer::Host : public AllPorts {
 public:
     ModelServer* now = nullptr;
@@ -168,7 +168,7 @@ public:
     bool lags(SessionId) override { return false; }
     std::int64_t wallClockMs() override { return 0; }
     void keepSnapshot(const LayerId&, LayerDoc, Revision, const Hash&) override {}
-    void happened(const Happening&) override {}  // a log decides nothing
+    void happened(const Happening&) override {}  // the project's log entries are not tested
 
     void importLayer(const LayerId&) override { notModelled(); }
     void readLayer(SessionId, std::uint64_t, const LayerId&) override { notModelled(); }
@@ -191,7 +191,7 @@ public:
 
 private:
     void requireOpen() const { require(!now->disk_->failed, "the project uses a closed store"); }
-    static void notModelled() { throw std::logic_error("no client of the model asks for this"); }
+    static void notModelled() { throw std::logic_error("no client of the model requests this"); }
 };
 
 ModelServer::ModelServer(const Scenario& scenario, Messages& messages, Archive& archive)
@@ -209,7 +209,7 @@ ModelServer::ModelServer(const ModelServer& other)
       archive_(other.archive_),
       disk_(other.disk_),
       appends_(other.appends_),
-      told_(other.told_),
+      reported_(other.reported_),
       jobs_(other.jobs_),
       host_(other.host_),
       project_(std::make_unique<Project::Impl>(*other.project_)) {}
@@ -225,7 +225,7 @@ void ModelServer::start() {
     host_->now = this;
     disk().open();
     appends_.clear();
-    told_ = 0;
+    reported_ = 0;
     jobs_.clear();
     Project::Options options;
     options.name = "model";
@@ -268,20 +268,20 @@ std::vector<Output> ModelServer::apply(Input input) {
             start();
             break;
         default:
-            throw std::logic_error("not for a server");
+            throw std::logic_error("a server does not take this input");
     }
     return std::exchange(outputs_, {});
 }
 
 void ModelServer::digest(Digest& out) const {
     const CommitStore::Head head = store().head();
-    out(head.revision, head.hash, head.epoch, appends_.size(), told_, jobs_, *project_);
+    out(head.revision, head.hash, head.epoch, appends_.size(), reported_, jobs_, *project_);
 }
 
 ModelServer::Summary ModelServer::summary() const {
     const History& history = archive_.of(store());
     const LayerDoc* loaded = project_->layer(kLayer);
-    return {&history, appends_.size() - told_, jobs_.size(),
+    return {&history, appends_.size() - reported_, jobs_.size(),
             !loaded || sha256(asBytes(loaded->dump())) == history.contents.back()};
 }
 
@@ -290,9 +290,9 @@ ModelServer::Summary ModelServer::summary() const {
 void ModelServer::flush(std::size_t commits) {
     const bool early = scenario_.flaw == Flaw::AcksEarly && store().head().revision > 0;
     if (early) {
-        write(told_);
-        told_ = commits;
-        return project_->appended(appends_[told_ - 1].revision);
+        write(reported_);
+        reported_ = commits;
+        return project_->appended(appends_[reported_ - 1].revision);
     }
     write(commits);
     project_->appended(store().head().revision);
@@ -316,7 +316,8 @@ void ModelServer::diskFull() {
     project_->appendFailed(done.error(), store().head());
 }
 
-// The project hears how many of the commits are there all the same when the store is open again.
+// When the store is open again, the project learns how many of the commits are durable all the
+// same.
 void ModelServer::diskFails(std::size_t written) {
     write(written);
     appends_.clear();

@@ -13,14 +13,14 @@
 
 namespace usdlive::model {
 
-/// What a log amounts to, revision by revision (0 first).
+/// The content of a log, revision by revision (0 first).
 struct History {
-    std::vector<Hash> hashes;       ///< of the chain
-    std::vector<Hash> contents;     ///< of the layer
-    std::vector<Labels> committed;  ///< up to there
+    std::vector<Hash> hashes;       ///< the chain hashes
+    std::vector<Hash> contents;     ///< the hashes of the layer's content
+    std::vector<Labels> committed;  ///< the committed labels up to each revision
 };
 
-/// The histories of a search by their newest chain hash.
+/// The histories of a search, by their newest chain hash.
 class Archive {
 public:
     const History& of(const server::CommitStore& store);
@@ -29,16 +29,16 @@ private:
     std::map<Hash, History> histories_;
 };
 
-/// The real Project, its disk, and a process around it that does what it is told one thing at a
-/// time. What the host was asked to append is volatile until Input::Flush. Copies are servers of
-/// their own.
+/// The real Project with its disk, and a simulated process that performs one requested action at a
+/// time. Commits that the host was asked to append are volatile until Input::Flush. A copy is an
+/// independent server.
 class ModelServer {
 public:
     struct Summary {
-        const History* history = nullptr;  ///< what is durable
-        std::size_t unsaved = 0;           ///< commits that are not
-        std::size_t jobs = 0;              ///< the host's, not done yet
-        bool loadedIsStored = false;       ///< the project's layer, if loaded, is what is durable
+        const History* history = nullptr;  ///< the durable history
+        std::size_t unsaved = 0;           ///< commits that are not durable
+        std::size_t jobs = 0;              ///< jobs of the host that are not finished
+        bool loadedIsStored = false;  ///< the project's layer, if loaded, has the durable content
     };
 
     ModelServer(const Scenario& scenario, Messages& messages, Archive& archive);
@@ -50,7 +50,7 @@ public:
     [[nodiscard]] Summary summary() const;
 
 private:
-    // What a project has asked its host for.
+    // Requests of the project to its host.
     struct LoadLayer {};
     struct ReadCommits {
         server::SessionId session = 0;
@@ -93,9 +93,9 @@ private:
 
     std::shared_ptr<simulation::SimDisk> disk_;  // shared by copies until one of them changes it
     std::deque<server::CommitRecord> appends_;
-    std::size_t told_ = 0;  // of them, before they are durable: Flaw::AcksEarly
+    std::size_t reported_ = 0;  // how many were reported too early: Flaw::AcksEarly
     std::vector<Job> jobs_;
-    std::shared_ptr<Host> host_;  // of all copies: a project keeps its host
+    std::shared_ptr<Host> host_;  // shared by all copies: a project keeps its host
     std::unique_ptr<server::Project::Impl> project_;
 };
 

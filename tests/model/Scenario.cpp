@@ -22,7 +22,7 @@ AuthoredEdit edit(const std::string& path, EditAction action) {
 AuthoredEdit set(const std::string& path, Label label) {
     return edit(path, SetField{kValue, {}, labelValue(label), {}});
 }
-// Goes along with an edit that has no value to carry the label, in a register of its own.
+// An edit for labels, in a register of its own, for an edit that has no value to carry the label.
 AuthoredEdit note(Label label) {
     return edit("/", SetField{"customLayerData",
                               DictionaryKey{{"edit" + std::to_string(label)}},
@@ -36,7 +36,7 @@ const std::string* firstOf(const std::vector<std::string>& paths, const LayerDoc
     return nullptr;
 }
 
-// Sets the first of the properties that is there.
+// Sets the first property of `paths` that exists.
 Write sets(std::vector<std::string> paths) {
     return [paths](const LayerDoc& seen, Label label) -> std::vector<AuthoredEdit> {
         const std::string* path = firstOf(paths, seen);
@@ -57,7 +57,7 @@ Write deletes(std::vector<std::string> paths) {
         return {note(label), edit(*path, DeleteSpec{})};
     };
 }
-// A prim with a property that has a value.
+// Creates a prim with a property that has a value.
 Write creates(std::string prim) {
     return [prim](const LayerDoc& seen, Label label) -> std::vector<AuthoredEdit> {
         if (seen.has(prim)) return {};
@@ -91,45 +91,46 @@ const std::vector<Scenario>& scenarios() {
          .scripts = {{{sets({"/P.x"})}, {sets({"/P.x"})}}},
          .bounds = {.breaks = {1, 0}, .deaths = 1},
          .ownTicks = true},
-        // More of it, and both come back.
+        // More writes of this kind; both clients reconnect.
         {.name = "values",
          .scripts = {{{sets({"/P.x"}), sets({"/P.x"})}, {sets({"/P.x"})}}},
          .bounds = {.breaks = {1, 1}}},
-        // Both move another prim to one name; the second is refused (M5), with later work on it.
+        // Both move another prim to the same name; the second move is refused (M5), with later work
+        // on the prim.
         {.name = "refusals",
          .scripts = {{{moves("/P", "R"), sets({"/R.x", "/P.x"})},
                       {moves("/Q", "R"), sets({"/R.x", "/Q.x"})}}},
          .bounds = {.breaks = {1, 0}}},
-        // Work on a spec that is moved and deleted meanwhile (M3, M4).
+        // Work on a spec that is meanwhile moved and deleted (M3, M4).
         {.name = "names",
          .scripts = {{{moves("/P", "R"), deletes({"/R", "/P"})},
                       {sets({"/R.x", "/P.x"}), sets({"/R.x", "/P.x"})}}},
          .bounds = {.deaths = 1}},
-        // Work on a spec that is not acknowledged yet, and that another deletes (M2-M4).
+        // Work on a spec that is not acknowledged yet and that another client deletes (M2-M4).
         {.name = "creations",
          .scripts = {{{creates("/N"), sets({"/N.x"})}, {deletes({"/N", "/P"}), creates("/N")}}},
          .bounds = {.deaths = 1}},
-        // From nothing, with the file to be imported, while it is already edited.
+        // Begins with an unopened file, which is imported while it is already edited.
         {.name = "joining",
          .scripts = {{{sets({"/P.x"})}, {deletes({"/P"})}}},
          .bounds = {.deaths = 1, .diskFulls = 1},
          .joined = false},
-        // A disk that takes no more, for a moment or until it is opened anew (SE8, SE12).
+        // A disk that takes no more, for a moment or until it is opened again (SE8, SE12).
         {.name = "disk",
          .scripts = {{{sets({"/P.x"}), moves("/P", "R")}, {sets({"/R.x", "/P.x"})}}},
          .bounds = {.breaks = {0, 1}, .diskFulls = 1, .diskFailures = 1}},
-        // Commits of the past are read from the store, and addresses are carried over one revision
-        // only: the others are told anew (SE6).
+        // The server reads past commits from the store, and carries addresses over one revision
+        // only: clients update all other addresses (SE6).
         {.name = "stale",
          .scripts = {{{sets({"/P.x"}), sets({"/P.x"})}, {moves("/P", "R"), sets({"/R.x"})}}},
          .bounds = {.breaks = {1, 0}},
          .readsBack = true,
          .forgetful = true},
-        // The layer is closed and opened again with work on its way.
+        // The layer is closed and opened again while work is on its way.
         {.name = "closing",
          .scripts = {{{sets({"/P.x"}), sets({"/P.x"})}, {sets({"/P.x"})}}},
          .bounds = {.breaks = {1, 0}, .toggles = {2, 0}}},
-        // A disk that lied: the history that clients have seen is gone (SE2).
+        // A disk that reported a sync falsely: the history that clients have seen is lost (SE2).
         {.name = "diverged",
          .scripts = {{{sets({"/P.x"}), moves("/P", "R")}, {sets({"/R.x", "/P.x"})}}},
          .bounds = {.rollBacks = 1}},

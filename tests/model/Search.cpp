@@ -10,13 +10,13 @@ namespace {
 
 using Index = std::uint32_t;
 
-/// The worlds seen, by number; the table holds numbers only.
+/// The visited worlds, by number; the table holds only numbers.
 class Worlds {
 public:
     [[nodiscard]] std::size_t size() const { return worlds_.size(); }
     [[nodiscard]] const World& operator[](Index index) const { return worlds_[index]; }
 
-    /// The number of a world, and whether it is new.
+    /// Returns the number of a world, and whether it is new.
     std::pair<Index, bool> add(const World& world) {
         if (table_.size() < 2 * (worlds_.size() + 1)) grow();
         Index& slot = slotOf(world);
@@ -126,7 +126,7 @@ private:
         return way;
     }
 
-    // Takes away, again and again, worlds that nothing leads to by itself: a circle stays.
+    // Repeatedly removes worlds that no step without a decision leads to: a circle remains.
     void checkEnds() {
         progressBegins_.push_back(progress_.size());
         std::vector<Index> entries(worlds_.size());
@@ -142,7 +142,7 @@ private:
         const auto first =
             std::find_if(entries.begin(), entries.end(), [](Index count) { return count > 0; });
         way_ = wayTo(Index(first - entries.begin()));
-        throw Violation("it may go on for ever and never be quiet");
+        throw Violation("a run may continue for ever without becoming quiet");
     }
 
     Model& model_;
@@ -150,9 +150,10 @@ private:
     Found found_;
     Worlds worlds_;
     std::vector<Origin> origins_;
-    std::vector<Index> progress_;  // where progress leads, world by world
+    std::vector<Index>
+        progress_;  // for each world, the worlds to which steps without a decision lead
     std::vector<std::size_t> progressBegins_;
-    std::vector<Action> way_;  // to what is being checked
+    std::vector<Action> way_;  // the way to the world that is being checked
 };
 
 }  // namespace

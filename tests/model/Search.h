@@ -11,7 +11,7 @@ namespace usdlive::model {
 
 struct Counterexample {
     std::string rule;
-    std::vector<Action> actions;  ///< no fewer lead to it
+    std::vector<Action> actions;  ///< a shortest way to the violation
 };
 
 struct Found {
@@ -21,9 +21,9 @@ struct Found {
     std::optional<Counterexample> counterexample;
 };
 
-/// Visits every world that can be reached, the nearest first, until all are known, a rule does not
-/// hold, or there are about `most`. When all are known it is also checked that whatever goes on by
-/// itself comes to an end, in whichever order it happens.
+/// Visits every reachable world, the nearest first, until all are known, a rule is broken, or about
+/// `most` were visited. When all are known, it also checks that the steps without a decision always
+/// come to an end, in any order.
 [[nodiscard]] Found search(Model& model, std::uint64_t most);
 
 }  // namespace usdlive::model

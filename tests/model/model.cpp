@@ -1,43 +1,51 @@
-// The session protocol, checked state by state: no model of it, but client/session and
-// server/project themselves, with everything around them that may go otherwise as a choice.
+// Checks the session protocol in all states that can be reached. There is no separate model of the
+// protocol: the search runs client/session and server/project themselves. Everything around them
+// that may happen differently is a choice of the search.
 //   model [--scenario=NAME] [--states=N] [--more=N] [--play=NAME.ACTIONS]
 //
-// What is searched. Two clients (the real Session each, with an editor that has one layer), one
-// server (the real Project, on a store that has a durable and a volatile part), and lines that keep
-// the order of each direction and nothing else. All orders are visited, the shortest first, of:
-// editors writing the edits of a script; each message arriving; a line breaking, with what was
-// under way over it arriving late or never, and each end noticing when it does; connecting and
-// resuming; commits becoming durable, one or several at a time; loads, reads and snapshots of the
-// server's host being done; the server's process dying, with some of its last commits durable and
-// untold and the others gone, and the next one taking over with a higher epoch; a disk that is full
-// or fails and is opened anew; a layer closed and opened again; a disk that forgets commits.
-// Scenario.cpp says what is written in which scenario, and how often each fault may happen: that is
-// all that bounds a search, so a scenario is searched to its end unless --states says otherwise.
-// --more adds to each bound that a scenario has: `./run soak model`.
+// What is searched. There are two clients (the real Session each, with an editor that has one
+// layer), one server (the real Project, on a store with a durable and a volatile part), and
+// connections that keep the order of each direction and nothing else. The search visits all orders
+// of these events, the shortest first:
+// - editors make the edits of a script;
+// - each message arrives;
+// - a connection breaks, its messages on the way arrive late or never, and each end notices it;
+// - clients connect and resume;
+// - commits become durable, one or several at a time;
+// - loads, reads and snapshots of the server's host are finished;
+// - the server's process dies, with some of its last commits durable and not reported and the
+//   others lost, and the next one starts with a higher epoch;
+// - a disk is full or fails, and is opened again;
+// - a layer is closed and opened again;
+// - a disk forgets commits.
+// Scenario.cpp lists the edits of each scenario, and how often each fault may happen. Nothing else
+// bounds a search, so a scenario is searched to its end unless --states limits it. --more adds to
+// each bound of a scenario: `./run soak model`.
 //
 // What holds in every state:
-// - M10, SE2, SE3: what a client takes for committed is the durable log up to its revision, by the
-//   chain hash; so it is never lost again, and all see one order.
-// - M8: the confirmed layer of a client is what the log up to its revision gives.
-// - M9: no transaction, and no single edit under whatever number, is in the log twice.
-// - M12: each edit that an editor wrote is pending, committed, or was told to be lost, and what was
-//   told to be lost is never in the log. So an epoch's end brings back what was not kept, no more.
-// - M6, M7: the editor shows what the session's view says, and that is the confirmed layer when
-//   nothing is pending: refused work is gone from it. (The session checks in each step that its
-//   prediction is the one it would make anew.)
+// - M10, SE2, SE3: by the chain hash, the commits that a client has received are the durable log
+//   up to its revision. So they are never lost again, and all clients see one order.
+// - M8: the confirmed layer of a client is the content of the log up to its revision.
+// - M9: no transaction, and no single edit under any number, is in the log twice.
+// - M12: each edit that an editor made is pending, committed, or reported as lost, and an edit that
+//   was reported as lost is never in the log. So the end of an epoch returns exactly the edits that
+//   were not kept.
+// - M6, M7: the editor shows the session's view. Without pending work that is the confirmed layer:
+//   refused work has disappeared. (In each step the session checks that its prediction equals a new
+//   one.)
 // - No session ends by a fault, no frame is refused, no assertion fails.
-// And where nothing goes on by itself any more: both clients are online, at the newest commit, with
-// nothing pending, and have the layer that the server has and has stored. A search that came to its
-// end also knows that no run can go on for ever without faults, whatever its order.
+// When no step happens without a decision any more, both clients are online, at the newest commit,
+// have nothing pending, and have the layer that the server has and has stored. A search that
+// reached its end has also shown that without faults no run continues for ever, in any order.
 //
-// What is abstracted. Messages are the real bytes, but a tick follows each input at once (except in
-// "ticks"), time stands still, lines have no bound, the host's jobs do not fail, and there are no
-// gestures, big values, saves, logs or looks at history: tests/simulation has those. A state is
-// told from another by the SHA-256 of all that decides its future (Digest.h). That this leaves
-// nothing out is checked by sample, by repeating steps from states that are reached in two ways.
+// What is left out. Messages are the real bytes. But a tick follows each input at once (except in
+// "ticks"), time stands still, connections have no bound, the host's jobs do not fail, and there
+// are no gestures, big values, saves, logs or reads of old revisions: tests/simulation has those.
+// States are compared by the SHA-256 of everything that decides their future (Digest.h). The search
+// checks by samples that this leaves nothing out: it repeats steps from states that were reached in
+// two ways.
 //
-// That a search can fail is a test of its own: worlds with a flaw of ours, each of which breaks a
-// rule.
+// A test of its own shows that a search can fail: it runs worlds with a flaw that breaks a rule.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -63,7 +71,7 @@ struct Options {
 std::string program;
 
 constexpr std::uint64_t kEnoughStates = 1'000'000;
-// Of the states reached in two ways, every so manyth is compared.
+// Compares every 20th of the states that were reached in two ways.
 constexpr std::size_t kCompareEach = 20;
 
 using Number = unsigned long long;
@@ -72,7 +80,7 @@ bool isWanted(const Scenario& scenario) {
     return options.scenario.empty() || options.scenario == scenario.name;
 }
 
-// More of each fault that the scenario has.
+// Adds to each fault that the scenario has.
 Scenario enlarged(Scenario scenario) {
     Bounds& bounds = scenario.bounds;
     for (std::uint8_t* bound :
@@ -113,8 +121,8 @@ std::vector<Action> unpacked(std::string_view text) {
     return actions;
 }
 
-// What happens, line by line, and where it ends. `each`: also all that is between.
-std::string told(Model& model, const std::vector<Action>& actions, bool each) {
+// Describes the actions line by line, and their end. `each`: also all states in between.
+std::string described(Model& model, const std::vector<Action>& actions, bool each) {
     World world = model.start();
     std::string text;
     try {
@@ -130,9 +138,9 @@ std::string told(Model& model, const std::vector<Action>& actions, bool each) {
     return text + model.describe(world);
 }
 
-std::string told(Model& model, const Scenario& scenario, const Counterexample& found) {
+std::string described(Model& model, const Scenario& scenario, const Counterexample& found) {
     std::string text = scenario.name + ": " + found.rule + ". It takes\n" +
-                       told(model, found.actions, false) + "step by step: " + program;
+                       described(model, found.actions, false) + "step by step: " + program;
     if (options.more > 0) text += " --more=" + std::to_string(options.more);
     return text + " --play=" + scenario.name + packed(found.actions) + "\n";
 }
@@ -144,7 +152,7 @@ int play() {
             if (each.name != name) continue;
             const Scenario scenario = enlarged(each);
             Model model(scenario);
-            std::fputs(told(model, unpacked(options.play), true).c_str(), stdout);
+            std::fputs(described(model, unpacked(options.play), true).c_str(), stdout);
             return 0;
         }
     std::fprintf(stderr, "there is no scenario %s\n", name.c_str());
@@ -162,7 +170,8 @@ TEST(Model, RulesHoldInEveryState) {
         const Found found = run(model, scenario);
         states += found.states;
         transitions += found.transitions;
-        if (found.counterexample) ADD_FAILURE() << told(model, scenario, *found.counterexample);
+        if (found.counterexample)
+            ADD_FAILURE() << described(model, scenario, *found.counterexample);
         EXPECT_GT(model.compareWays(kCompareEach), 0u);
     }
     std::printf("all        %9llu states, %9llu transitions\n", Number(states),
@@ -178,7 +187,7 @@ TEST(Model, FlawsAreFound) {
         Model model(scenario);
         const Found found = run(model, scenario);
         ASSERT_TRUE(found.counterexample) << scenario.name;
-        std::printf("as it should: %s", told(model, scenario, *found.counterexample).c_str());
+        std::printf("as it should: %s", described(model, scenario, *found.counterexample).c_str());
     }
 }
 

@@ -40,7 +40,7 @@ bool isPrimLike(SpecKind kind) { return kind == SpecKind::Prim || kind == SpecKi
 
 }  // namespace
 
-// A walk down from the root that may end anywhere.
+// Walks down from the root to a random spec.
 std::string EditScript::somewhere(const LayerDoc& doc, std::optional<SpecKind> kind) {
     std::string path = "/";
     std::string found = "/";
@@ -69,16 +69,16 @@ std::vector<client::AuthoredEdit> EditScript::edits(const LayerId& layer, const 
     if (!action) return {};
     std::vector<client::AuthoredEdit> edits{{layer, path, *action}};
     const auto* set = std::get_if<SetField>(&*action);
-    if (set && std::holds_alternative<std::monostate>(set->part)) {  // as capture sends it (M1)
+    if (set && std::holds_alternative<std::monostate>(set->part)) {  // like Capture (M1)
         edits.clear();
         for (auto& part : authoredParts(set->field, doc.field(path, set->field), &set->value))
             edits.push_back({layer, path, std::move(part)});
     }
     if (const auto* create = std::get_if<CreateSpec>(&*action)) {
-        if (doc.has(path)) return {};  // an SdfLayer tells of no such creation
+        if (doc.has(path)) return {};  // an SdfLayer sends no notice of such a creation
         if (create->kind == SpecKind::Prim)
             edits.push_back({layer, path, SetField{"specifier", {}, specifier(), {}}});
-        // M13: as much as is new is sent whole.
+        // M13: the fields of a new spec are sent as a whole.
         if (create->kind != SpecKind::VariantSet && random_.chance(40))
             edits.push_back({layer, path, SetField{"customData", {}, someKeys(), {}}});
         if (create->kind == SpecKind::Attribute && !path.ends_with(".big") && random_.chance(40))
@@ -153,7 +153,7 @@ std::optional<EditAction> EditScript::move(const LayerDoc& doc, const std::strin
             name = random_.pick(kPrims);
             break;
         case ChildList::Properties:
-            // The type goes along, and says what others set.
+            // The edit includes the type, and sets properties that others set, too.
             name = isBig(doc, path) ? "big" : kProperties[random_.below(3)];
             break;
         case ChildList::VariantSets:
@@ -302,12 +302,12 @@ Value EditScript::specifier() {
 Value EditScript::number() { return doubleValue(double(++lastValue_)); }
 
 Value EditScript::bigValue(std::map<Hash, SharedBytes>& blobs) {
-    // A VtFloatArray. Mostly of two parts; the content compresses well, since nothing depends on
-    // it.
+    // A VtFloatArray, mostly of two chunks. It compresses well, because its content does not
+    // matter.
     Bytes bytes;
     const std::uint64_t count = random_.chance(50) ? 66'000 : 140'000;
     appendNumber<std::uint64_t>(bytes, count);
-    // Several editors come by the same value now and then, also at the same time.
+    // Sometimes several editors author the same value, also at the same time.
     const auto filling = random_.chance(20) ? random_.below(2) : ++lastValue_;
     bytes.resize(bytes.size() + 4 * count, std::uint8_t(filling));
     const Hash hash = sha256(bytes);

@@ -11,21 +11,22 @@
 
 namespace usdlive::simulation {
 
-/// Thinks up edits as an editor would make them on what it sees. The vocabulary is small, so that
-/// several editors get in each other's way.
+/// Makes random edits, as an editor would make them on the content that it shows. The vocabulary is
+/// small, so that several editors conflict often.
 class EditScript {
 public:
     EditScript(SimRandom& random, std::uint64_t& lastValue)
         : random_(random), lastValue_(lastValue) {}
 
-    /// Edits that apply to `doc` one after the other (mostly): one, or a creation with what belongs
-    /// to it. Big values are put into `blobs`.
+    /// Returns edits that (mostly) apply to `doc` one after the other: one edit, or a creation with
+    /// its fields. Puts big values into `blobs`.
     std::vector<client::AuthoredEdit> edits(const LayerId& layer, const LayerDoc& doc,
                                             std::map<Hash, SharedBytes>& blobs, bool bigValues);
-    /// Another write of a value of an attribute, as of a slider; none where there is no attribute.
+    /// Returns another write of an attribute's value, as a slider makes it; nothing if there is no
+    /// attribute.
     std::vector<client::AuthoredEdit> slide(const LayerId& layer, const LayerDoc& doc,
                                             std::map<Hash, SharedBytes>& blobs, bool bigValues);
-    /// Content of a layer before anybody edits it.
+    /// Returns the content of a layer before the first edit.
     LayerDoc start();
 
 private:
@@ -50,7 +51,7 @@ private:
     Value someProperty();
 
     SimRandom& random_;
-    std::uint64_t& lastValue_;  // every value written is another one
+    std::uint64_t& lastValue_;  // each written value is new
 };
 
 }  // namespace usdlive::simulation

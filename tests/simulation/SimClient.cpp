@@ -12,7 +12,7 @@ using namespace client;
 
 namespace {
 
-// The lines by which two texts differ, with what stands around them.
+// Returns the lines that differ between two texts, with the lines around them.
 std::string textDifference(const std::string& left, const std::string& right) {
     const auto lines = [](const std::string& text) {
         std::istringstream stream(text);
@@ -62,14 +62,14 @@ Session::Options SimClient::options() {
     if (style_.inParts) {
         options.wholeBytes = 500;
         options.partBytes = 300;
-        // One of an earlier version, which gets the layers anew instead.
+        // A client of an earlier version, which opens its layers again instead.
         knowsParts = number_ % 4 != 0;
         if (!knowsParts) std::erase(options.features, kPartsFeature);
     }
     return options;
 }
 
-// ---- the line
+// ---- the connection
 
 void SimClient::start() {
     const LayerId& first = random_.pick(style_.layers);
@@ -188,7 +188,7 @@ void SimClient::authorRandom(std::size_t count) {
     author(std::move(edits));
 }
 
-/// In one's own name, or the end of it; also of what somebody else has locked, which is refused.
+/// Takes a lock in its own name or ends one; ending somebody else's lock is refused.
 void SimClient::lockSomething() {
     const std::vector<LayerId> layers = joinedLayers();
     if (layers.empty()) return;
@@ -268,7 +268,7 @@ void SimClient::makeRequests() {
             session_.listCheckpoints();
             break;
         default: {
-            auto next = std::make_shared<Revision>(0);  // the oldest there is
+            auto next = std::make_shared<Revision>(0);  // the oldest revision
             session_.requestLog(
                 0, 0,
                 [next](const Commit& commit) {
@@ -280,7 +280,7 @@ void SimClient::makeRequests() {
     }
 }
 
-void SimClient::settle(bool all) {
+void SimClient::stopEditing(bool all) {
     settling_ = true;
     session_.endGesture();
     if (!all) return;
@@ -290,11 +290,11 @@ void SimClient::settle(bool all) {
     }
 }
 
-bool SimClient::isSettled() const {
+bool SimClient::isQuiet() const {
     return session_.isConnected() && session_.pendingTransactions() == 0 && askedFor_.empty() &&
            session_.revision() == server_.store().head().revision &&
            std::all_of(opened_.begin(), opened_.end(), [this](const LayerId& layer) {
-               // A layer that is joined anew is shown meanwhile, and not confirmed.
+               // A layer that is joined again is shown meanwhile, but not confirmed.
                return session_.isJoined(layer) && session_.confirmed(layer) &&
                       editor_.contains(layer);
            });
@@ -312,20 +312,20 @@ std::string SimClient::describe() const {
            std::to_string(askedFor_.size());
 }
 
-// ---- what it is told
+// ---- events from the session
 
 void SimClient::reset(const LayerId& layer, const LayerDoc& doc) {
-    require(opened_.contains(layer), "a layer is shown that is not open");
+    require(opened_.contains(layer), "the session shows a layer that is not open");
     editor_.insert_or_assign(layer, doc);
     forEachBlob(doc, [this](const Value& blob) { need(blob.hash()); });
 }
 
 void SimClient::apply(const LayerId& layer, const std::string& path, const EditAction& action) {
     const auto doc = editor_.find(layer);
-    require(doc != editor_.end(), "an edit is shown of a layer that is not");
+    require(doc != editor_.end(), "the session shows an edit of a layer that it does not show");
     const auto applied = doc->second.apply(path, action);
     if (!applied)
-        throw SimFailure("an edit does not apply to what the editor shows: " +
+        throw SimFailure("an edit does not apply to the layer that the editor shows: " +
                          applied.error().message);
     forEachBlob(action, [&](const Value& blob) { need(blob.hash()); });
 }
@@ -336,7 +336,7 @@ SharedBytes SimClient::localBlob(const Hash& hash) {
 }
 
 void SimClient::blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) {
-    require(sha256(*bytes) == hash, "a big value arrived that is another");
+    require(sha256(*bytes) == hash, "a big value arrived with a wrong hash");
     if (!lasting) ++previewedBlobs;
     blobs_[hash] = std::move(bytes);
     askedFor_.erase(hash);
@@ -350,7 +350,7 @@ bool SimClient::needsBlob(const Hash& hash) {
     return needed;
 }
 
-// As an editor does that cannot show a field without it.
+// Requests a big value, like an editor that cannot show a field without it.
 void SimClient::need(const Hash& hash) {
     if (!blobs_.contains(hash) && askedFor_.insert(hash).second) session_.requestBlob(hash);
 }
@@ -362,8 +362,8 @@ void SimClient::handleEvents() {
 
 void SimClient::on(const event::Committed& event) {
     if (event.commit.id.client == session_.id() && event.commit.id.sequence != 0)
-        require(toldCommitted_.insert(event.commit.id.sequence).second,
-                "an author is told twice that a transaction is committed");
+        require(acknowledged_.insert(event.commit.id.sequence).second,
+                "an author receives the same acknowledgement twice");
     if (event.missed) return;
     require(lastSeen_ == 0 || event.commit.revision - event.commit.conflated == lastSeen_ + 1,
             "commits have a gap");
@@ -378,7 +378,7 @@ void SimClient::on(const event::Connected& event) {
     ++rejoins;
 }
 void SimClient::on(const event::Lost& event) {
-    require(!event.work.edits.empty(), "work was lost and it is not said which");
+    require(!event.work.edits.empty(), "lost work was reported without its edits");
     if (event.work.reason.code == ErrorCode::ClientForgotten) uncertain.insert(event.work.sequence);
     if (event.work.gesture != 0) return;
     const bool isCommitted = event.work.reason.code == ErrorCode::HistoryReplaced;
@@ -386,9 +386,9 @@ void SimClient::on(const event::Lost& event) {
 }
 void SimClient::on(const event::CheckpointMade& event) {
     const auto asked = naming_.extract(event.answer.request);
-    require(!asked.empty(), "a checkpoint was made twice, or for nobody");
+    require(!asked.empty(), "a checkpoint was created twice, or without a request");
     require(event.answer.checkpoint.revision >= asked.mapped(),
-            "a checkpoint is without what its author had seen");
+            "a checkpoint lacks commits that its author had received");
     checkpoints.push_back(event.answer.checkpoint);
 }
 void SimClient::on(const event::CheckpointsListed& event) {
@@ -413,17 +413,17 @@ void SimClient::on(const event::JoinFailed& event) {
 void SimClient::on(const event::LayerMade& event) {
     require(
         std::ranges::count(session_.welcome()->layers, event.answer.layer, &LayerInfo::layer) == 1,
-        "a layer is created, and is not among those of the project");
+        "a layer was created, but the project does not list it");
 }
 
-// ---- what has to hold
+// ---- rules that must hold
 
 void SimClient::compareEditor() const {
     for (const auto& [layer, doc] : editor_) {
         if (!session_.isJoined(layer)) continue;
         const LayerDoc* view = session_.view(layer);
         if (!view || *view == doc) continue;
-        throw SimFailure("client" + std::to_string(number_) + " shows another " + layer.value +
+        throw SimFailure("client" + std::to_string(number_) + " shows a different " + layer.value +
                          " (-) than its session's view (+)\n" +
                          textDifference(doc.dump(), view->dump()));
     }
@@ -435,14 +435,14 @@ void SimClient::check(const std::map<LayerId, std::string>& truth) const {
         const std::string expected = truth.contains(layer) ? truth.at(layer) : LayerDoc().dump();
         const auto differs = [&](const char* what, const std::string& text) {
             if (text != expected)
-                throw SimFailure(name + ": " + what + " (+) is not what is stored (-)\n" +
+                throw SimFailure(name + ": " + what + " (+) differs from the stored layer (-)\n" +
                                  textDifference(expected, text));
         };
         differs("confirmed", session_.confirmed(layer)->dump());
         differs("view", session_.view(layer)->dump());
         differs("editor", editor_.at(layer).dump());
         forEachBlob(editor_.at(layer), [&](const Value& blob) {
-            require(blobs_.contains(blob.hash()), name + " is without a big value that it shows");
+            require(blobs_.contains(blob.hash()), name + " lacks a big value that it shows");
         });
     }
 }

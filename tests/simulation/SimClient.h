@@ -13,55 +13,56 @@
 
 namespace usdlive::simulation {
 
-/// What a seed decides about the editors.
+/// The properties of the editors that a seed decides.
 struct SimStyle {
     std::vector<LayerId> layers;
-    std::optional<LayerId> newLayer;  ///< one of these, that is not there until a client creates it
-    unsigned editPercent = 30;        ///< of the ticks
+    std::optional<LayerId> newLayer;  ///< layers that do not exist until a client creates one
+    unsigned editPercent = 30;        ///< percentage of the ticks
     unsigned gesturePercent = 3;
     unsigned openPercent = 4;
     unsigned cutPerMille = 3;
-    unsigned requestPerMille = 4;  ///< peeks, saves, reloads, logs
-    unsigned lockPerMille = 0;     ///< locks of layers and of specs, taken and ended
-    unsigned awayPerMille = 0;     ///< hundreds or thousands of frames are edited offline
+    unsigned requestPerMille = 4;  ///< peeks, saves, reloads and logs
+    unsigned lockPerMille = 0;     ///< takes and ends locks of layers and of specs
+    unsigned awayPerMille = 0;     ///< edits hundreds or thousands of frames offline
     bool bigValues = false;
     bool smallBudgets = false;
-    bool inParts = false;  ///< transactions and commits go in parts from some hundred bytes on
-    bool slidesOffline = false;  ///< values are written again and again without a connection
+    bool inParts = false;  ///< sends transactions and commits in parts from some hundred bytes on
+    bool slidesOffline = false;  ///< writes values again and again without a connection
     bool checksPrediction = false;
 };
 
-/// The real Session with a made-up editor around it, whose layers are LayerDocs.
+/// The real Session with a simulated editor, whose layers are LayerDocs.
 class SimClient : public client::SessionHost, public client::LayerView {
 public:
     SimClient(std::size_t number, const SimStyle& style, SimClock& clock, SimRandom& random,
               SimNetwork& network, SimServer& server);
 
     void start();
-    /// Stops editing; `all`: opens every layer there is.
-    void settle(bool all);
-    /// Nothing of its own is under way.
-    [[nodiscard]] bool isSettled() const;
+    /// Stops editing; with `all` it opens every layer of the project.
+    void stopEditing(bool all);
+    /// True if nothing of its own is pending.
+    [[nodiscard]] bool isQuiet() const;
     [[nodiscard]] std::string describe() const;
 
-    /// Compares what it has with what the server's store holds.
+    /// Compares its layers with the content of the server's store.
     void check(const std::map<LayerId, std::string>& truth) const;
 
     [[nodiscard]] const client::Session& session() const { return session_; }
     [[nodiscard]] const std::map<LayerId, LayerDoc>& editor() const { return editor_; }
 
-    // Not of gestures.
     bool knowsParts = true;  ///< FR8
+    // Counters; gestures are not counted.
     std::uint64_t authoredEdits = 0;
     std::uint64_t lostEdits = 0;
-    std::uint64_t uncertainEdits = 0;  ///< of commits that were replaced before they were seen
+    std::uint64_t uncertainEdits = 0;  ///< a base replaced their commits before it received them
     std::uint64_t transactions = 0;
     std::uint64_t commitsSeen = 0;
     std::uint64_t commitsTogether = 0;
     std::uint64_t connections = 0, rejoins = 0;
-    std::uint64_t previewedBlobs = 0;  ///< that came for a preview
+    std::uint64_t previewedBlobs = 0;  ///< requested for a preview
 
-    /// Is lost because the server does not know whether it has committed it (M14).
+    /// Transactions that were returned because the server does not know whether it has committed
+    /// them (M14).
     std::set<std::uint64_t> uncertain;
 
     struct Peeked {
@@ -70,7 +71,7 @@ public:
         std::string dump;
     };
     std::vector<Peeked> peeked;
-    std::vector<Checkpoint> checkpoints;  ///< of which it was told that they are stored
+    std::vector<Checkpoint> checkpoints;  ///< the server has acknowledged them
 
     // SessionHost
     void send(SharedBytes frames) override;
@@ -123,13 +124,13 @@ private:
     std::map<LayerId, LayerDoc> editor_;
     std::map<Hash, SharedBytes> blobs_;
     std::set<Hash> askedFor_;
-    std::map<std::uint64_t, Revision> naming_;  // by request: what was confirmed then
+    std::map<std::uint64_t, Revision> naming_;  // by request: the revision that was confirmed then
     std::set<LayerId> opened_;
-    server::SessionId link_ = 0;  // 0: none
+    server::SessionId link_ = 0;  // 0: no connection
     bool settling_ = false;
     Revision lastSeen_ = 0;
-    std::set<std::uint64_t> toldCommitted_;        // own transactions
-    std::optional<client::MessageReader> reader_;  // of the present link
+    std::set<std::uint64_t> acknowledged_;         // own transactions
+    std::optional<client::MessageReader> reader_;  // belongs to the current connection
     client::Session session_;
 };
 

@@ -10,7 +10,7 @@
 
 namespace usdlive::simulation {
 
-/// A rule does not hold.
+/// Thrown when a rule is broken.
 struct SimFailure : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -19,7 +19,7 @@ inline void require(bool holds, const std::string& what) {
     if (!holds) throw SimFailure(what);
 }
 
-/// The time of a simulated world, and what happens when. Things of the same moment happen in the
+/// The time of a simulated world, and its planned events. Events of the same moment happen in the
 /// order in which they were planned.
 class SimClock {
 public:
@@ -32,7 +32,7 @@ public:
     void in(std::int64_t delayUs, std::function<void()> what) {
         at(nowUs_ + delayUs, std::move(what));
     }
-    /// False: nothing is planned.
+    /// Runs the next event. Returns false if nothing is planned.
     bool step() {
         if (plan_.empty()) return false;
         Happening next = std::move(const_cast<Happening&>(plan_.top()));

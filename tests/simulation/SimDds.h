@@ -13,15 +13,15 @@
 
 namespace usdlive::simulation {
 
-/// A session over DDS: what thinks at its two ends, the real parts, and between them samples that
-/// are lost, doubled and overtake one another. Commits come once for all sessions (SimNetwork).
+/// A session over DDS. Its two ends are the real classes; between them samples are lost, duplicated
+/// and reordered. Commits are sent once for all sessions (SimNetwork).
 class SimDds : public std::enable_shared_from_this<SimDds> {
 public:
     struct Ends {
         std::function<void(SharedBytes)> toClient, toServer;
-        std::function<void()> goodbye;     ///< the client has had all that the server sent
-        std::function<void()> drained;     ///< the server's end
-        std::function<void()> missedMuch;  ///< more than is kept to be sent again
+        std::function<void()> goodbye;  ///< the client has received everything that the server sent
+        std::function<void()> drained;  ///< at the server's end
+        std::function<void()> missedMuch;  ///< more is missing than the server keeps to send again
     };
 
     SimDds(SimClock& clock, SimRandom& random, const server::SentCommits& commits,
@@ -32,10 +32,10 @@ public:
           name_(name),
           lossPercent_(lossPercent),
           ends_(std::move(ends)) {}
-    /// What is on its way is nobody's, and nothing is called any more.
+    /// Drops everything that is on its way; no callback is called any more.
     void end() { ended_ = true; }
 
-    // The server's end.
+    // ---- the server's end
     void send(SharedBytes frames);
     std::optional<server::SentCommits::Mark> commitSent(Revision revision);
     void sendCommit(SharedBytes frame, Revision revision);
@@ -44,9 +44,9 @@ public:
     [[nodiscard]] bool congested();
     void close();
 
-    // The client's end.
+    // ---- the client's end
     void sendToServer(SharedBytes frames);
-    /// A commit that was sent to all; on its way from here on.
+    /// Delivers a commit that was sent to all clients, with the usual losses and delays.
     void broadcast(Revision revision, std::uint64_t position, const SharedBytes& frame);
 
 private:
@@ -72,7 +72,7 @@ private:
     const Ends ends_;
     bool ended_ = false;
 
-    // The server's.
+    // ---- the server's end
     dds::SegmentSender replies_;
     dds::SegmentReceiver submits_{kMaxMessage};
     std::uint64_t streamEnd_ = 0, marked_ = 0;
@@ -80,7 +80,7 @@ private:
     bool live_ = false, congested_ = false;
     std::int64_t serverWakesUs_ = 0, serverSpokeUs_ = 0;
 
-    // The client's.
+    // ---- the client's end
     client::CommitOrder order_{kMaxMessage};
     dds::SegmentSender out_;
     std::int64_t clientWakesUs_ = 0;

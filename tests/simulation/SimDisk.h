@@ -9,17 +9,18 @@
 
 namespace usdlive::simulation {
 
-/// What outlives the server's processes, and can fail. What append() has taken is durable.
+/// The storage that outlives the server's processes, and that can fail. Everything that append()
+/// has taken is durable.
 class SimDisk {
 public:
     bool full = false;         ///< append() fails with StorageFull
-    bool reportsSpace = true;  ///< what the server is told when it asks
-    bool failed = false;       ///< append() fails with StorageFailed until the store is opened anew
-    bool forgot = false;       ///< something that it had taken
+    bool reportsSpace = true;  ///< the answer when the server asks whether there is space
+    bool failed = false;  ///< append() fails with StorageFailed until the store is opened again
+    bool forgot = false;  ///< it has lost a commit that it had taken
     const std::unique_ptr<server::BlobStore> blobs = server::createMemoryBlobStore();
 
     SimDisk() = default;
-    /// Another disk with the same commits; without the big values.
+    /// Copies the commits to another disk, without the big values.
     SimDisk(const SimDisk& other)
         : full(other.full),
           reportsSpace(other.reportsSpace),
@@ -28,7 +29,7 @@ public:
         writeAnew(*other.store_);
     }
 
-    /// A new process takes the project over.
+    /// Opens the disk for a new server process.
     void open() {
         failed = false;
         store_ = server::createMemoryCommitStore(disk_);
@@ -43,14 +44,15 @@ public:
         return done;
     }
 
-    /// Forgets the newest commits, as a disk that lied would. To be opened then.
+    /// Forgets the newest commits, like a disk that reported a sync falsely. Open it again
+    /// afterwards.
     void rollBack(Revision to) {
         commits_.resize(std::min<std::size_t>(commits_.size(), to));
         forgot = true;
         writeAnew(*std::exchange(store_, nullptr));
     }
 
-    /// All that are durable, those that were replaced by a base among them.
+    /// All durable commits, also those that a base replaced.
     [[nodiscard]] const std::vector<server::CommitRecord>& commits() const { return commits_; }
 
 private:

@@ -41,7 +41,7 @@ std::shared_ptr<SimDds> SimNetwork::openDds(SessionId id) {
 
 void SimNetwork::sendCommit(std::span<const SessionId> links, const SharedBytes& frame,
                             Revision revision) {
-    // Some are too large to go to all.
+    // Some commits are too large to be sent to all at once.
     const bool alone = random_.chance(5) || server::isInParts(*frame);
     std::vector<server::SentCommits::Mark> marks;
     for (const SessionId id : links) {
@@ -147,7 +147,7 @@ void SimNetwork::cut(SessionId id, bool halfOpen) {
     Link& link = links_.at(id);
     if (!link.clientOpen) return;
     link.clientOpen = false;
-    // Over DDS what was sent arrives only as long as somebody sends it again.
+    // Over DDS sent data arrives only while the sender can repeat it.
     if (link.dds) link.dds->end();
     clock_.in(0, [this, id] { links_.at(id).client.clientClosed(); });
     if (halfOpen) return tellServerClosed(id, random_.between(50'000, 2'000'000));
@@ -158,7 +158,8 @@ void SimNetwork::cut(SessionId id, bool halfOpen) {
 
 void SimNetwork::cutAll() {
     for (auto& [id, link] : links_) {
-        // Over DDS somebody whom the server had closed may still wait to hear of it.
+        // Over DDS, a client whose session the server has closed may still wait for the
+        // notification.
         if (link.clientOpen && (link.serverOpen || link.dds)) tellClientClosed(id, delayUs());
         link.serverOpen = false;
         if (link.dds) link.dds->end();

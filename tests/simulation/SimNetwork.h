@@ -13,8 +13,9 @@
 
 namespace usdlive::simulation {
 
-/// Connections between editors and the server, some over DDS. Each delivers in order; between them
-/// nothing is in order. A cut connection loses what is under way.
+/// Connections between editors and the server, some of them over DDS. Each connection delivers in
+/// order; there is no order between connections. A cut connection loses everything that is on its
+/// way.
 class SimNetwork {
 public:
     struct Ends {
@@ -30,25 +31,25 @@ public:
     SimNetwork(SimClock& clock, SimRandom& random) : clock_(clock), random_(random) {}
     ServerEnd server;
 
-    /// Of the sessions over DDS.
+    /// The percentage of sessions over DDS, and of lost samples.
     unsigned ddsPercent = 0, ddsLossPercent = 0;
 
     server::SessionId open(Ends client);
     void sendToServer(server::SessionId link, SharedBytes message);
     void sendToClient(server::SessionId link, SharedBytes message);
-    /// To all of them; over DDS once.
+    /// Sends a commit to all `links`; over DDS once for all.
     void sendCommit(std::span<const server::SessionId> links, const SharedBytes& frame,
                     Revision revision);
     bool holdCommits(server::SessionId link);
     void releaseCommits(server::SessionId link, Revision next);
     [[nodiscard]] bool isDds(server::SessionId id) const;
     [[nodiscard]] bool congested(server::SessionId link);
-    /// The server closes: what it has sent still arrives.
+    /// The server closes the connection; everything that it has sent still arrives.
     void closeByServer(server::SessionId link);
-    /// The editor goes away. `halfOpen`: what it has sent still arrives, and the server notices
-    /// late.
+    /// The editor closes the connection. `halfOpen`: everything that it has sent still arrives, and
+    /// the server notices late.
     void cut(server::SessionId link, bool halfOpen);
-    /// The server's process is gone.
+    /// Cuts all connections, because the server's process has ended.
     void cutAll();
 
 private:
@@ -70,7 +71,7 @@ private:
     SimRandom& random_;
     std::map<server::SessionId, Link> links_;
     server::SessionId lastLink_ = 0;
-    server::SentCommits sentCommits_;  // of the server's process
+    server::SentCommits sentCommits_;  // belongs to the server's process
 };
 
 }  // namespace usdlive::simulation

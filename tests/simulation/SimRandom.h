@@ -5,7 +5,7 @@
 
 namespace usdlive::simulation {
 
-/// Numbers that follow from a seed alone, on every machine (SplitMix64).
+/// Random numbers that depend only on a seed, on every machine (SplitMix64).
 class SimRandom {
 public:
     explicit SimRandom(std::uint64_t seed) : state_(seed * 0x9e3779b97f4a7c15ull + 1) {}
@@ -16,9 +16,9 @@ public:
         z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
         return z ^ (z >> 31);
     }
-    /// 0 ... below-1
+    /// Returns a number from 0 to below - 1.
     std::uint64_t below(std::uint64_t below) { return next() % below; }
-    /// from ... to
+    /// Returns a number from `from` to `to`.
     std::int64_t between(std::int64_t from, std::int64_t to) {
         return from + std::int64_t(below(std::uint64_t(to - from + 1)));
     }

@@ -96,7 +96,7 @@ void SimServer::close(SessionId session) { network_.closeByServer(session); }
 
 // ---- commits
 
-// Of no random numbers, as keepSnapshot().
+// Uses no random numbers, for the reason given at keepSnapshot().
 void SimServer::readClient(const ClientId& client) {
     later(std::int64_t(++questions_ * 3'571 % 4'000) * slowness, [this, client] {
         if (closed_) return project_->clientRead(client, kClosed);
@@ -145,7 +145,7 @@ void SimServer::appendDone() {
         return later(random_.between(1, 3'000) * 1'000, [this, group, error = done.error()] {
             disk.open();
             closed_ = false;
-            // What failed may be there all the same.
+            // Some of the commits may be on the disk although append() failed.
             (void)disk.append({group.data(), random_.below(group.size() + 1)});
             project_->appendFailed(error, store().head());
         });
@@ -160,20 +160,21 @@ void SimServer::appendDone() {
 
 void SimServer::keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision,
                              const Hash& hash) {
-    // Of no random numbers, so that the seeds that failed once still tell the same story.
+    // Uses no random numbers, so that the seeds that failed once still produce the same run.
     const auto delay = std::int64_t(revision * 7'919 % 30'000);
     later(delay, [this, layer, doc = std::move(doc), revision, hash] {
-        // Sometimes it fails, and then another one is due later.
+        // Sometimes this fails; another snapshot is due later.
         if (closed_ || revision % 7 == 0) return project_->snapshotKept(layer, kClosed);
-        require(revision <= store().head().revision, "a snapshot is of what is not durable");
+        require(revision <= store().head().revision,
+                "a snapshot is newer than the durable revision");
         require(doc.dump() == replay(layer, revision).dump(),
-                "a snapshot is not what was committed");
+                "a snapshot differs from the committed layer");
         ++snapshots;
         const auto kept = store().keepSnapshot(layer, doc, revision, hash);
-        // Commits up to a later one were replaced meanwhile.
+        // A base has meanwhile replaced commits beyond this revision.
         const bool isReplaced = !kept && kept.error().code == ErrorCode::HistoryReplaced;
         require(kept || isReplaced,
-                "a snapshot is not kept: " + (kept ? "" : kept.error().message));
+                "a snapshot was not stored: " + (kept ? "" : kept.error().message));
         project_->snapshotKept(layer, kept);
     });
 }
@@ -213,7 +214,7 @@ void SimServer::readCommits(SessionId session, Revision from, Revision to) {
             return true;
         });
         require(read || read.error().code != ErrorCode::HistoryReplaced,
-                "the project needs a commit that was replaced");
+                "the project needs a commit that a base replaced");
         if (!read) return project_->commitsRead(session, tl::unexpected(read.error()));
         project_->commitsRead(session, std::move(commits));
     });
@@ -241,12 +242,12 @@ void SimServer::readHistory(SessionId session, std::uint64_t request, const Laye
         const auto stored = store().layerAt(layer, revision);
         require(stored.has_value(), "a layer of the history cannot be read");
         require(doc == LayerDoc() || (*stored && (*stored)->dump() == doc.dump()),
-                "a layer of the history is not what was committed");
+                "a layer of the history differs from the committed layer");
         project_->historyRead(session, request, std::move(doc));
     });
 }
 
-// Of no random numbers, as keepSnapshot().
+// Uses no random numbers, for the reason given at keepSnapshot().
 void SimServer::findBase(std::int64_t beforeMs, Revision upTo) {
     later(std::int64_t(upTo * 4'111 % 20'000), [this, beforeMs, upTo] {
         if (closed_) return project_->baseFound(kClosed);
@@ -282,7 +283,7 @@ void SimServer::saveLayers(SessionId session, std::uint64_t request, std::vector
         SaveOutcome outcome;
         for (const SaveJob& job : jobs) {
             require(job.doc.dump() == replay(job.layer, job.revision).dump(),
-                    "what is saved is not what was committed");
+                    "a saved file differs from the committed layer");
             (void)store().setSaved(job.layer, {job.revision, {}});
             outcome.saved.emplace_back(job.layer, FileStamp());
             outcome.revision = job.revision;
@@ -297,7 +298,7 @@ void SimServer::addCheckpoint(SessionId session, std::uint64_t request,
         const auto added = store().addCheckpoint(checkpoint);
         if (!added)
             require(added.error().code == ErrorCode::CheckpointExists,
-                    "a checkpoint is not stored: " + added.error().message);
+                    "a checkpoint was not stored: " + added.error().message);
         project_->checkpointAdded(session, request, added.map([&] { return checkpoint; }));
     });
 }
@@ -308,7 +309,7 @@ void SimServer::readCheckpoints(SessionId session, std::uint64_t request) {
     });
 }
 
-/// Somebody has put the layer's file back to what the layer was some time.
+/// Simulates that somebody restored the layer's file to an earlier content.
 void SimServer::reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
                             LayerDoc present) {
     later(diskUs() * 4, [this, session, request, layer, present = std::move(present)] {
@@ -316,7 +317,7 @@ void SimServer::reloadLayer(SessionId session, std::uint64_t request, const Laye
             return project_->layerReloaded(session, request, layer,
                                            fail(ErrorCode::LayerUnreadable, "it does not parse"));
         LayerDoc content = replay(layer, random_.below(store().head().revision + 1));
-        // A file would bring its big values; here those that were removed are nowhere.
+        // A real file would contain its big values; here, removed values cannot be read.
         bool isWhole = true;
         forEachBlob(content,
                     [&](const Value& blob) { isWhole = isWhole && disk.blobs->has(blob.hash()); });
@@ -380,7 +381,7 @@ void SimServer::writeBlob(SessionId session, BlobFrame part) {
             return project_->blobWritten(session, part.hash,
                                          fail(ErrorCode::StorageFull, "no room for it"));
         const auto raw = inflate(part.data, part.rawBytes, kChunkBytes);
-        require(raw.has_value(), "a part of a big value does not inflate");
+        require(raw.has_value(), "a chunk of a big value cannot be decompressed");
         const auto whole = disk.blobs->write(part.hash, part.size, part.offset, *raw, session);
         project_->blobWritten(session, part.hash, whole);
     });
@@ -394,7 +395,7 @@ void SimServer::forgetClients() {
     project_->clientsForgotten(store().forgottenUpTo());
 }
 
-// Of no random numbers, either.
+// Uses no random numbers either.
 void SimServer::collect() {
     if (!project_) return;
     const auto delay = [this] { return std::int64_t(++rounds_ * 7'919 % 30'000) * slowness; };
@@ -409,7 +410,7 @@ void SimServer::collect() {
             drop(project_->unusedBlobs(unnamed, upTo, clock_.nowMs()));
             later(delay(), [this] {
                 const auto purged = disk.blobs->purge(1 + rounds_ % 3);
-                require(purged.has_value(), "what is dropped cannot be removed");
+                require(purged.has_value(), "a dropped value cannot be removed");
             });
         });
     });
@@ -418,7 +419,7 @@ void SimServer::collect() {
 void SimServer::drop(const std::vector<Hash>& unused) {
     const std::set<Hash> named = namedByCommits();
     for (const Hash& hash : unused)
-        require(!named.contains(hash), "a value is removed that a commit names");
+        require(!named.contains(hash), "a value was removed that a commit names");
     disk.blobs->drop(unused);
     dropped_.insert(unused.begin(), unused.end());
     collected += unused.size();
@@ -449,20 +450,20 @@ std::set<Hash> SimServer::namedByCommits() const {
 
 void SimServer::checkBlobs() {
     const std::set<Hash> named = namedByCommits();
-    // A disk that forgot the commit that replaced a value has not forgotten that the value was
+    // A disk that forgot the commit that replaced a value still remembers that the value was
     // removed.
     std::set<Hash> gone;
     for (const Hash& hash : named)
         if (!disk.blobs->has(hash)) gone.insert(hash);
     for (const Hash& hash : gone)
-        require(disk.forgot && dropped_.contains(hash), "a commit names a value that is gone");
+        require(disk.forgot && dropped_.contains(hash), "a commit names a value that was removed");
     while (!*named_.read(store(), ~std::size_t(0))) {
     }
     std::vector<Hash> unnamed;
     const auto stored = disk.blobs->list();
     for (const Hash& hash : *stored)
         if (!named_.contains(hash)) unnamed.push_back(hash);
-    // Two rounds, and the time that values are kept between them.
+    // Runs two rounds, and waits between them as long as values are kept.
     for (const std::int64_t afterMs : {0, 3'600'000, 7'200'000})
         drop(project_->unusedBlobs(unnamed, named_.upTo(), clock_.nowMs() + afterMs));
     require(disk.blobs->list()->size() == named.size() - gone.size(),

@@ -12,18 +12,19 @@
 
 namespace usdlive::simulation {
 
-/// The real Project with a made-up process around it, that can be killed and started again.
+/// The real Project with a simulated process around it, which can be killed and started again.
 class SimServer : public server::AllPorts {
 public:
     SimServer(SimClock& clock, SimRandom& random, SimNetwork& network,
               std::map<LayerId, LayerDoc> files, server::Project::Options options);
 
     void start();
-    /// kill -9: what is not appended is gone; what is being appended may be there or not.
+    /// Simulates kill -9: commits that were not appended are lost; those being appended may be lost
+    /// or not.
     void kill();
     [[nodiscard]] bool isRunning() const { return project_ != nullptr; }
     [[nodiscard]] const server::Project& project() const { return *project_; }
-    /// An editor's connection has been made.
+    /// Called when an editor has connected.
     void connected(server::SessionId session);
     [[nodiscard]] server::CommitStore& store() const { return disk.store(); }
     [[nodiscard]] bool isIdle() const { return appends_.empty() && !appending_; }
@@ -61,7 +62,7 @@ public:
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
-    void happened(const server::Happening&) override {}  // a log decides nothing
+    void happened(const server::Happening&) override {}  // the project's log entries are not tested
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
     void readClient(const ClientId& client) override;
     void importLayer(const LayerId& layer) override;
@@ -69,33 +70,34 @@ public:
     void sendBeside(server::SessionId session, std::vector<SharedBytes> frames) override;
     void tell(std::span<const server::SessionId> sessions, const server::News& news) override;
     void tellFirst(server::SessionId session, const server::News& all) override;
-    // Nobody of the simulation asks for these.
+    // The simulation never requests these.
     void checkFile(const LayerId&) override {}
     void setSaved(const LayerId&, const server::SavedState&) override {}
     void measureStorage(server::SessionId, std::uint64_t) override {}
-    /// The disk has room again, or none.
+    /// Sets whether the disk has space.
     void setSpace(bool full, bool reportsSpace);
     void findBase(std::int64_t beforeMs, Revision upTo) override;
     void compact(Revision revision) override;
 
-    /// Has all commits so far replaced, as far as nobody needs them.
+    /// Replaces all commits so far with a base, except those that are still needed.
     void boundHistory() {
         if (project_) project_->boundHistory();
     }
     std::uint64_t compactions = 0;
 
-    std::uint64_t snapshots = 0;  ///< that were kept
+    std::uint64_t snapshots = 0;  ///< snapshots that were kept
     std::uint64_t collected = 0;  ///< big values that nothing named
     std::uint64_t forgotten = 0;  ///< clients
 
-    /// Removes big values that nothing names (B6), in steps between which other things happen.
+    /// Removes big values that nothing names (B6), in steps between which other events happen.
     void collect();
-    /// The store forgets what clients have committed (M14).
+    /// Makes the store forget what clients have committed (M14).
     void forgetClients();
-    /// What commits name is there, and nothing else is when nothing goes on any more.
+    /// Checks that every value which commits name exists, and that in the end no other value
+    /// exists.
     void checkBlobs();
 
-    /// A layer at a revision, from all commits there ever were.
+    /// Computes a layer at a revision from all commits that were ever made.
     [[nodiscard]] LayerDoc replay(const LayerId& layer, Revision revision) const;
 
 private:
@@ -103,7 +105,7 @@ private:
     [[nodiscard]] std::set<Hash> namedByCommits() const;
     void appendNext();
     void appendDone();
-    // Answers of this process come to this process only.
+    // Runs `what` later, unless the process has ended: answers reach only the process that asked.
     void later(std::int64_t delayUs, std::function<void()> what);
     std::int64_t diskUs();
 
@@ -120,9 +122,9 @@ private:
     bool closed_ = false;  // the store has failed and is not opened again yet
     std::int64_t blobUs_ = 0;
     server::NamedBlobs named_;
-    std::uint64_t rounds_ = 0;     // of collection
-    std::set<Hash> dropped_;       // by one of them
-    std::uint64_t questions_ = 0;  // to the store
+    std::uint64_t rounds_ = 0;     // rounds of collection
+    std::set<Hash> dropped_;       // dropped by one of these rounds
+    std::uint64_t questions_ = 0;  // questions to the store
 };
 
 }  // namespace usdlive::simulation

@@ -25,7 +25,8 @@ private:
 std::string usdText(const LayerDoc& doc, const server::BlobStore& blobs) {
     Blobs source(blobs);
     auto text = usd::exportText(doc, source);
-    require(text.has_value(), text ? "" : "no text can be made: " + text.error().message);
+    require(text.has_value(),
+            text ? "" : "the layer cannot be written as text: " + text.error().message);
     return *std::move(text);
 }
 

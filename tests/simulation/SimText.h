@@ -7,8 +7,8 @@
 
 namespace usdlive::simulation {
 
-/// What a layer's file would say, written by USD and read back. Throws SimFailure when it cannot
-/// be.
+/// Returns the text of a layer's file, written by USD and read back. Throws SimFailure when that
+/// fails.
 std::string usdText(const LayerDoc& doc, const server::BlobStore& blobs);
 
 }  // namespace usdlive::simulation

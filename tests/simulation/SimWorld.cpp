@@ -19,7 +19,7 @@ constexpr std::int64_t kSecondUs = 1'000'000;
 
 class World {
 public:
-    // Apart from random_: so the seeds that failed once still tell the same story.
+    // Independent of random_, so that the seeds that failed once still produce the same run.
     explicit World(std::uint64_t seed)
         : seed_(seed),
           random_(seed),
@@ -40,7 +40,7 @@ public:
         const std::int64_t end = random_.between(kSecondUs / 2, 3 * kSecondUs);
         planFaults(end);
         while (clock_.nowUs() < end) require(clock_.step(), "nothing happens any more");
-        settle();
+        becomeQuiet();
         check();
         return report_;
     }
@@ -52,8 +52,8 @@ public:
     }
 
 private:
-    /// Do layers that nobody has open leave the server's memory at once? Takes no random number, so
-    /// that the seeds that failed once still tell the same story.
+    /// True if the server unloads layers as soon as nobody has them open. Uses no random number, so
+    /// that the seeds that failed once still produce the same run.
     static bool unloads(std::uint64_t seed) { return seed % 4 == 0; }
 
     SimStyle style() {
@@ -133,7 +133,7 @@ private:
         if (style_.bigValues) collectAgain();
         if (seed_ % 4 == 1) forgetAgain();
         rollsBack_ = random_.chance(5);
-        // Who joins anew with pending work is compared in the end only.
+        // A client that joins again with pending work is compared only in the end.
         if (ages_.chance(40))
             for (auto count = 1 + ages_.below(4); count > 0; --count)
                 clock_.at(ages_.between(0, end), [this] { server_.boundHistory(); });
@@ -164,38 +164,38 @@ private:
     void fillDisk() { server_.setSpace(true, random_.chance(50)); }
     void emptyDisk() { server_.setSpace(false, true); }
 
-    // ---- silence
+    // ---- the time without faults and edits
 
-    void settle() {
+    void becomeQuiet() {
         emptyDisk();
         if (server_.disk.failed) kill();
         if (random_.chance(50)) addClient();
-        for (const auto& client : clients_) client->settle(random_.chance(50));
+        for (const auto& client : clients_) client->stopEditing(random_.chance(50));
         runUntilQuiet();
-        // Nothing is pending, and what ends a preview may still be on its way.
+        // Nothing is pending, but the end of a preview may still be on its way.
         run(clock_.nowUs() + 2 * kSecondUs);
         runUntilQuiet();
     }
     void run(std::int64_t until) {
         while (clock_.nowUs() < until) require(clock_.step(), "nothing happens any more");
     }
-    // Thousands of big values take minutes; without a commit a minute is long enough.
+    // Thousands of big values take minutes; without new commits, a minute is long enough.
     void runUntilQuiet() {
         Revision newest = 0;
         for (std::int64_t patience = 0; !isQuiet(); run(clock_.nowUs() + kSecondUs / 10)) {
             const Revision head = server_.store().head().revision;
             if (std::exchange(newest, head) != head || patience == 0)
                 patience = clock_.nowUs() + 60 * kSecondUs;
-            require(clock_.nowUs() < patience, "it does not settle");
+            require(clock_.nowUs() < patience, "it does not become quiet");
         }
     }
     [[nodiscard]] bool isQuiet() const {
         return server_.isRunning() && server_.isIdle() &&
                std::all_of(clients_.begin(), clients_.end(),
-                           [](const auto& client) { return client->isSettled(); });
+                           [](const auto& client) { return client->isQuiet(); });
     }
 
-    // ---- what has to hold in the end
+    // ---- rules that must hold in the end
 
     void check() {
         report_.snapshots = server_.snapshots;
@@ -210,10 +210,10 @@ private:
             truth[layer] = (*stored)->dump();
             (void)usdText(**stored, *server_.disk.blobs);
             require(server_.replay(layer, head).dump() == truth[layer],
-                    "the log gives another " + layer.value + " than the state");
+                    "the log gives a different " + layer.value + " than the state");
             const LayerDoc* loaded = server_.project().layer(layer);
             require(!loaded || loaded->dump() == truth[layer],
-                    "the server has another " + layer.value + " than its store");
+                    "the server has a different " + layer.value + " than its store");
         }
         const auto checkpoints = *server_.store().checkpoints();
         for (const auto& client : clients_) {
@@ -230,19 +230,20 @@ private:
         report_.forgotten = server_.forgotten;
     }
 
-    // M9 and M12.
+    // Checks M9 and M12.
     void checkLog() {
         std::map<ClientId, std::uint64_t> executed;
         std::set<TransactionId> seen;
         std::map<ClientId, std::uint64_t> last;
-        std::set<TransactionId> uncertain;  // were given back to their authors (M14)
-        std::set<ClientId> interrupted;     // had to send some anew: of these later ones came first
+        std::set<TransactionId> uncertain;  // they were returned to their authors (M14)
+        std::set<ClientId> interrupted;     // had to send some transactions again, after later ones
         for (const auto& client : clients_) {
             for (const std::uint64_t sequence : client->uncertain)
                 uncertain.insert({client->session().id(), sequence});
             if (client->connections > 1) interrupted.insert(client->session().id());
         }
-        // Otherwise some overtake others that wait for their big values, or get another number.
+        // In other runs some transactions overtake others that wait for their big values, or get
+        // another number.
         const bool inOrder = !style_.bigValues && !forgetful_ && report_.restarts == 0;
         for (const server::CommitRecord& stored : server_.disk.commits()) {
             const Commit commit =
@@ -267,7 +268,7 @@ private:
             report_.writtenAgain += client->session().writtenAgain();
             const std::uint64_t known = executed[client->session().id()] + client->lostEdits +
                                         client->session().writtenAgain();
-            // What is not certain may have been dropped, or not.
+            // Uncertain edits may have been dropped or not.
             const bool isKnown = known <= client->authoredEdits &&
                                  client->authoredEdits <= known + client->uncertainEdits;
             if (rollsBack_ || isKnown) continue;
@@ -280,7 +281,7 @@ private:
         }
     }
 
-    /// LK1, LK5: nobody has edited what somebody else had locked by then.
+    /// LK1, LK5: checks that nobody edited what somebody else had locked before.
     void checkLocks(const Commit& commit) {
         for (const Edit& edit : commit.edits) {
             const LayerDoc& doc = locked_[edit.layer];
@@ -311,22 +312,23 @@ private:
             for (const SimClient::Peeked& peeked : client->peeked)
                 require(server_.replay(peeked.layer, peeked.revision).dump() == peeked.dump,
                         "a peek at revision " + std::to_string(peeked.revision) +
-                            " shows another " + peeked.layer.value);
+                            " shows a different " + peeked.layer.value);
     }
 
     const std::uint64_t seed_;
     SimRandom random_;
-    SimRandom ages_;  // when old commits are replaced; apart, so that the rest is as it was without
+    SimRandom ages_;  // decides when old commits are replaced; separate, so that it does not change
+                      // the rest
     SimClock clock_;
     SimNetwork network_{clock_, random_};
     const std::uint64_t kind_;
     [[nodiscard]] bool inParts() const { return kind_ == 1 || kind_ == 2; }
     const SimStyle style_;
-    bool forgetful_ = false;  // the server does not carry addresses far
+    bool forgetful_ = false;  // the server carries addresses over few revisions only
     SimServer server_;
     std::vector<std::unique_ptr<SimClient>> clients_;
     bool rollsBack_ = false;
-    LayerDocs locked_;  // as of the commit that is looked at
+    LayerDocs locked_;  // at the commit that is being checked
     SimReport report_;
 };
 

@@ -1,4 +1,5 @@
-// Plays many seeds (see SimWorld.h). A seed that fails is printed with the command that repeats it.
+// Runs many seeds of the simulation (see SimWorld.h). Prints for each failed seed the command that
+// repeats it.
 //   simulation [--seeds=N] [--first=S] [--seed=S] [--threads=T] [--verbose]
 #include <gtest/gtest.h>
 
@@ -26,7 +27,7 @@ struct Options {
 } options;
 std::string program;
 
-// Seeds know nothing of each other, so each is played by whichever thread is free.
+// Seeds are independent, so each free thread runs the next one.
 class Campaign {
 public:
     static constexpr std::uint64_t kEnoughFailures = 10;
@@ -100,18 +101,18 @@ bool take(std::string_view argument, std::string_view name, std::uint64_t& numbe
 
 }  // namespace
 
-// M8, M9, M12: whatever happens on the way, all replicas end with the same content, every
-// transaction is in the log at most once, and its author knows of every edit that is not.
+// M8, M9, M12: after any events, all replicas end with the same content, every transaction is in
+// the log at most once, and its author is notified of every edit that is not.
 TEST(Simulation, EverySeedConverges) {
     Campaign campaign;
     campaign.run();
     campaign.report();
 }
 
-// Each has a test of its own where it had found something in what is simulated: ED7 (8733), M14
-// (9997, 204817), B6 (10921), work lost with a layer that could not be read (412441), M9 after a
-// transaction that was sent again (500802, 516254), a repair after a preview hid the rest (505224),
-// CF1 (514812). The others were the simulation's own faults.
+// Faults that these seeds found in usdlive now have their own tests: ED7 (8733), M14 (9997,
+// 204817), B6 (10921), work that was lost with a layer that could not be read (412441), M9 after a
+// transaction was sent again (500802, 516254), a repair after a preview that hid the rest (505224),
+// CF1 (514812). The other seeds found faults of the simulation itself.
 TEST(Simulation, SeedsThatFailedOnceConverge) {
     if (options.seeds == 1) GTEST_SKIP() << "another one is asked for";
     for (const std::uint64_t seed : {3263, 8733, 9997, 10921, 17210, 18278, 204817, 412441, 500802,

@@ -1,4 +1,5 @@
-// The same through a session of the real project: it is answered or closed, and others go on (F4).
+// Tests the same through a session of the real project (F4): it is answered or closed, and the
+// other sessions continue.
 #include <gtest/gtest.h>
 
 #include <limits>
@@ -27,7 +28,7 @@ protected:
         EXPECT_TRUE(world.project->layer({"a.usda"})->has("/Mine"));
     }
 
-    /// What it takes to receive a frame; the code of the answer.
+    /// Measures the cost of receiving a frame, and returns the code of the answer.
     ErrorCode answer(const Frame& frame, std::size_t mostBytes) {
         world.host.sent[2].clear();
         const Bytes message = encodeFrame(frame);
@@ -35,9 +36,9 @@ protected:
         EXPECT_LE(cost.bytes, mostBytes);
         EXPECT_LE(cost.time.count(), 50 * kSlowness);
         if (world.silent(2)) return ErrorCode::Internal;
-        const Frame told = world.next(2);
-        if (const auto* refusal = std::get_if<RefusalFrame>(&told)) return refusal->error.code;
-        const auto message2 = decodeControl(std::get<ControlFrame>(told).json);
+        const Frame answered = world.next(2);
+        if (const auto* refusal = std::get_if<RefusalFrame>(&answered)) return refusal->error.code;
+        const auto message2 = decodeControl(std::get<ControlFrame>(answered).json);
         return *errorFromName(std::get<ErrorMessage>(*message2).code);
     }
     static Frame submission(Edit edit) {
@@ -91,12 +92,12 @@ TEST_F(ProjectBombs, NumbersThatAreNoneAreValuesLikeOthers) {
     const Value never = doubleValue(std::numeric_limits<double>::quiet_NaN());
     EXPECT_EQ(
         answer(submission({{"a.usda"}, {"/A.x", {}}, SetField{"default", {}, never}}), 64 * 1024),
-        ErrorCode::Internal);  // no answer before it is durable
+        ErrorCode::Internal);  // there is no answer before it is durable
     world.store();
     EXPECT_EQ(*world.project->layer({"a.usda"})->field("/A.x", "default")->as<Value>(), never);
 }
 
-// As many items as a scene may have. The transaction is written once more, as the commit.
+// This many items may be in a scene. The transaction is encoded once more, as the commit.
 TEST_F(ProjectBombs, AListOfAMillionItemsCostsWhatItIs) {
     ListOp list;
     list.itemType = ValueType::Int;

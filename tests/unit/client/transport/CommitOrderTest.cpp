@@ -117,7 +117,7 @@ TEST_F(CommitOrderTest, DD7AsksForWhatIsMissingAfterAWhile) {
 TEST_F(CommitOrderTest, DD7TheLastCommitIsMissedToo) {
     reply("live", {0, false, 5});
     EXPECT_EQ(taken(order_), Texts{"live"});
-    order_.sent(5);  // as in a keep-alive
+    order_.sent(5);  // like a keep-alive
     EXPECT_EQ(taken(order_), Texts{});
     const auto asked = order_.toAsk(kStart + 100ms);
     ASSERT_TRUE(asked);

@@ -115,7 +115,7 @@ TEST(WebSocketConnection, SpeaksBinaryAtLive) {
     EXPECT_EQ(nextMessage(*connection), "more");
 }
 
-// As in an editor: a reader for each connection decodes what arrives.
+// Works like an editor: a reader for each connection decodes what arrives.
 TEST(WebSocketConnection, BringsFrames) {
     LayerDoc doc;
     ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));

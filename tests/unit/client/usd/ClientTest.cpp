@@ -281,7 +281,7 @@ TEST_F(ClientTest, ALayerIsClosedToTheEditorUntilItIsThere) {
     server.setReachable(false);
     ada->tick();
     const auto place = (ada->cacheFolder() / kLook.value).string();
-    const auto layer = SdfLayer::FindOrOpen(place);  // as composition does
+    const auto layer = SdfLayer::FindOrOpen(place);  // like composition
     // A client looks for such layers only from time to time.
     const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(5);
     while (layer->PermissionToEdit() && std::chrono::steady_clock::now() < end) {

@@ -379,7 +379,7 @@ TEST(LayerDoc, ED5SetsOneDictionaryKey) {
                                                        {"z", dictionary({})}})}})));
 }
 
-// As measured with Usd: ClearCustomDataByKey also removes dictionaries that it empties, and no
+// Measured with Usd: ClearCustomDataByKey also removes dictionaries that it empties, and no
 // others.
 TEST(LayerDoc, ED6ErasesOneDictionaryKeyAsSdfDoes) {
     LayerDoc doc = abc();

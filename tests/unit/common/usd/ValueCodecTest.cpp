@@ -307,7 +307,7 @@ TEST(ValueCodec, V9BigLeavesBecomeBlobs) {
     EXPECT_TRUE(encoded(VtValue(std::string(kBigValueBytes, 'x')), blobs).as<Value>()->isBlob());
     expectRoundTrip(VtValue(VtDictionary{{"k", VtValue(big)}}));
     expectRoundTrip(VtValue(SdfTimeSampleMap{{1, VtValue(big)}}));
-    // Where the protocol allows no blobs, the value stays inline.
+    // The value stays inline where the protocol allows no blobs.
     expectRoundTrip(VtValue(SdfReference("", SdfPath(), SdfLayerOffset(), {{"k", VtValue(big)}})));
 
     EXPECT_EQ(decodeError(field), ErrorCode::BlobNotFound);

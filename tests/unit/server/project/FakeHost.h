@@ -75,7 +75,7 @@ public:
     std::vector<Creation> creating;
     std::vector<std::pair<SessionId, std::uint64_t>> listing;
     std::vector<std::string> logged;                  ///< "user: action layer, detail"
-    std::vector<std::pair<Revision, LayerDoc>> kept;  ///< of all layers
+    std::vector<std::pair<Revision, LayerDoc>> kept;  ///< for all layers
     std::vector<std::pair<SessionId, BlobFrame>> blobParts;
     std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
     std::set<Hash> blobs;
