@@ -49,7 +49,7 @@ Bytes someBytes(std::size_t size, unsigned seed = 1) {
 }
 ErrorCode codeOf(const auto& result) { return result ? ErrorCode{} : result.error().code; }
 
-TYPED_TEST(BlobStoreContract, KeepsAValueThatComesInParts) {
+TYPED_TEST(BlobStoreContract, KeepsAValueOfSeveralChunks) {
     const Bytes value = someBytes(600'000);
     const Hash hash = sha256(value);
     EXPECT_FALSE(this->blobs.has(hash));
@@ -69,7 +69,7 @@ TYPED_TEST(BlobStoreContract, KeepsAValueThatComesInParts) {
     EXPECT_EQ(this->blobs.write(hash, value.size(), 200'000, {}), true) << "it is there";
 }
 
-TYPED_TEST(BlobStoreContract, BeginsAnewAtTheFirstPart) {
+TYPED_TEST(BlobStoreContract, StartsAgainAtTheFirstChunk) {
     const Bytes value = someBytes(1'000);
     const Hash hash = sha256(value);
     EXPECT_EQ(this->blobs.write(hash, 1'000, 0, ByteView(value).first(700)), false);
@@ -78,7 +78,7 @@ TYPED_TEST(BlobStoreContract, BeginsAnewAtTheFirstPart) {
     EXPECT_EQ(this->blobs.read(hash, 0, 2'000), value);
 }
 
-TYPED_TEST(BlobStoreContract, B1UploadsOfOneValueDoNotSeeEachOther) {
+TYPED_TEST(BlobStoreContract, B1UploadsOfOneValueAreIndependent) {
     const Bytes value = someBytes(1'000);
     const Hash hash = sha256(value);
     const ByteView all(value);
@@ -91,7 +91,7 @@ TYPED_TEST(BlobStoreContract, B1UploadsOfOneValueDoNotSeeEachOther) {
     EXPECT_EQ(this->blobs.read(hash, 0, 2'000), value);
 }
 
-TYPED_TEST(BlobStoreContract, RefusesWhatIsNotWhatItsHashNames) {
+TYPED_TEST(BlobStoreContract, RefusesBytesWithAnotherHash) {
     const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);
     const Hash hash = sha256(value);
     EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 0, other)), ErrorCode::BlobMismatch);
@@ -107,13 +107,13 @@ TYPED_TEST(BlobStoreContract, RefusesWhatIsNotWhatItsHashNames) {
     EXPECT_EQ(this->blobs.write(hash, 1'000, 0, value), true);
 }
 
-TYPED_TEST(BlobStoreContract, RefusesWhatIsTooLarge) {
+TYPED_TEST(BlobStoreContract, RefusesTooLargeValues) {
     const Bytes value = someBytes(10);
     EXPECT_EQ(codeOf(this->blobs.write(sha256(value), kMaxBytes + 1, 0, value)),
               ErrorCode::BlobTooLarge);
 }
 
-TYPED_TEST(BlobStoreContract, B6WhatIsDroppedIsGoneUntilItComesAgain) {
+TYPED_TEST(BlobStoreContract, B6ADroppedValueIsAbsentUntilItIsWrittenAgain) {
     std::vector<Hash> hashes;
     for (unsigned seed = 0; seed < 5; ++seed) {
         const Bytes value = someBytes(1'000, seed);
@@ -150,7 +150,7 @@ TYPED_TEST(BlobStoreContract, B6WhatIsDroppedIsGoneUntilItComesAgain) {
     EXPECT_EQ(this->blobs.read(hashes[0], 0, 1'000), someBytes(1'000, 0));
 }
 
-TYPED_TEST(BlobStoreContract, B6WhatAWriterLeftUnfinishedIsThrownAway) {
+TYPED_TEST(BlobStoreContract, B6UnfinishedUploadsAreRemoved) {
     const Bytes value = someBytes(1'000);
     const Hash hash = sha256(value);
     const ByteView all(value);
@@ -167,7 +167,7 @@ TYPED_TEST(BlobStoreContract, TakesAnEmptyValue) {
     EXPECT_EQ(this->blobs.size(sha256(Bytes())), 0u);
 }
 
-TEST(FileBlobStore, KeepsValuesAndThrowsUnfinishedOnesAway) {
+TEST(FileBlobStore, KeepsValuesAndRemovesUnfinishedUploads) {
     test::TestFolder folder;
     const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);
     {
@@ -184,7 +184,7 @@ TEST(FileBlobStore, KeepsValuesAndThrowsUnfinishedOnesAway) {
 }
 
 // The process is killed between drop() and the removal: nothing is lost and nothing is left behind.
-TEST(FileBlobStore, B6WhatWasDroppedAndNotRemovedIsThereAgain) {
+TEST(FileBlobStore, B6ADroppedValueThatWasNotRemovedIsBackAfterARestart) {
     test::TestFolder folder;
     const Bytes value = someBytes(1'000), other = someBytes(1'000, 2);
     const std::vector<Hash> both{sha256(value), sha256(other)};
@@ -203,7 +203,7 @@ TEST(FileBlobStore, B6WhatWasDroppedAndNotRemovedIsThereAgain) {
     EXPECT_EQ(files, 1u);
 }
 
-TEST(FileBlobStore, BoundsWhatIsUnfinished) {
+TEST(FileBlobStore, BoundsUnfinishedUploads) {
     test::TestFolder folder;
     const auto store = createFileBlobStore(folder.path, options());
     for (unsigned seed = 0; seed < 10; ++seed) {

@@ -91,7 +91,7 @@ TYPED_TEST(CommitStoreContract, BeginsEmpty) {
     EXPECT_TRUE(this->store->append({}));
 }
 
-TYPED_TEST(CommitStoreContract, OpeningAnewKeepsAllAndTakesTheNextEpoch) {
+TYPED_TEST(CommitStoreContract, OpeningAgainKeepsAllAndTakesTheNextEpoch) {
     std::vector<CommitRecord> group;
     for (int number = 0; number < 5; ++number)
         group.push_back(
@@ -114,7 +114,7 @@ TYPED_TEST(CommitStoreContract, OpeningAnewKeepsAllAndTakesTheNextEpoch) {
     }
 }
 
-TYPED_TEST(CommitStoreContract, ReadsARangeAndStopsWhenTold) {
+TYPED_TEST(CommitStoreContract, ReadsARangeAndStopsOnRequest) {
     for (int number = 0; number < 9; ++number) ASSERT_TRUE(this->append(this->commits.empty()));
     EXPECT_EQ(revisions(*this->store, 3, 5), (std::vector<Revision>{3, 4, 5}));
     EXPECT_EQ(revisions(*this->store, 8, 20), (std::vector<Revision>{8, 9}));
@@ -249,7 +249,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
     }
 }
 
-TYPED_TEST(CommitStoreContract, ALayerIsThereAsItStood) {
+TYPED_TEST(CommitStoreContract, ALayerCanBeReadAtEachRevision) {
     for (unsigned seed = 0; seed < 8; ++seed) {
         RandomHistory<TypeParam> history(seed);
         std::vector<LayerDocs> contents(1);  // by revision
@@ -321,7 +321,7 @@ void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& conte
               ErrorCode::HistoryReplaced);
 }
 
-TYPED_TEST(CommitStoreContract, TheBaseStandsForTheCommitsItReplaced) {
+TYPED_TEST(CommitStoreContract, TheBaseRepresentsTheCommitsThatItReplaced) {
     for (unsigned seed = 0; seed < 8; ++seed) {
         RandomHistory<TypeParam> history(seed);
         std::vector<LayerDocs> contents(1);  // by revision
@@ -363,7 +363,7 @@ TYPED_TEST(CommitStoreContract, TheBaseStandsForTheCommitsItReplaced) {
     }
 }
 
-TYPED_TEST(CommitStoreContract, ABaseIsOfWhatIsThereOrOfNothing) {
+TYPED_TEST(CommitStoreContract, ABaseNeedsExistingCommits) {
     EXPECT_EQ(this->store->base(), CommitStore::Base());
     EXPECT_TRUE(this->store->compact(0, always));
     EXPECT_EQ(this->store->compact(1, always).error().code, ErrorCode::FutureRevision);
@@ -426,7 +426,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsOfThisHistory) {
 }
 
 // The content is like that of an imported file: plug-ins may give their metadata any name.
-TYPED_TEST(CommitStoreContract, WhatAFileHoldsIsThereAgain) {
+TYPED_TEST(CommitStoreContract, AnImportedFileIsStoredCompletely) {
     LayerDoc doc;
     ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
     ASSERT_TRUE(doc.apply("/A", SetField{"maxChildren", {}, doubleValue(3)}));

@@ -56,7 +56,7 @@ Value big(unsigned number) {
     return Value::blob(arrayOf(ValueType::Float), hashOf(number), 300'000);
 }
 
-TYPED_TEST(NamedBlobsContract, B6AllThatCommitsName) {
+TYPED_TEST(NamedBlobsContract, B6FindsAllValuesThatCommitsName) {
     this->set("default", big(1));
     TimeSamples samples;
     samples.samples = {{1.0, big(2)}, {2.0, big(3)}};
@@ -74,7 +74,7 @@ TYPED_TEST(NamedBlobsContract, B6AllThatCommitsName) {
     EXPECT_FALSE(this->named.contains(hashOf(4)));
 }
 
-TYPED_TEST(NamedBlobsContract, B6ReadsInStepsAndGoesOn) {
+TYPED_TEST(NamedBlobsContract, B6ReadsInStepsAndContinues) {
     for (unsigned number = 0; number < 20; ++number) this->set("default", big(number));
     std::size_t steps = 1;
     while (!*this->named.read(*this->where.store, 500)) ++steps;
@@ -123,7 +123,7 @@ TYPED_TEST(NamedBlobsContract, B6FollowsTheBaseOfTheHistory) {
     expect({5, 6}, 6);
 }
 
-TYPED_TEST(NamedBlobsContract, B6AnotherHistoryIsReadAnew) {
+TYPED_TEST(NamedBlobsContract, B6AnotherHistoryIsReadFromTheStart) {
     this->set("default", big(1));
     EXPECT_EQ(*this->named.read(*this->where.store, kAll), true);
     TypeParam other;

@@ -210,7 +210,7 @@ TEST_P(TransportContract, CarriesBothWaysInOrder) {
     EXPECT_TRUE(world.waitFor([&] { return world.transport().counters().queuedBytes == 0; }));
 }
 
-TEST_P(TransportContract, CarriesWhatIsLarge) {
+TEST_P(TransportContract, CarriesLargeMessages) {
     World world(GetParam());
     const auto connection = world.connect();
     Inbox inbox;
@@ -257,7 +257,7 @@ TEST_P(TransportContract, BringsCommitsToAllInOrderWithTheRest) {
     }
 }
 
-TEST_P(TransportContract, NoCommitStandsBetweenWhatIsSentWhileTheyAreHeld) {
+TEST_P(TransportContract, NoCommitIsSentWhileCommitsAreHeld) {
     World world(GetParam());
     const auto one = world.connect();
     Inbox inbox, ignored;
@@ -327,7 +327,7 @@ std::string newsIn(const std::vector<std::string>& texts) {
 
 }  // namespace
 
-TEST_P(TransportContract, NewsReachWhoWasToldTheFirst) {
+TEST_P(TransportContract, NewsReachSessionsThatGotTheFirst) {
     World world(GetParam());
     const auto one = world.connect();
     const auto other = world.connect();
@@ -410,7 +410,7 @@ TEST_P(TransportContract, LS1AStateFollowsItsCommit) {
     }
 }
 
-TEST_P(TransportContract, SourcesComeWholeBesideTheStream) {
+TEST_P(TransportContract, SourcesArriveCompleteBesideTheStream) {
     World world(GetParam());
     const auto connection = world.connect();
     Inbox inbox;
@@ -432,7 +432,7 @@ TEST_P(TransportContract, SourcesComeWholeBesideTheStream) {
     EXPECT_EQ(part, kParts);
 }
 
-TEST_P(TransportContract, ACloseSaysWhyAndTheClientComesAgain) {
+TEST_P(TransportContract, ACloseHasAReasonAndTheClientReconnects) {
     World world(GetParam());
     const auto connection = world.connect();
     Inbox inbox;
@@ -450,7 +450,7 @@ TEST_P(TransportContract, ACloseSaysWhyAndTheClientComesAgain) {
     world.call([&] { EXPECT_EQ(world.ended.size(), 1u); });
 }
 
-TEST_P(TransportContract, WhoIsLetGoIsGoneAtOnce) {
+TEST_P(TransportContract, AReleasedSessionEndsAtOnce) {
     World world(GetParam());
     auto connection = world.connect();
     Inbox inbox;
@@ -475,7 +475,7 @@ TEST_P(TransportContract, AResetMakesANewSession) {
     EXPECT_TRUE(world.waitFor([&] { return world.got[world.sessions[0]].size() == 1; }));
 }
 
-TEST_P(TransportContract, WhoIsNotReadFromWaits) {
+TEST_P(TransportContract, AClientThatIsNotReadWaits) {
     World world(GetParam());
     const auto connection = world.connect();
     Inbox inbox;
@@ -493,7 +493,7 @@ TEST_P(TransportContract, WhoIsNotReadFromWaits) {
     EXPECT_TRUE(world.waitFor([&] { return world.got[session].size() == 200; }));
 }
 
-TEST_P(TransportContract, CongestionIsToldAndWhenItIsOver) {
+TEST_P(TransportContract, CongestionAndItsEndAreReported) {
     World world(GetParam());
     const auto connection = world.connect();
     Inbox inbox;
@@ -509,7 +509,7 @@ TEST_P(TransportContract, CongestionIsToldAndWhenItIsOver) {
     world.call([&] { EXPECT_FALSE(world.transport().congested(world.sessions[0])); });
 }
 
-TEST_P(TransportContract, WhoHasTooMuchWaitingIsCut) {
+TEST_P(TransportContract, AClientWithTooMuchWaitingIsCut) {
     World world(GetParam(), 2 << 20);
     const auto connection = world.connect();
     Inbox inbox;
@@ -523,7 +523,7 @@ TEST_P(TransportContract, WhoHasTooMuchWaitingIsCut) {
     EXPECT_NE(inbox.texts.back().find("slowReader"), std::string::npos);
 }
 
-TEST_P(TransportContract, AStopTellsEverybodyAndIsDoneSoon) {
+TEST_P(TransportContract, AStopNotifiesEverybodyAndEndsSoon) {
     World world(GetParam());
     const auto connection = world.connect();
     Inbox inbox;

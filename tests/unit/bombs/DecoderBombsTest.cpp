@@ -52,7 +52,7 @@ Bytes counting(T count, Bytes before = {}) {
     return before;
 }
 
-TEST(ValueBombs, F4CountsThatNothingStandsBehindAllocateNothing) {
+TEST(ValueBombs, F4CountsWithoutContentAllocateNothing) {
     const std::uint64_t most = std::numeric_limits<std::uint64_t>::max();
     const std::uint32_t many = std::numeric_limits<std::uint32_t>::max();
     const Bytes stringKeys{std::uint8_t(ValueType::String), 0};
@@ -81,7 +81,7 @@ TEST(ValueBombs, F4DictionariesNestedATenThousandDeepAreRefused) {
     EXPECT_EQ(refusal([&] { return decodeFieldValue(bomb); }, 4096), ErrorCode::InvalidValue);
 }
 
-TEST(ValueBombs, F4AMillionItemsCostWhatTheyAre) {
+TEST(ValueBombs, F4AMillionItemsHaveAProportionalCost) {
     ListOp list;
     list.itemType = ValueType::Int;
     list[ListName::Appended].assign(1'000'000, Value(ValueType::Int, Bytes{1, 2, 3, 4}));
@@ -116,7 +116,7 @@ TEST(TextBombs, F4DeepAndLongJsonIsRefused) {
 
 // ---- Compressed chunks
 
-TEST(CompressedBombs, F4PartsThatInflateToMoreAreRefused) {
+TEST(CompressedBombs, F4ChunksThatInflateToMoreAreRefused) {
     const Bytes bomb = deflate(Bytes(100 * kMib, 0));
     EXPECT_LT(bomb.size(), 16 * 1024u);
     for (const std::uint32_t claimed : {0U, 1000U, std::uint32_t(kChunkBytes), 100U << 20}) {

@@ -68,7 +68,7 @@ TEST_F(ProjectBombs, JsonTooDeepIsRefused) {
     EXPECT_EQ(answer(ControlFrame{json}, 4 * json.size()), ErrorCode::MalformedControl);
 }
 
-TEST_F(ProjectBombs, TimesThatAreNoneAreRefused) {
+TEST_F(ProjectBombs, NanTimesAreRefused) {
     for (const double time :
          {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
         const Edit sample{
@@ -79,7 +79,7 @@ TEST_F(ProjectBombs, TimesThatAreNoneAreRefused) {
     }
 }
 
-TEST_F(ProjectBombs, D1AFrameRateThatIsNoneIsRefusedAndTheSessionGoesOn) {
+TEST_F(ProjectBombs, D1AnInvalidFrameRateIsRefusedAndTheSessionContinues) {
     const Edit rate{
         {"a.usda"},
         {"/", {}},
@@ -88,7 +88,7 @@ TEST_F(ProjectBombs, D1AFrameRateThatIsNoneIsRefusedAndTheSessionGoesOn) {
     EXPECT_FALSE(world.host.closed.contains(2));
 }
 
-TEST_F(ProjectBombs, NumbersThatAreNoneAreValuesLikeOthers) {
+TEST_F(ProjectBombs, NansAreOrdinaryValues) {
     const Value never = doubleValue(std::numeric_limits<double>::quiet_NaN());
     EXPECT_EQ(
         answer(submission({{"a.usda"}, {"/A.x", {}}, SetField{"default", {}, never}}), 64 * 1024),
@@ -98,7 +98,7 @@ TEST_F(ProjectBombs, NumbersThatAreNoneAreValuesLikeOthers) {
 }
 
 // This many items may be in a scene. The transaction is encoded once more, as the commit.
-TEST_F(ProjectBombs, AListOfAMillionItemsCostsWhatItIs) {
+TEST_F(ProjectBombs, AListOfAMillionItemsHasAProportionalCost) {
     ListOp list;
     list.itemType = ValueType::Int;
     for (std::uint32_t item = 0; item < 1'000'000; ++item)

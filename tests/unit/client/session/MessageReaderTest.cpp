@@ -107,7 +107,7 @@ TEST(MessageReader, KeepsSnapshotsApart) {
     EXPECT_EQ(whole, 2U);
 }
 
-TEST(MessageReader, RefusesChunksThatDoNotFollow) {
+TEST(MessageReader, RefusesChunksOutOfOrder) {
     const auto chunks = chunksOf(bigDoc());
     MessageReader reader;
     only<ReceivedSnapshot>(reader.read(encodeFrame(chunks[0])));
@@ -117,7 +117,7 @@ TEST(MessageReader, RefusesChunksThatDoNotFollow) {
     EXPECT_EQ(read.frames[0].error().code, ErrorCode::MalformedFrame);
 }
 
-TEST(MessageReader, TellsTheHashAfterACommit) {
+TEST(MessageReader, ReturnsTheHashAfterACommit) {
     Commit commit;
     commit.revision = 2;
     commit.epoch = 1;
@@ -129,7 +129,7 @@ TEST(MessageReader, TellsTheHashAfterACommit) {
     EXPECT_EQ(received.hashAfter, chainHash(commit.previous, ByteView(message).subspan(4)));
 }
 
-TEST(MessageReader, ReadsNothingBehindAnError) {
+TEST(MessageReader, ReadsNothingAfterAnError) {
     Bytes message = encodeFrame(ControlFrame{encodeControl(CloseLayer{{"a.usda"}})});
     appendBytes(message, encodeFrame(SubmitFrame{{.id = {{"ada"}, 1}, .edits = {}}}));
     appendBytes(message, encodeFrame(ControlFrame{encodeControl(CloseLayer{{"b.usda"}})}));
@@ -176,7 +176,7 @@ protected:
     MessageReader reader_;
 };
 
-TEST_F(MessageReaderBlobs, B2TheLastPartBringsTheValue) {
+TEST_F(MessageReaderBlobs, B2TheLastChunkCompletesTheValue) {
     EXPECT_EQ(read(0, kChunkBytes), nullptr);
     EXPECT_EQ(read(kChunkBytes, kChunkBytes), nullptr);
     const auto whole = read(2 * kChunkBytes, std::uint32_t(blob_.size() - 2 * kChunkBytes));
@@ -184,7 +184,7 @@ TEST_F(MessageReaderBlobs, B2TheLastPartBringsTheValue) {
     EXPECT_EQ(**whole, blob_);
 }
 
-TEST_F(MessageReaderBlobs, PartsOfTwoComeInTurn) {
+TEST_F(MessageReaderBlobs, ChunksOfTwoValuesAlternate) {
     const Bytes other(300'000, 8);
     const auto part = [&](std::uint64_t offset, std::uint32_t bytes) {
         return BlobFrame{sha256(other), other.size(), offset, bytes,
@@ -198,18 +198,18 @@ TEST_F(MessageReaderBlobs, PartsOfTwoComeInTurn) {
     EXPECT_EQ(**whole, other);
 }
 
-TEST_F(MessageReaderBlobs, WhatDoesNotFitIsGivenUp) {
+TEST_F(MessageReaderBlobs, AMismatchAbandonsTheValue) {
     EXPECT_EQ(read(0, kChunkBytes), nullptr);
     expectMismatch(read(2 * kChunkBytes, 1'000));
     expectMismatch(read(kChunkBytes, kChunkBytes));  // the chunks of an abandoned request
     EXPECT_EQ(read(0, kChunkBytes), nullptr);        // then from the start again
 }
 
-TEST_F(MessageReaderBlobs, V9BytesOfAnotherValueAreNotTaken) {
+TEST_F(MessageReaderBlobs, V9BytesOfAnotherValueAreRefused) {
     expectMismatch(read(BlobFrame{sha256(Bytes{1}), 1, 0, 1, deflate(Bytes{2})}));
 }
 
-TEST_F(MessageReaderBlobs, NoneIsLargerThanTheServerHasSaid) {
+TEST_F(MessageReaderBlobs, NoValueIsLargerThanTheServersLimit) {
     expectMismatch(read(BlobFrame{sha256(blob_), 1'000'001, 0, 1, deflate(Bytes{7})}));
 }
 

@@ -31,7 +31,7 @@ protected:
 // ---- sending
 
 // This is found without building a frame: more than 2 GiB cannot be built.
-TEST_F(SessionTest, SE11WhatIsTooLargeForTheServerComesBackWithTheLimit) {
+TEST_F(SessionTest, SE11ATooLargeTransactionComesBackWithTheLimit) {
     joinShot();
     // The edits share their bytes: 3 GiB cost nothing here.
     const FieldValue big(stringValue(std::string(2'000'000, 'x')));
@@ -49,7 +49,7 @@ TEST_F(SessionTest, SE11WhatIsTooLargeForTheServerComesBackWithTheLimit) {
     EXPECT_EQ(peer.takeTransaction().edits.size(), 1u) << "later work is sent";
 }
 
-TEST_F(SessionTest, FR8WhatNoFrameCanHoldGoesInPartsAndIsOneCommit) {
+TEST_F(SessionTest, FR8ATransactionThatNoFrameCanHoldIsSentInPartsAndIsOneCommit) {
     Session::Options options;
     options.wholeBytes = 100'000;
     options.partBytes = 50'000;
@@ -80,7 +80,7 @@ TEST_F(SessionTest, FR8WhatNoFrameCanHoldGoesInPartsAndIsOneCommit) {
     EXPECT_EQ(peer.session.pendingTransactions(), 1u);
 }
 
-TEST_F(SessionTest, FR8PartsAreSentAnewOnANewConnection) {
+TEST_F(SessionTest, FR8PartsAreSentAgainOnANewConnection) {
     Session::Options options;
     options.wholeBytes = 100'000;
     options.partBytes = 50'000;
@@ -105,7 +105,7 @@ TEST_F(SessionTest, FR8PartsAreSentAnewOnANewConnection) {
     EXPECT_EQ(whole.edits[499].address.path, "/C");
 }
 
-TEST_F(SessionTest, FR8ACommitInPartsIsSeenWithItsLast) {
+TEST_F(SessionTest, FR8ACommitInPartsIsShownWithItsLastPart) {
     joinShot();
     std::vector<Edit> edits;
     for (int i = 0; i < 50; ++i) edits.push_back(edit("/B" + std::to_string(i), createPrim()));
@@ -149,7 +149,7 @@ TEST_F(SessionTest, SE15AnHourOfWritesWithoutAConnectionIsOneTransaction) {
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
 }
 
-TEST_F(SessionTest, SE15TheOrderOfWhatDependsOnItStays) {
+TEST_F(SessionTest, SE15TheOrderOfDependentWorkStays) {
     joinShot();
     peer.session.disconnected({ErrorCode::NotConnected, "cut"});
     const auto x = [](double value) {
@@ -178,7 +178,7 @@ TEST_F(SessionTest, SE15TheOrderOfWhatDependsOnItStays) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, SE15OfARefusedTransactionNoMoreIsLostThanWithoutIt) {
+TEST_F(SessionTest, SE15ARefusalLosesNoMoreThanWithoutReplacement) {
     joinShot();
     peer.session.disconnected({ErrorCode::NotConnected, "cut"});
     peer.author({authored("/A", setText("comment", "one"))});
@@ -209,7 +209,7 @@ TEST_F(SessionTest, SE15WorkThatIsSentUnderItsOwnNumberKeepsIt) {
 
 // ---- joining
 
-TEST_F(SessionTest, JoiningShowsTheLayerAndTellsProgress) {
+TEST_F(SessionTest, JoiningShowsTheLayerAndReportsProgress) {
     peer.commit(peer.foreign({edit("/A", createPrim())}));
     peer.connect();
     peer.session.openLayer(kShot);
@@ -246,7 +246,7 @@ TEST_F(SessionTest, CommitsThatOvertakeASnapshotAreApplied) {
     EXPECT_TRUE(peer.editor.at(kShot).has("/B"));
 }
 
-TEST_F(SessionTest, ALayerThatIsNotThereFailsToJoin) {
+TEST_F(SessionTest, AMissingLayerFailsToJoin) {
     peer.connect();
     peer.session.openLayer({"none.usda"});
     peer.advance();
@@ -269,7 +269,7 @@ TEST_F(SessionTest, AdvanceStopsWhenItsTimeIsOver) {
     EXPECT_EQ(peer.text("/A", "comment"), "4");
 }
 
-TEST_F(SessionTest, AClosedLayerStaysUntilOnesOwnWorkOnItIsAnswered) {
+TEST_F(SessionTest, AClosedLayerStaysUntilItsPendingWorkIsAnswered) {
     joinShot();
     authorComment("/A", "mine");
     const Transaction mine = peer.takeTransaction();
@@ -284,7 +284,7 @@ TEST_F(SessionTest, AClosedLayerStaysUntilOnesOwnWorkOnItIsAnswered) {
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
 }
 
-TEST_F(SessionTest, AClosedLayerIsOpenedAgainFromWhatIsHere) {
+TEST_F(SessionTest, AClosedLayerIsOpenedAgainFromMemory) {
     joinShot();
     authorComment("/A", "mine");
     peer.session.closeLayer(kShot);
@@ -333,7 +333,7 @@ TEST_F(SessionTest, M7AForeignEditOfARegisterWithAPendingWriteIsNotShown) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, M7WhenThePendingWriteIsRefusedTheTruthShows) {
+TEST_F(SessionTest, M7WhenThePendingWriteIsRefusedTheConfirmedValueIsShown) {
     joinShot();
     authorComment("/A", "mine");
     const Transaction mine = peer.takeTransaction();
@@ -380,7 +380,7 @@ TEST_F(SessionTest, M3SpecsOfPendingWorkAreAddressedByTheirCreation) {
 }
 
 // The same happens when others create a spec of that name at the same time, and delete it again.
-TEST_F(SessionTest, M3WhatFollowsACreationIsForWhatItCreatesInTheEnd) {
+TEST_F(SessionTest, M3EditsAfterACreationApplyToTheSpecThatItCreates) {
     joinShot();
     peer.author({authored("/A.x", createAttribute()), authored("/A.x", setText("kind", "one"))});
     peer.author({authored("/A.x", setText("comment", "two"))});
@@ -477,7 +477,7 @@ TEST_F(SessionTest, M6ARefusedTransactionIsUndoneAndLaterOnesStay) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, M12WhatTheModelCannotHoldComesBackAtOnceAndTheRestStays) {
+TEST_F(SessionTest, M12UnsupportedEditsComeBackAtOnceAndTheRestStays) {
     joinShot();
     const std::size_t before = peer.shown;
     peer.author({authored("/", SetField{"timeCodesPerSecond", {}, doubleValue(0), {}}),
@@ -491,7 +491,7 @@ TEST_F(SessionTest, M12WhatTheModelCannotHoldComesBackAtOnceAndTheRestStays) {
     EXPECT_EQ(peer.takeTransaction().edits.size(), 1u);
 }
 
-TEST_F(SessionTest, M12AnEditThatCouldNotBeMadeIsRepairedWhereItsSpecHasGoneSince) {
+TEST_F(SessionTest, M12AnEditThatCouldNotBeMadeIsRepairedAtTheNewPlaceOfItsSpec) {
     joinShot();
     peer.author({authored("/A", SetField{"primChildren", {}, stringValue("no field"), {}}),
                  authored("/A", moveTo("/", "B")), authored("/B", DeleteSpec{})});
@@ -524,7 +524,7 @@ TEST_F(SessionTest, WorkOnALayerThatIsNotOpenComesBack) {
     EXPECT_EQ(peer.eventsOf<event::Lost>()[0].work.reason.code, ErrorCode::LayerNotOpen);
 }
 
-TEST_F(SessionTest, WhatTheServerFindsTooOldIsAddressedAnew) {
+TEST_F(SessionTest, StaleWorkGetsNewAddresses) {
     joinShot();
     authorComment("/A", "mine");
     const Transaction old = peer.takeTransaction();
@@ -650,7 +650,7 @@ TEST_F(SessionTest, PendingWorkIsPredictedAndSentWithinTheBudget) {
     EXPECT_TRUE(away.agrees());
 }
 
-TEST_F(SessionTest, WhatIsAuthoredWhileTheViewIsBehindIsForWhatTheEditorSaw) {
+TEST_F(SessionTest, EditsWhileTheViewIsBehindApplyToTheShownSpecs) {
     Session::Options options;
     options.leastAtOnce = 1;
     SessionPeer away(options);
@@ -706,7 +706,7 @@ TEST_F(SessionTest, CommitsOfOthersCannotKeepTheViewFromFollowing) {
     EXPECT_TRUE(away.agrees());
 }
 
-TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
+TEST_F(SessionTest, M12DroppedEditsOfAMissedCommitAreReadFromTheLog) {
     joinShot();
     peer.author({authored("/A", setText("comment", "in vain")), authored("/B", createPrim())});
     peer.advance();
@@ -747,7 +747,7 @@ TEST_F(SessionTest, M12WhatWasDroppedOfACommitThatDidNotComeIsReadFromTheLog) {
 
 // Nobody knows whether the sent work is committed: it is not sent again, and it is reported as
 // lost.
-TEST_F(SessionTest, M14WhoWasForgottenGetsBackWhatWasSent) {
+TEST_F(SessionTest, M14AForgottenClientGetsBackItsSentWork) {
     joinShot();
     peer.author({authored("/A", setText("comment", "sent"))});
     peer.advance();
@@ -777,7 +777,7 @@ TEST_F(SessionTest, M14WhoWasForgottenGetsBackWhatWasSent) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
+TEST_F(SessionTest, AnotherHistoryIsJoinedAgainAndWorkCarriedOver) {
     joinShot();
     authorComment("/A", "mine");
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
@@ -819,7 +819,7 @@ TEST_F(SessionTest, AnotherHistoryIsJoinedAnewAndWorkCarriedOver) {
 }
 
 // When the layer is joined again, the prim exists already.
-TEST_F(SessionTest, M13WorkThatIsCarriedOverMeetsWhatOthersCreated) {
+TEST_F(SessionTest, M13CarriedOverWorkIsMergedWithSpecsOfOthers) {
     joinShot();
     const auto specifier = [](std::uint8_t number) {
         return SetField{"specifier", {}, Value(ValueType::Specifier, Bytes{number}), {}};
@@ -843,7 +843,7 @@ TEST_F(SessionTest, M13WorkThatIsCarriedOverMeetsWhatOthersCreated) {
 }
 
 // The sent work may be committed: it is not lost, and the layer stays live.
-TEST_F(SessionTest, ALayerIsAskedForAgainThatTheServerCannotReadNow) {
+TEST_F(SessionTest, ALayerThatTheServerCannotReadNowIsRequestedAgain) {
     joinShot();
     authorComment("/A", "mine");
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
@@ -870,7 +870,7 @@ TEST_F(SessionTest, ALayerIsAskedForAgainThatTheServerCannotReadNow) {
     EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
 }
 
-TEST_F(SessionTest, ACommitThatDoesNotFollowEndsTheConnection) {
+TEST_F(SessionTest, ACommitOutOfOrderEndsTheConnection) {
     joinShot();
     Commit stray = peer.commit(peer.foreign({edit("/B", createPrim())}));
     stray.previous = sha256(asBytes("another history"));
@@ -882,7 +882,7 @@ TEST_F(SessionTest, ACommitThatDoesNotFollowEndsTheConnection) {
     EXPECT_FALSE(peer.session.isConnected());
 }
 
-TEST_F(SessionTest, WhatCannotBeReadEndsTheConnectionAfterWhatCameBefore) {
+TEST_F(SessionTest, AMalformedFrameEndsTheConnectionAfterTheFramesBeforeIt) {
     joinShot();
     peer.commit(peer.foreign({edit("/B", createPrim())}));
     peer.tell(peer.head());
@@ -896,7 +896,7 @@ TEST_F(SessionTest, WhatCannotBeReadEndsTheConnectionAfterWhatCameBefore) {
     EXPECT_FALSE(peer.session.isConnected());
 }
 
-TEST_F(SessionTest, WhatWasOnItsWayThenIsAskedForAgain) {
+TEST_F(SessionTest, RequestsOnTheirWayAreSentAgain) {
     peer.connect();
     peer.session.openLayer(kShot);
     peer.advance();
@@ -919,7 +919,7 @@ TEST_F(SessionTest, WhatWasOnItsWayThenIsAskedForAgain) {
     EXPECT_TRUE(peer.editor.at(kShot).has("/A"));
 }
 
-TEST_F(SessionTest, CP1ACheckpointIsAnsweredOrItIsSaidWhyNot) {
+TEST_F(SessionTest, CP1ACheckpointIsAnsweredOrFailsWithTheReason) {
     const auto offline = peer.session.createCheckpoint("lunch");
     peer.advance();
     EXPECT_EQ(peer.eventsOf<event::ServerError>().at(0).message.request, offline);
@@ -948,7 +948,7 @@ TEST_F(SessionTest, CP1ACheckpointIsAnsweredOrItIsSaidWhyNot) {
     EXPECT_EQ(failed, (std::vector{again, cut})) << "each once";
 }
 
-TEST_F(SessionTest, AnOlderEpochIsNotBelieved) {
+TEST_F(SessionTest, AnOlderEpochIsIgnored) {
     joinShot();
     peer.epoch = 3;
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
@@ -1053,7 +1053,7 @@ TEST_F(SessionTest, M11PreviewsAreWithdrawnReplacedAndNeverConfirmed) {
 
 // A spec that exists only in somebody's preview cannot be deleted; but the next edits of the editor
 // must be shown as the executor will commit them (M13).
-TEST_F(SessionTest, M11WhatAPreviewBroughtAndIsCreatedOnceMoreIsPredictedAsItWillBe) {
+TEST_F(SessionTest, M11ASpecOfAPreviewThatIsCreatedAgainIsPredictedCorrectly) {
     joinShot();
     const auto key = [](const char* name) {
         return SetField{"customData", DictionaryKey{{name}}, stringValue("theirs"), {}};
@@ -1097,7 +1097,7 @@ TEST_F(SessionTest, M11AnOpenGestureFollowsForeignRenames) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, M11AGestureOnWhatWasJustCreatedKeepsItsAddresses) {
+TEST_F(SessionTest, M11AGestureOnANewSpecKeepsItsAddresses) {
     joinShot();
     peer.author({authored("/B", createPrim())});
     peer.advance();
@@ -1170,7 +1170,7 @@ TEST_F(SessionTest, V9ATransactionWaitsForItsBigValuesAndOthersDoNot) {
 
 // A server recognizes the last 1,024 numbers of a client. The number of a waiting transaction must
 // be among them when it is sent.
-TEST_F(SessionTest, M9NoMoreGoesPastAWaitingTransactionThanAServerRecognizes) {
+TEST_F(SessionTest, M9NoMoreTransactionsPassAWaitingOneThanAServerRecognizes) {
     joinShot();
     const BigValue big = bigValue(1);
     peer.blobs[big.value.hash()] = big.bytes;
@@ -1193,7 +1193,7 @@ TEST_F(SessionTest, M9NoMoreGoesPastAWaitingTransactionThanAServerRecognizes) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, V9ABigValueIsAskedForOnceAndAgainAfterAReconnect) {
+TEST_F(SessionTest, V9ABigValueIsRequestedOnceAndAgainAfterAReconnect) {
     joinShot();
     const BigValue big = bigValue(2);
     const Hash hash = big.value.hash();
@@ -1315,7 +1315,7 @@ TEST_F(SessionTest, B3AServerThatWouldStoreThemGetsNoValuesOfPreviews) {
     EXPECT_TRUE(peer.sent.empty());
 }
 
-TEST_F(SessionTest, B4OfPreviewsTheNewestIsShownWhoseBigValuesAreHere) {
+TEST_F(SessionTest, B4TheNewestPreviewWithAllItsBigValuesIsShown) {
     joinShot();
     const BigValue values[] = {bigValue(1), bigValue(2), bigValue(3), bigValue(4)};
     const auto preview = [&](int number) {
@@ -1352,7 +1352,7 @@ TEST_F(SessionTest, B4OfPreviewsTheNewestIsShownWhoseBigValuesAreHere) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, B5ADownloadThatFailsIsAskedForAgainAsLongAsItIsNeeded) {
+TEST_F(SessionTest, B5AFailedDownloadIsRequestedAgainAsLongAsItIsNeeded) {
     joinShot();
     const BigValue big = bigValue(2);
     const Hash hash = big.value.hash();
@@ -1386,7 +1386,7 @@ TEST_F(SessionTest, B5ADownloadThatFailsIsAskedForAgainAsLongAsItIsNeeded) {
     EXPECT_EQ(framesUntilAsked(), 0);
 }
 
-TEST_F(SessionTest, B1WhatBuildsOnAValueThatIsRefusedComesAfterIt) {
+TEST_F(SessionTest, B1WorkThatBuildsOnARefusedValueComesAfterIt) {
     joinShot();
     const BigValue big = bigValue(1);
     peer.blobs[big.value.hash()] = big.bytes;
@@ -1440,7 +1440,7 @@ TEST_F(SessionTest, B1AnUploadThatIsRefusedIsSentAgain) {
     EXPECT_TRUE(peer.agrees());
 }
 
-TEST_F(SessionTest, V9BytesOfAnotherValueAreNotTaken) {
+TEST_F(SessionTest, V9BytesOfAnotherValueAreRefused) {
     joinShot();
     const Hash hash = sha256(asBytes("what was asked for"));
     const Bytes bytes(10, 1);
@@ -1495,7 +1495,7 @@ TEST_F(SessionTest, TheLogIsReadBesideTheStream) {
     EXPECT_EQ(peer.session.revision(), 3u);
 }
 
-TEST_F(SessionTest, ARequestThatTheLineLosesIsAnswered) {
+TEST_F(SessionTest, ARequestLostWithItsConnectionIsAnswered) {
     joinShot();
     std::optional<Error> error;
     peer.session.requestLog(
@@ -1509,7 +1509,7 @@ TEST_F(SessionTest, ARequestThatTheLineLosesIsAnswered) {
     EXPECT_EQ(peer.eventsOf<event::Disconnected>().size(), 1u);
 }
 
-TEST_F(SessionTest, ThePartingWordOfAServerIsHeard) {
+TEST_F(SessionTest, TheClosingErrorOfAServerIsReported) {
     joinShot();
     peer.deliver(ErrorMessage{"shuttingDown", "bye", true, {}, {}});
     peer.session.disconnected({ErrorCode::NotConnected, "closed"});

@@ -85,7 +85,7 @@ TEST_F(CommitOrderTest, DD5ACommitWaitsForTheRepliesBeforeIt) {
     EXPECT_EQ(taken(order_), (Texts{"preview", "c5", "c6"}));
 }
 
-TEST_F(CommitOrderTest, DD6NoCommitStandsInALog) {
+TEST_F(CommitOrderTest, DD6NoCommitIsInsideALog) {
     reply("live", {0, false, 5});
     reply("log", {0, true});
     commit(5);
@@ -96,7 +96,7 @@ TEST_F(CommitOrderTest, DD6NoCommitStandsInALog) {
     EXPECT_EQ(taken(order_), (Texts{"", "c6"}));
 }
 
-TEST_F(CommitOrderTest, DD7AsksForWhatIsMissingAfterAWhile) {
+TEST_F(CommitOrderTest, DD7RequestsMissingCommitsAfterAWhile) {
     reply("live", {0, false, 5});
     EXPECT_EQ(taken(order_), Texts{"live"});
     EXPECT_EQ(order_.deadline(), std::nullopt);

@@ -57,7 +57,7 @@ CommitOrder liveFrom(Revision next) {
 
 }  // namespace
 
-TEST(NewsOrder, DD11NothingIsToldBeforeTheStreamSaysFromWhen) {
+TEST(NewsOrder, DD11NothingIsShownBeforeTheStreamNamesTheStart) {
     const CommitOrder commits = liveFrom(1);
     NewsOrder news;
     news.state(3, 0, state("a", 3));
@@ -69,7 +69,7 @@ TEST(NewsOrder, DD11NothingIsToldBeforeTheStreamSaysFromWhen) {
     EXPECT_EQ(text(news.takeStates(commits)), "");
 }
 
-TEST(NewsOrder, DD11TheLatestStateIsToldOnce) {
+TEST(NewsOrder, DD11TheLatestStateIsShownOnce) {
     const CommitOrder commits = liveFrom(1);
     NewsOrder news;
     news.statesFrom(1);
@@ -96,7 +96,7 @@ TEST(NewsOrder, LS1AStateWaitsForItsCommit) {
     EXPECT_EQ(text(news.takeStates(commits)), "b2 ");
 }
 
-TEST(NewsOrder, LS1WhileCommitsOfThePastComeAStateWaits) {
+TEST(NewsOrder, LS1AStateWaitsForPastCommits) {
     const CommitOrder commits(1'000);
     NewsOrder news;
     news.statesFrom(1);
@@ -105,7 +105,7 @@ TEST(NewsOrder, LS1WhileCommitsOfThePastComeAStateWaits) {
     EXPECT_EQ(text(news.takeStates(liveFrom(7))), "a1 ");
 }
 
-TEST(NewsOrder, DD12TellsOthersThanTheFirstAndWhoIsGone) {
+TEST(NewsOrder, DD12ShowsOthersThanTheFirstAndRemovals) {
     NewsOrder news;
     news.presence(1, presence("ada", 1), kNow);
     news.presence(4, presence("bo", 4), kNow);
@@ -121,7 +121,7 @@ TEST(NewsOrder, DD12TellsOthersThanTheFirstAndWhoIsGone) {
     EXPECT_EQ(text(news.takePresences(kNow + 1s)), "-bo ");
 }
 
-TEST(NewsOrder, PS2WhoIsNotHeardOfIsGone) {
+TEST(NewsOrder, PS2APresenceWithoutUpdatesIsRemoved) {
     NewsOrder news;
     news.presencesFrom(3, {{presence("ada", 1)}, {}}, kNow);
     news.presence(3, presence("bo", 1), kNow);
@@ -133,7 +133,7 @@ TEST(NewsOrder, PS2WhoIsNotHeardOfIsGone) {
     EXPECT_EQ(news.deadline(), kNow + 5s);
 }
 
-TEST(NewsOrder, PS2AProcessThatHungTakesNobodyForGone) {
+TEST(NewsOrder, PS2AProcessThatHungRemovesNobody) {
     NewsOrder news;
     news.presencesFrom(3, {{presence("ada", 1)}, {}}, kNow);
     EXPECT_EQ(text(news.takePresences(kNow + 10s)), "");
@@ -141,7 +141,7 @@ TEST(NewsOrder, PS2AProcessThatHungTakesNobodyForGone) {
     EXPECT_EQ(text(news.takePresences(kNow + 13s)), "-ada ");
 }
 
-TEST(NewsOrder, WhatIsKeptIsBounded) {
+TEST(NewsOrder, KeptNewsAreBounded) {
     const CommitOrder commits = liveFrom(1);
     NewsOrder news;
     news.statesFrom(1);

@@ -64,7 +64,7 @@ TEST(ServerAddress, ReadsProjectsOfAServer) {
     EXPECT_EQ(both.url(), "ws://h:7447/my%20shot/sets/a.usda");
 }
 
-TEST(ServerAddress, SaysWhatIsWrong) {
+TEST(ServerAddress, ReportsErrors) {
     for (const std::string text : {"",
                                    "http://h",
                                    "ws://",

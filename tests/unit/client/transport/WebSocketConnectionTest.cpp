@@ -116,7 +116,7 @@ TEST(WebSocketConnection, SpeaksBinaryAtLive) {
 }
 
 // Works like an editor: a reader for each connection decodes what arrives.
-TEST(WebSocketConnection, BringsFrames) {
+TEST(WebSocketConnection, DeliversFrames) {
     LayerDoc doc;
     ASSERT_TRUE(doc.apply("/A", CreateSpec{SpecKind::Prim}));
     ASSERT_TRUE(doc.apply("/A", SetField{"comment", {}, stringValue(std::string(200'000, 'c'))}));
@@ -164,7 +164,7 @@ TEST(WebSocketConnection, BringsFrames) {
     EXPECT_NE(nonsense.error().code, ErrorCode::Internal);
 }
 
-TEST(WebSocketConnection, WhatIsQueuedTogetherLeavesInOrder) {
+TEST(WebSocketConnection, QueuedMessagesAreSentInOrder) {
     SmallServer server;
     const auto connection = client::createWebSocketConnection(server.address());
     auto socket = server.accept();
@@ -198,7 +198,7 @@ TEST(WebSocketConnection, TakesTheLargestFrameAndASmallOneBesideIt) {
     writer.join();
 }
 
-TEST(WebSocketConnection, GivesUpAServerThatSendsTooMuch) {
+TEST(WebSocketConnection, LeavesAServerThatSendsTooMuch) {
     SmallServer server;
     const auto connection = client::createWebSocketConnection(server.address());
     auto socket = server.accept();
@@ -211,7 +211,7 @@ TEST(WebSocketConnection, GivesUpAServerThatSendsTooMuch) {
     writer.join();
 }
 
-TEST(WebSocketConnection, GivesUpAServerThatSendsText) {
+TEST(WebSocketConnection, LeavesAServerThatSendsText) {
     SmallServer server;
     const auto connection = client::createWebSocketConnection(server.address());
     auto socket = server.accept();
@@ -223,7 +223,7 @@ TEST(WebSocketConnection, GivesUpAServerThatSendsText) {
     EXPECT_EQ(std::get<Connection::Lost>(*happening).reason.code, ErrorCode::TextFrame);
 }
 
-TEST(WebSocketConnection, ComesBackAfterALoss) {
+TEST(WebSocketConnection, ReconnectsAfterALoss) {
     SmallServer server;
     const auto connection = client::createWebSocketConnection(server.address());
     for (int i = 0; i < 3; ++i) {
@@ -268,7 +268,7 @@ TEST(WebSocketConnection, ResetMakesANewOne) {
     ASSERT_TRUE(isNext<Connection::Opened>(*connection));
 }
 
-TEST(WebSocketConnection, TellsThatNobodyIsThereAndKeepsTrying) {
+TEST(WebSocketConnection, ReportsThatNoServerAnswersAndKeepsTrying) {
     std::uint16_t port = 0;
     {
         port = SmallServer().port();
@@ -287,7 +287,7 @@ TEST(WebSocketConnection, TellsThatNobodyIsThereAndKeepsTrying) {
     FAIL() << "not opened";
 }
 
-TEST(WebSocketConnection, TellsThatTheServerIsAnotherOne) {
+TEST(WebSocketConnection, ReportsThatTheServerIsAnotherOne) {
     SmallServer server;
     const auto connection = client::createWebSocketConnection(server.address());
     auto socket = server.acceptTcp();
@@ -299,7 +299,7 @@ TEST(WebSocketConnection, TellsThatTheServerIsAnotherOne) {
               std::string::npos);
 }
 
-TEST(WebSocketConnection, LeavesInGoodOrderAndSendsWhatIsQueued) {
+TEST(WebSocketConnection, LeavesInOrderAndSendsQueuedMessages) {
     SmallServer server;
     auto connection = client::createWebSocketConnection(server.address());
     auto socket = server.accept();

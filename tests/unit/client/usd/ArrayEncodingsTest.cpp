@@ -40,12 +40,12 @@ protected:
     }
 };
 
-TEST_F(ArrayEncodingsTest, AFrameWithoutBigArraysIsNotHeldUp) {
+TEST_F(ArrayEncodingsTest, AFrameWithoutBigArraysDoesNotWait) {
     EXPECT_TRUE(encodings_.areReady({}, 0));
     letWorkerGo();
 }
 
-TEST_F(ArrayEncodingsTest, AFrameWaitsAndGetsWhatTheCodecGives) {
+TEST_F(ArrayEncodingsTest, AFrameWaitsAndGetsTheResultOfTheCodec) {
     const auto array = points(400'000, 1);
     EXPECT_FALSE(encodings_.areReady({array}, 0));
     EXPECT_FALSE(encodings_.areReady({array}, 1));
@@ -65,7 +65,7 @@ TEST_F(ArrayEncodingsTest, AFrameWaitsAndGetsWhatTheCodecGives) {
     EXPECT_FALSE(encodings_.encoded(array));
 }
 
-TEST_F(ArrayEncodingsTest, WhatIsWrittenAgainMeanwhileIsEncodedWithinTheFrame) {
+TEST_F(ArrayEncodingsTest, AnArrayWrittenAgainMeanwhileIsEncodedWithinTheFrame) {
     letWorkerGo();
     EXPECT_FALSE(encodings_.areReady({points(400'000, 1)}, 0));
     waitForWorker();
@@ -81,7 +81,7 @@ TEST_F(ArrayEncodingsTest, WhatIsWrittenAgainMeanwhileIsEncodedWithinTheFrame) {
     EXPECT_FALSE(encodings_.areReady({third}, 10 + ArrayEncodings::kAtOnceMs));
 }
 
-TEST_F(ArrayEncodingsTest, WhatCannotBeEncodedIsLeftToTheFrame) {
+TEST_F(ArrayEncodingsTest, AnArrayThatCannotBeEncodedIsLeftToTheFrame) {
     letWorkerGo();
     const pxr::VtValue array(pxr::VtArray<std::string>(400'000, "\xff"));  // not UTF-8
     EXPECT_FALSE(encodings_.areReady({array}, 0));

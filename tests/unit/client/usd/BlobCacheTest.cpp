@@ -38,7 +38,7 @@ std::set<std::string> ownFiles(const Folder& folder) {
 
 }  // namespace
 
-TEST(BlobCache, GivesBackWhatItCachesAlsoToALaterOne) {
+TEST(BlobCache, ReturnsCachedValuesAlsoToALaterCache) {
     const Folder folder;
     const auto blob = bytes(1);
     {
@@ -52,7 +52,7 @@ TEST(BlobCache, GivesBackWhatItCachesAlsoToALaterOne) {
     EXPECT_EQ(*later.blob(hashOf(blob)), *blob);
 }
 
-TEST(BlobCache, HoldsLittleInMemoryAndStillHasAll) {
+TEST(BlobCache, HoldsLittleInMemoryAndHasAllValues) {
     const Folder folder;
     BlobCache cache(folder.path, 2500);
     for (std::uint8_t i = 0; i < 20; ++i) cache.keepBlob(hashOf(bytes(i)), bytes(i));
@@ -63,7 +63,7 @@ TEST(BlobCache, HoldsLittleInMemoryAndStillHasAll) {
     }
 }
 
-TEST(BlobCache, B3WhatIsHeldIsInMemoryOnlyUntilItIsKept) {
+TEST(BlobCache, B3AHeldValueStaysInMemoryUntilItIsKept) {
     const Folder folder;
     const auto blob = bytes(1), other = bytes(2);
     {
@@ -94,7 +94,7 @@ TEST(BlobCache, ItsFolderIsBoundedAndTheLastUsedStay) {
     EXPECT_GE(files, 5);
 }
 
-TEST(BlobCache, WhatIsKeptStaysWhateverOthersRemove) {
+TEST(BlobCache, KeptValuesStayWhenOthersRemoveTheirs) {
     const Folder folder;
     BlobCache mine(folder.path, 0, 5'000);
     mine.keepBlob(hashOf(bytes(1)), bytes(1));
@@ -116,7 +116,7 @@ TEST(BlobCache, WhatIsKeptStaysWhateverOthersRemove) {
 
 // The intermediate values of a drag: values that work still names are kept, and values that the
 // server has are cached.
-TEST(BlobCache, B7OnlyWhatIsStillNamedIsKept) {
+TEST(BlobCache, B7OnlyNamedValuesAreKept) {
     const Folder folder;
     {
         BlobCache cache(folder.path, 0, 1'000'000'000);
@@ -147,7 +147,7 @@ TEST(BlobCache, B7OnlyWhatIsStillNamedIsKept) {
     EXPECT_EQ(std::distance(fs::directory_iterator(folder.path), {}), 6) << "nothing else is left";
 }
 
-TEST(BlobCache, OfAFolderThatCannotBeWrittenOnlyWhatIsKeptStaysInMemory) {
+TEST(BlobCache, WithoutAWritableFolderOnlyKeptValuesStayInMemory) {
     const Folder folder;
     std::ofstream(folder.path) << "in the way";
     BlobCache cache(folder.path, 5'000, 1'000'000'000);
@@ -171,7 +171,7 @@ TEST(BlobCache, OfAFolderThatCannotBeWrittenOnlyWhatIsKeptStaysInMemory) {
     EXPECT_LE(held(own), 5);
 }
 
-TEST(BlobCache, SeveralMayWriteTheSameAtOnce) {
+TEST(BlobCache, SeveralProcessesMayWriteOneValueAtOnce) {
     const Folder folder;
     {
         std::deque<BlobCache> caches;
@@ -194,7 +194,7 @@ TEST(BlobCache, SeveralMayWriteTheSameAtOnce) {
         << "nothing else is left";
 }
 
-TEST(BlobCache, WhatAKilledProcessLeftIsRemoved) {
+TEST(BlobCache, FilesOfAKilledProcessAreRemoved) {
     const Folder folder;
     fs::create_directories(folder.path / "own-dead");
     std::ofstream(folder.path / "own-dead.lock");

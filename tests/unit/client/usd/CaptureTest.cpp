@@ -95,7 +95,7 @@ using CaptureTest = Loopback;
 
 }  // namespace
 
-TEST_F(CaptureTest, TellsNothingWhenNothingWasWritten) {
+TEST_F(CaptureTest, CapturesNothingWhenNothingWasWritten) {
     EXPECT_FALSE(capture->hasWrites());
     EXPECT_TRUE(seal().empty());
 }
@@ -111,7 +111,7 @@ TEST_F(CaptureTest, AValueSetManyTimesIsOneEdit) {
     expectSame();
 }
 
-TEST_F(CaptureTest, AValueSetBackIsNone) {
+TEST_F(CaptureTest, AValueSetBackMakesNoEdit) {
     const auto x = attribute(prim("A"));
     x->SetDefaultValue(pxr::VtValue(1.0));
     seal();
@@ -120,7 +120,7 @@ TEST_F(CaptureTest, AValueSetBackIsNone) {
     EXPECT_TRUE(seal().empty());
 }
 
-TEST_F(CaptureTest, ASpecCreatedAndDeletedIsNone) {
+TEST_F(CaptureTest, ASpecCreatedAndDeletedMakesNoEdit) {
     prim("A");
     seal();
     layer->RemoveRootPrim(prim("B"));
@@ -140,7 +140,7 @@ TEST_F(CaptureTest, DeletingATreeIsOneEdit) {
     expectSame();
 }
 
-TEST_F(CaptureTest, ARenameIsOneEditAndCarriesWhatWasWrittenBefore) {
+TEST_F(CaptureTest, ARenameIsOneEditAndCarriesEarlierWrites) {
     const auto a = prim("A");
     const auto x = attribute(a);
     prim("B");
@@ -170,7 +170,7 @@ TEST_F(CaptureTest, AReparentIntoTheMiddleIsAMoveAndAPlace) {
     expectSame();
 }
 
-TEST_F(CaptureTest, OfManySamplesOnlyTheOneWrittenIsTold) {
+TEST_F(CaptureTest, OnlyTheWrittenSampleOfManyIsCaptured) {
     const auto x = attribute(prim("A"));
     for (int i = 0; i < 50; ++i) layer->SetTimeSample(x->GetPath(), i, double(i));
     seal();
@@ -184,7 +184,7 @@ TEST_F(CaptureTest, OfManySamplesOnlyTheOneWrittenIsTold) {
     expectSame();
 }
 
-TEST_F(CaptureTest, ADictionaryIsToldByItsKeys) {
+TEST_F(CaptureTest, ADictionaryIsCapturedByKeys) {
     const auto a = prim("A");
     layer->SetFieldDictValueByKey(a->GetPath(), pxr::SdfFieldKeys->CustomData, pxr::TfToken("a:b"),
                                   1);
@@ -234,7 +234,7 @@ TEST_F(CaptureTest, ASublayersOffsetIsPartOfIt) {
     expectSame();
 }
 
-TEST_F(CaptureTest, WhatCannotBeCarriedIsToldAndUndone) {
+TEST_F(CaptureTest, AnUnsupportedValueIsReportedAndUndone) {
     const auto a = prim("A");
     const auto x = attribute(a);
     x->SetDefaultValue(pxr::VtValue(1.0));
@@ -254,7 +254,7 @@ TEST_F(CaptureTest, WhatCannotBeCarriedIsToldAndUndone) {
 }
 
 // D1: such a value would hang the composition of everybody.
-TEST_F(CaptureTest, AForbiddenValueIsToldAndUndone) {
+TEST_F(CaptureTest, AForbiddenValueIsReportedAndUndone) {
     layer->SetTimeCodesPerSecond(30);
     seal();
     layer->SetTimeCodesPerSecond(0);
@@ -265,7 +265,7 @@ TEST_F(CaptureTest, AForbiddenValueIsToldAndUndone) {
     expectSame();
 }
 
-TEST_F(CaptureTest, ED8ATypeNameThatNoTextHoldsIsToldAndUndone) {
+TEST_F(CaptureTest, ED8ATypeNameThatNoTextHoldsIsReportedAndUndone) {
     const auto a = prim("A");
     const auto x = attribute(a);
     seal();
@@ -284,7 +284,7 @@ TEST_F(CaptureTest, ED8ATypeNameThatNoTextHoldsIsToldAndUndone) {
     expectSame();
 }
 
-TEST_F(CaptureTest, ED9AValueOfAnotherTypeIsToldAndUndone) {
+TEST_F(CaptureTest, ED9AValueOfAnotherTypeIsReportedAndUndone) {
     const auto x = attribute(prim("A"));
     x->SetDefaultValue(pxr::VtValue(1.0));
     seal();
@@ -304,7 +304,7 @@ TEST_F(CaptureTest, ED9AValueOfAnotherTypeIsToldAndUndone) {
     expectSame();
 }
 
-TEST_F(CaptureTest, ED10WhatSaysNothingIsNoField) {
+TEST_F(CaptureTest, ED10AFieldWithoutMeaningIsAbsent) {
     const auto a = prim("A");
     seal();
     layer->SetField(a->GetPath(), pxr::SdfFieldKeys->VariantSetNames,
@@ -317,7 +317,7 @@ TEST_F(CaptureTest, ED10WhatSaysNothingIsNoField) {
     expectSame();
 }
 
-TEST_F(CaptureTest, WhatOpenUsdReadsOtherwiseIsToldAndUndone) {
+TEST_F(CaptureTest, AValueThatOpenUsdReadsDifferentlyIsReportedAndUndone) {
     const auto a = prim("A");
     const auto e = pxr::SdfAttributeSpec::New(a, "e", pxr::SdfValueTypeNames->PathExpression);
     seal();
@@ -352,7 +352,7 @@ TEST_F(CaptureTest, ABigValueIsNamedByItsHash) {
     expectSame();
 }
 
-TEST_F(CaptureTest, AReplacementThatTellsNothingIsComparedWhole) {
+TEST_F(CaptureTest, AReplacementWithoutDetailsIsComparedAsAWhole) {
     pxr::SdfCreatePrimInLayer(layer, pxr::SdfPath("/A/B"));
     attribute(layer->GetPrimAtPath(pxr::SdfPath("/A")));
     prim("C");

@@ -170,7 +170,7 @@ TEST_F(ClientTest, EditsGoBothWays) {
 }
 
 // M1: parts are sent also for a field that did not exist before.
-TEST_F(ClientTest, M1TwoWhoWriteTheFirstPartsOfAFieldBothKeepTheirs) {
+TEST_F(ClientTest, M1TwoAuthorsOfTheFirstPartsOfAFieldBothKeepTheirs) {
     server.files[kRoot] = docOf("def \"World\" {\n double x\n rel r\n rel e\n}\n");
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
@@ -231,7 +231,7 @@ TEST_F(ClientTest, M1TwoWhoWriteTheFirstPartsOfAFieldBothKeepTheirs) {
 }
 
 // M13: a spec that both created at once has the parts of both.
-TEST_F(ClientTest, M13TwoWhoCreateOneSpecBothKeepWhatTheyWriteThere) {
+TEST_F(ClientTest, M13TwoAuthorsWhoCreateOneSpecBothKeepTheirFields) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
     const auto write = [](const pxr::SdfLayerRefPtr& layer, const std::string& name, double time,
@@ -276,7 +276,7 @@ TEST_F(ClientTest, OneFrameIsOneTransactionOverAllLayers) {
     EXPECT_EQ(server.head(), before + 1);
 }
 
-TEST_F(ClientTest, ALayerIsClosedToTheEditorUntilItIsThere) {
+TEST_F(ClientTest, ALayerCannotBeEditedUntilItHasArrived) {
     const auto ada = connect("ada");
     server.setReachable(false);
     ada->tick();
@@ -299,7 +299,7 @@ TEST_F(ClientTest, ALayerIsClosedToTheEditorUntilItIsThere) {
 }
 
 // M12: edits that were written into the placeholder before the client knew that it was loaded.
-TEST_F(ClientTest, M12WorkOfBeforeALayerWasLiveIsKept) {
+TEST_F(ClientTest, M12WorkFromBeforeALayerWasLiveIsKept) {
     const auto ada = connect("ada");
     const auto layer = SdfLayer::FindOrOpen((ada->cacheFolder() / kLook.value).string());
     pxr::SdfCreatePrimInLayer(layer, SdfPath("/Early"));
@@ -336,7 +336,7 @@ TEST_F(ClientTest, WorkDoneOfflineArrivesLater) {
     EXPECT_EQ(told, (std::vector<std::string>{"gone", "back"}));
 }
 
-TEST_F(ClientTest, AValueThatCannotBeSharedIsToldAndUndone) {
+TEST_F(ClientTest, AValueThatCannotBeSharedIsReportedAndUndone) {
     const auto ada = connect("ada");
     const auto layer = open(*ada, kRoot);
     std::vector<std::string> lost;
@@ -353,7 +353,7 @@ TEST_F(ClientTest, AValueThatCannotBeSharedIsToldAndUndone) {
 }
 
 // M12 includes the content of writes that capture cannot share.
-TEST_F(ClientTest, M12AWriteThatIsGivenUpKeepsItsContent) {
+TEST_F(ClientTest, M12AnUnsharedWriteKeepsItsContent) {
     const auto ada = connect("ada");
     const auto layer = open(*ada, kRoot);
     layer->SetTimeCodesPerSecond(0);
@@ -364,7 +364,7 @@ TEST_F(ClientTest, M12AWriteThatIsGivenUpKeepsItsContent) {
     EXPECT_EQ(std::get<SetField>(work->edits[0].action).field, "timeCodesPerSecond");
 }
 
-TEST_F(ClientTest, WhatIsWrittenInTheFrameOfAMutingIsCommitted) {
+TEST_F(ClientTest, EditsInTheFrameOfAMutingAreCommitted) {
     const auto ada = connect("ada");
     const auto layer = open(*ada, kRoot);
     layer->SetComment("before the muting");
@@ -393,7 +393,7 @@ TEST_F(ClientTest, ALayerThatIsMutedWhileItIsJoinedCanBeEditedLater) {
     EXPECT_NE(serverText(kLook).find("mine"), std::string::npos);
 }
 
-TEST_F(ClientTest, ClosingAndOpeningAgainLosesOnlyWhatWasWrittenBetween) {
+TEST_F(ClientTest, ClosingAndOpeningAgainLosesOnlyEditsInBetween) {
     const auto ada = connect("ada");
     const auto layer = open(*ada, kLook);
     layer->SetComment("mine");
@@ -470,7 +470,7 @@ TEST_F(ClientTest, B3AGestureOnABigValueIsSeenAndLeavesEverybodyEqual) {
     EXPECT_EQ(server.blobs.size(), 1u);
 }
 
-TEST_F(ClientTest, AReloadBringsTheProjectBackAndHarmsNobody) {
+TEST_F(ClientTest, AReloadRestoresTheProjectsContentAndAffectsNobodyElse) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
     hers->SetComment("kept");
@@ -541,7 +541,7 @@ TEST_F(ClientTest, AGestureIsSeenAtOnceAndCommittedOnce) {
     EXPECT_EQ(exportedText(hers), serverText(kRoot));
 }
 
-TEST_F(ClientTest, ClosedMeansOnItsOwn) {
+TEST_F(ClientTest, AClosedLayerIsIndependent) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
     hers->SetComment("last");
@@ -711,7 +711,7 @@ TEST_F(ClientTest, AHandlerMaySaveBeforeItsCallersSaveIsAnswered) {
     EXPECT_EQ(outer->saved, std::vector{kRoot});
 }
 
-TEST_F(ClientTest, FI6ANewLayerIsOpenAndOfTheProject) {
+TEST_F(ClientTest, FI6ANewLayerIsOpenAndPartOfTheProject) {
     const auto ada = connect("ada");
     const auto bob = connect("bob");
     const auto made = ada->createLayer({"fx/new.usda"});

@@ -55,7 +55,7 @@ protected:
     usdlive::test::MemoryBlobs blobs;
 };
 
-TEST_F(JournalTest, KeepsWhatIsNotAnswered) {
+TEST_F(JournalTest, KeepsUnansweredWork) {
     {
         Journal journal(folder, kClient, blobs);
         write(journal, 1, 10);
@@ -77,7 +77,7 @@ TEST_F(JournalTest, KeepsWhatIsNotAnswered) {
     EXPECT_EQ(work.hash, sha256(asBytes("seven")));
 }
 
-TEST_F(JournalTest, IsGoneWhenAllIsAnswered) {
+TEST_F(JournalTest, IsRemovedWhenAllIsAnswered) {
     Journal journal(folder, kClient, blobs);
     write(journal, 1, 100);
     journal.flush();
@@ -143,7 +143,7 @@ TEST_F(JournalTest, B7KeepsTheBigValuesThatItsWorkNames) {
 }
 
 // Simulates a full disk: there is room for the value, but not for the record that names it.
-TEST_F(JournalTest, B7OfWorkThatCannotBeWrittenNoValuesStay) {
+TEST_F(JournalTest, B7ValuesOfWorkThatCannotBeWrittenAreRemoved) {
     const auto bytes = std::make_shared<const Bytes>(1'000, std::uint8_t(1));
     const Hash hash = sha256(ByteView(*bytes));
     blobs.all = {{hash, bytes}};

@@ -98,7 +98,7 @@ protected:
 
 }  // namespace
 
-TEST_F(LiveLayerTest, ShowsWhatArrivedWithWhatWasCommittedSince) {
+TEST_F(LiveLayerTest, ShowsTheSnapshotWithTheCommitsSince) {
     LayerDoc doc = bigDoc("W");
     arrive(partsOf(doc));
     live.arrived(doc);
@@ -112,7 +112,7 @@ TEST_F(LiveLayerTest, ShowsWhatArrivedWithWhatWasCommittedSince) {
     expectView();
 }
 
-TEST_F(LiveLayerTest, IsMadeAnewWhereMuchWasCommittedSince) {
+TEST_F(LiveLayerTest, IsBuiltAgainIfMuchWasCommittedSince) {
     LayerDoc doc = bigDoc("W");
     arrive(partsOf(doc));
     live.arrived(doc);
@@ -124,14 +124,14 @@ TEST_F(LiveLayerTest, IsMadeAnewWhereMuchWasCommittedSince) {
 }
 
 // Code that reloads a layer may use it after the next tick.
-TEST_F(LiveLayerTest, ASmallOneIsThereAtOnce) {
+TEST_F(LiveLayerTest, ASmallLayerIsFilledAtOnce) {
     show(bigDoc("W", 500));
     live.fill();
     EXPECT_TRUE(live.isFilled());
     expectView();
 }
 
-TEST_F(LiveLayerTest, ASnapshotThatBeginsAnewMakesTheOneBeforeVoid) {
+TEST_F(LiveLayerTest, ASnapshotThatStartsAgainReplacesThePreviousOne) {
     Parts first = partsOf(bigDoc("First"));
     first.pop_back();
     arrive(first);
@@ -139,7 +139,7 @@ TEST_F(LiveLayerTest, ASnapshotThatBeginsAnewMakesTheOneBeforeVoid) {
     join(partsOf(doc), doc);
 }
 
-TEST_F(LiveLayerTest, IsFilledAnewWhileASnapshotArrives) {
+TEST_F(LiveLayerTest, IsFilledAgainWhileASnapshotArrives) {
     const LayerDoc next = bigDoc("Next");
     Parts parts = partsOf(next);
     live.arriving(parts.front());
@@ -149,11 +149,11 @@ TEST_F(LiveLayerTest, IsFilledAnewWhileASnapshotArrives) {
     join(parts, next);
 }
 
-TEST_F(LiveLayerTest, ShowsTheViewWherePartsDoNotFollow) {
+TEST_F(LiveLayerTest, ShowsTheViewIfPartsAreOutOfOrder) {
     const LayerDoc doc = bigDoc("W");
     Parts parts = partsOf(doc);
     std::swap(parts[1], parts[2]);
     join(parts, doc);
 }
 
-TEST_F(LiveLayerTest, MayGoWhileItIsFilled) { arrive(partsOf(bigDoc("W", 50'000))); }
+TEST_F(LiveLayerTest, MayBeDestroyedWhileItIsFilled) { arrive(partsOf(bigDoc("W", 50'000))); }

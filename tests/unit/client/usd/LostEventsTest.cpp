@@ -19,7 +19,7 @@ event::Lost lost(const std::string& path, std::size_t index) {
 
 }  // namespace
 
-TEST(LostEvents, TellsTheFirstAtOnceAndOneForThoseThatFollow) {
+TEST(LostEvents, ReportsTheFirstAtOnceAndTheFollowingTogether) {
     LostEvents events;
     EXPECT_TRUE(events.add(lost("/A.x", 0), 0));
     for (std::size_t i = 1; i <= 5; ++i) EXPECT_FALSE(events.add(lost("/A.x", i), 100));
@@ -31,7 +31,7 @@ TEST(LostEvents, TellsTheFirstAtOnceAndOneForThoseThatFollow) {
     EXPECT_EQ(due[0].count, 5u);
 }
 
-TEST(LostEvents, WhatStillWaitsIsToldToWhoLeaves) {
+TEST(LostEvents, PendingEventsAreReportedOnLeaving) {
     LostEvents events;
     for (std::size_t i = 0; i < 3; ++i) {
         (void)events.add(lost("/A.x", 2 * i), 0);

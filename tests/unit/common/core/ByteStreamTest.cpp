@@ -22,7 +22,7 @@ TEST(ByteStream, ReadsWhatWasWrittenLittleEndian) {
     EXPECT_TRUE(in.finished());
 }
 
-TEST(ByteStream, FailsForGoodWhenReadPastTheEnd) {
+TEST(ByteStream, StaysFailedAfterReadingPastTheEnd) {
     const Bytes bytes{1, 2, 3};
     ByteReader in(bytes);
     EXPECT_EQ(in.u32(), 0U);
@@ -32,7 +32,7 @@ TEST(ByteStream, FailsForGoodWhenReadPastTheEnd) {
     EXPECT_FALSE(in.finished());
 }
 
-TEST(ByteStream, DoesNotTakeMoreThanThereIs) {
+TEST(ByteStream, ReadsNoMoreThanThereIs) {
     Bytes bytes;
     appendNumber<std::uint32_t>(bytes, 0xFFFFFFFF);
     bytes.push_back('a');

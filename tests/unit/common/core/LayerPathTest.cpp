@@ -19,7 +19,7 @@ TEST(LayerPath, LN1TakesRelativeNamesOfUsdFiles) {
     }
 }
 
-TEST(LayerPath, LN1RefusesWhatIsNoNameInsideTheProject) {
+TEST(LayerPath, LN1RefusesNamesOutsideTheProject) {
     using namespace std::string_view_literals;
     for (const std::string_view text : {""sv,
                                         "/a.usd"sv,

@@ -9,7 +9,7 @@
 namespace usdlive {
 namespace {
 
-TEST(UserColour, PS3IsTheSameForOneAndAnotherForOthers) {
+TEST(UserColour, PS3IsTheSameForAUserAndDiffersForOthers) {
     EXPECT_EQ(userColour({"ada"}), userColour({"ada"}));
     std::set<std::array<float, 3>> colours;
     for (int number = 0; number < 100; ++number) {
@@ -23,7 +23,7 @@ TEST(UserColour, PS3IsTheSameForOneAndAnotherForOthers) {
 }
 
 // The values were computed with Python's colorsys from the first 16 bits of the name's SHA-256.
-TEST(UserColour, PS3IsWhatTheDocumentationSays) {
+TEST(UserColour, PS3EqualsTheDocumentedColours) {
     const auto ada = userColour({"ada"});
     EXPECT_NEAR(ada[0], 0.95000, 1e-4);
     EXPECT_NEAR(ada[1], 0.33250, 1e-4);

@@ -21,7 +21,7 @@ std::string encode(char32_t point) {
 
 }  // namespace
 
-TEST(Utf8, TakesEveryCodePointAndNoSurrogate) {
+TEST(Utf8, AcceptsEveryCodePointButNoSurrogate) {
     for (char32_t point = 0; point < 0x110000; ++point) {
         const std::string text = encode(point);
         const bool isSurrogate = point >= 0xD800 && point <= 0xDFFF;
@@ -38,7 +38,7 @@ TEST(Utf8, TakesEveryCodePointAndNoSurrogate) {
     }
 }
 
-TEST(Utf8, RefusesWhatIsNotWellFormed) {
+TEST(Utf8, RefusesMalformedText) {
     for (const std::string_view text :
          {"\x80", "\xBF", "\xC0\x80", "\xC1\xBF", "\xC2", "\xC2\x41", "\xE0\x9F\xBF", "\xE0\xA0",
           "\xE2\x28\xA1", "\xED\xA0\x80", "\xF0\x8F\xBF\xBF", "\xF0\x90\x80", "\xF4\x90\x80\x80",

@@ -39,7 +39,7 @@ Presence somePresence() {
 
 }  // namespace
 
-TEST(NewsSamples, DD11AStateCrossesAsItIs) {
+TEST(NewsSamples, DD11AStateKeepsItsContent) {
     LayerState plain;
     plain.layer = {"a.usda"};
     for (const LayerState& state : {someState(), plain}) {
@@ -48,7 +48,7 @@ TEST(NewsSamples, DD11AStateCrossesAsItIs) {
     }
 }
 
-TEST(NewsSamples, DD12APresenceCrossesAsItIs) {
+TEST(NewsSamples, DD12APresenceKeepsItsContent) {
     for (const Presence& presence : {somePresence(), Presence{}}) {
         const PresenceOut out(presence);
         EXPECT_EQ(presenceOf(out.sample), presence);
@@ -56,7 +56,7 @@ TEST(NewsSamples, DD12APresenceCrossesAsItIs) {
     }
 }
 
-TEST(NewsSamples, DD13WhatNoServerSendsIsNotTaken) {
+TEST(NewsSamples, DD13InvalidSamplesAreIgnored) {
     const std::string longName(257, 'x');
     LayerState state = someState();
     for (const std::string& layer : {std::string("../a.usda"), std::string(), longName}) {

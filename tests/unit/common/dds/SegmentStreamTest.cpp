@@ -82,7 +82,7 @@ TEST(SegmentSender, DD4SendsAgainWhatIsNotAcknowledgedLessAndLessOften) {
     EXPECT_EQ(sender.stalledSince(), std::nullopt);
 }
 
-TEST(SegmentSender, KeepsAMessageWholeOfWhichAPieceWasSent) {
+TEST(SegmentSender, KeepsAPartlySentMessageComplete) {
     SegmentSender sender;
     sender.push(bytes(kWindowBytes + kSegmentBytes, 3));
     sender.push(bytes("later"));
@@ -124,7 +124,7 @@ TEST(SegmentReceiver, DD4BoundsWhatItKeeps) {
 }
 
 // Two ends, and between them a network that loses, duplicates and reorders samples both ways.
-TEST(SegmentStream, DD4BringsEverythingInOrderOverABadNetwork) {
+TEST(SegmentStream, DD4DeliversEverythingInOrderOverABadNetwork) {
     for (unsigned seed = 0; seed < 60; ++seed) {
         SCOPED_TRACE(seed);
         std::mt19937 random{seed};

@@ -43,7 +43,7 @@ TEST(Conflation, CF1AWholeFieldCoversItsParts) {
     EXPECT_EQ(conflated({key({"a"}, 1), part}), (Edits{key({"a"}, 1), part}));
 }
 
-TEST(Conflation, CF1NothingIsDroppedAcrossWhatChangesTheNamespace) {
+TEST(Conflation, CF1NothingIsDroppedAcrossNamespaceEdits) {
     const Edit move{kLayer, {"/A", {}}, MoveSpec{{"/", {}}, "B"}};
     EXPECT_EQ(conflated({set("/A.x", 1), move, set("/A.x", 2)}).size(), 3u);
     EXPECT_EQ(conflated({set("/A.x", 1, kOther), move, set("/A.x", 2, kOther)}).size(), 2u)

@@ -134,7 +134,7 @@ TEST(FieldValue, V10DictionariesNestAtMost64Deep) {
 }
 
 // The validity of a leaf does not depend on its place.
-TEST(FieldValue, V10LevelsAreCountedAnewInsideALeaf) {
+TEST(FieldValue, V10LevelsInsideALeafCountFromZero) {
     Dictionary deepest;
     deepest.entries.emplace("leaf", Value(ValueType::Unregistered, unregisteredNested(64)));
     for (int level = 1; level < 64; ++level) {
@@ -205,7 +205,7 @@ TEST(FieldValue, V10MapKeysAreOfOneTypeAndDistinctInAnyOrder) {
         withKeys(ValueType::String, {Value::blob(ValueType::String, Hash{}, 1 << 20)})));
 }
 
-TEST(FieldValue, V9LeafsInsideLeafsAreNoBlobs) {
+TEST(FieldValue, V9LeafsInsideLeafsAreNeverBlobs) {
     Dictionary customData;
     customData.entries.emplace("k", bigBlob());
     const Bytes dictionary = encodeFieldValue(customData);
@@ -215,7 +215,7 @@ TEST(FieldValue, V9LeafsInsideLeafsAreNoBlobs) {
 }
 
 // A few bytes that claim a large content are refused at once and without allocating the memory.
-TEST(FieldValue, V10CountsAreNotBelieved) {
+TEST(FieldValue, V10FalseCountsAreRefused) {
     const Bytes huge(8, 0xFF);
     for (const auto type : {ValueType::Dictionary, ValueType::TimeSamples})
         EXPECT_FALSE(isDecodable(encodedAs(type, huge)));
@@ -243,7 +243,7 @@ TEST(FieldValue, ItemKeyOfASubLayerIsItsAssetPath) {
     EXPECT_EQ(itemKey(Value(ValueType::SubLayer, Bytes{9})).type(), ValueType::Asset);
 }
 
-TEST(FieldValue, V9ForEachBlobFindsThemWhereverTheyStand) {
+TEST(FieldValue, V9ForEachBlobFindsAllBlobs) {
     const Value blob = bigBlob();
     const auto blobs = [](const FieldValue& value) {
         std::vector<Value> found;

@@ -60,7 +60,7 @@ const Value kInt = intValue(1), kDouble = doubleValue(1), kString = stringValue(
 
 }  // namespace
 
-TEST_F(FileRules, ED8ATypeNameIsOneThatATextHas) {
+TEST_F(FileRules, ED8ATypeNameHasTheFormOfTheTextFormat) {
     for (const auto* name :
          {"", "My Type", "a:b", "1a", "None", "rel", "custom", "a[][]", "a.b", "[]", "a::", "a\n"})
         EXPECT_TRUE(isRefused(
@@ -89,7 +89,7 @@ TEST_F(FileRules, ED9AValueOfAnotherTypeThanTheAttributesIsDropped) {
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(kDouble))}), one) << "by one who saw a double";
 }
 
-TEST_F(FileRules, ED9AValueGoesWithItsType) {
+TEST_F(FileRules, ED9AValueIsErasedWhenItsTypeChanges) {
     ASSERT_TRUE(
         dropped({edit("/A.x", defaultIs(kDouble)), edit("/A.x", sample(1, kDouble))}).empty());
     const Outcome outcome = submit(1, {edit("/A.x", typeIs("string")), edit("/A", DeleteSpec{}),
@@ -111,7 +111,7 @@ TEST_F(FileRules, ED9AValueGoesWithItsType) {
     EXPECT_EQ(field("default", "/B.x"), nullptr);
 }
 
-TEST_F(FileRules, ED10WhatNoTextHoldsIsNoField) {
+TEST_F(FileRules, ED10AFieldThatNoTextHoldsIsAbsent) {
     const auto item = [](const char* name) {
         return ListItem{ListName::Explicit, stringValue(name), {}};
     };

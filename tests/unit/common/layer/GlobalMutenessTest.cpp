@@ -15,7 +15,7 @@ EditAction entry(const std::string& key, FieldValue value) {
                     std::move(value)};
 }
 
-TEST(GlobalMuteness, MU1IsWhatWasMade) {
+TEST(GlobalMuteness, MU1ReadsBackTheWrittenMutes) {
     LayerDoc doc;
     EXPECT_EQ(globallyMuted(kRoot, doc), Layers());
     EXPECT_TRUE(globalMuteEdits(kRoot, doc, kAnim, false).empty());
@@ -42,7 +42,7 @@ TEST(GlobalMuteness, MU1ReadsAndKeepsTheKeysOfOthers) {
     EXPECT_EQ(edits[0], entry("anim.usda", boolValue(false)));
 }
 
-TEST(GlobalMuteness, MU1OfARootLayerAtTheTop) {
+TEST(GlobalMuteness, MU1AppliesToARootLayerInTheTopFolder) {
     LayerDoc doc;
     mustApply(doc, globalMuteEdits({"root.usda"}, doc, {"sub/a.usda"}, true));
     EXPECT_EQ(globallyMuted({"root.usda"}, doc), Layers{{"sub/a.usda"}});

@@ -66,7 +66,7 @@ TEST(LayerDocDiff, EqualDocsHaveNone) {
     EXPECT_TRUE(difference(doc, docWith({"/A", "/A/B"})).empty());
 }
 
-TEST(LayerDocDiff, TellsARenameAsOneMove) {
+TEST(LayerDocDiff, ARenameIsOneMove) {
     const LayerDoc from = docWith({"/A", "/A/B", "/A/C"});
     LayerDoc to = from;
     mustApply(to, "/A", MoveSpec{{"/", {}}, "Z"});
@@ -115,7 +115,7 @@ TEST(LayerDocDiff, MovesOutOfADeletedSubtree) {
     EXPECT_EQ(countOf<MoveSpec>(edits), 1U);
 }
 
-TEST(LayerDocDiff, WhatIsInTheWayLeavesWithWhatIsWantedElsewhere) {
+TEST(LayerDocDiff, ASpecInTheWayMovesWithItsWantedChildren) {
     const LayerDoc from = docWith({"/A", "/A/x", "/B", "/C"});
     LayerDoc to = from;
     mustApply(to, "/A/x", MoveSpec{{"/C", {}}, "x"});
@@ -183,7 +183,7 @@ TEST(LayerDocDiff, LeadsFromAnyDocToAnyOther) {
     }
 }
 
-TEST(LayerDocDiff, WithDistinctIdsNothingIsCreatedThatIsThere) {
+TEST(LayerDocDiff, WithDistinctIdsNoExistingSpecIsCreated) {
     for (unsigned seed = 0; seed < 1000; ++seed) {
         SCOPED_TRACE(seed);
         RandomEdits random{seed};
@@ -205,7 +205,7 @@ TEST(LayerDocDiff, WithDistinctIdsNothingIsCreatedThatIsThere) {
     }
 }
 
-TEST(FieldDifference, M1TellsOneDictionaryKey) {
+TEST(FieldDifference, M1FindsOneDictionaryKey) {
     Dictionary inner;
     inner.entries["x"] = intValue(1);
     inner.entries["y"] = intValue(2);
@@ -220,7 +220,7 @@ TEST(FieldDifference, M1TellsOneDictionaryKey) {
     EXPECT_EQ(fieldDifference("f", &old, &now), expected);
 }
 
-TEST(FieldDifference, M1TellsOneSample) {
+TEST(FieldDifference, M1FindsOneSample) {
     const FieldValue from = TimeSamples{{{1, intValue(1)}, {2, intValue(2)}}};
     const FieldValue to = TimeSamples{{{1, intValue(1)}, {1.5, intValue(7)}, {2, intValue(2)}}};
     const std::vector<EditAction> expected{
@@ -228,7 +228,7 @@ TEST(FieldDifference, M1TellsOneSample) {
     EXPECT_EQ(fieldDifference("f", &from, &to), expected);
 }
 
-TEST(FieldDifference, M1TellsOneItemPutInFront) {
+TEST(FieldDifference, M1FindsOneItemPutInFront) {
     const FieldValue from = tokens("abcdef");
     const FieldValue to = tokens("xabcdef");
     const auto actions = fieldDifference("f", &from, &to);
@@ -237,14 +237,14 @@ TEST(FieldDifference, M1TellsOneItemPutInFront) {
     EXPECT_EQ(item, (ListItem{ListName::Explicit, tokenValue("x"), tokenValue("a")}));
 }
 
-TEST(FieldDifference, SaysTheWholeWhenNothingIsCommon) {
+TEST(FieldDifference, IsTheWholeFieldWhenNothingIsCommon) {
     const FieldValue from = tokens("abc");
     const FieldValue to = tokens("def");
     const std::vector<EditAction> expected{SetField{"f", {}, to, ValueType::None}};
     EXPECT_EQ(fieldDifference("f", &from, &to), expected);
 }
 
-TEST(FieldDifference, SaysTheWholeWhenAListHasDuplicates) {
+TEST(FieldDifference, IsTheWholeFieldWhenAListHasDuplicates) {
     const FieldValue from = tokens("abc");
     const FieldValue to = tokens("abca");
     const std::vector<EditAction> expected{SetField{"f", {}, to, ValueType::None}};
@@ -296,7 +296,7 @@ TEST(FieldDifference, M1AnAuthorSendsPartsAlsoWhereTheWholeIsShorter) {
     EXPECT_EQ(partsOf(nullptr, many), whole);
 }
 
-TEST(FieldDifference, M13UnitesThePartsOfTwo) {
+TEST(FieldDifference, M13MergesThePartsOfTwoAuthors) {
     RandomEdits random{11};
     for (int step = 0; step < 2000; ++step) {
         SCOPED_TRACE(step);

@@ -100,7 +100,7 @@ TEST(LayerDoc, ED1CreatesAsTheLastOfItsList) {
     EXPECT_EQ(doc.specCount(), 5U);
 }
 
-TEST(LayerDoc, ED1CreatesEveryKindWhereItMayStand) {
+TEST(LayerDoc, ED1CreatesEveryKindUnderItsParents) {
     LayerDoc doc;
     create(doc, "/a");
     create(doc, "/a.x", SpecKind::Attribute);
@@ -116,7 +116,7 @@ TEST(LayerDoc, ED1CreatesEveryKindWhereItMayStand) {
     EXPECT_EQ(doc.specCount(), 9U);
 }
 
-TEST(LayerDoc, M2CreatingWhatExistsIsAMerge) {
+TEST(LayerDoc, M2CreatingAnExistingSpecIsAMerge) {
     LayerDoc doc = abc();
     const auto applied = mustApply(doc, "/a", CreateSpec{SpecKind::Prim});
     EXPECT_FALSE(applied.changed);
@@ -131,7 +131,7 @@ TEST(LayerDoc, M2CreatingAnotherKindIsRefused) {
               ErrorCode::SpecKindConflict);
 }
 
-TEST(LayerDoc, ED1RefusesWhatCannotStandThere) {
+TEST(LayerDoc, ED1RefusesChildrenOfTheWrongKind) {
     LayerDoc doc = abc();
     EXPECT_EQ(refusalOf(doc, "/", CreateSpec{SpecKind::PseudoRoot}), ErrorCode::InvalidEdit);
     EXPECT_EQ(refusalOf(doc, "/a/b", CreateSpec{SpecKind::Attribute}), ErrorCode::InvalidEdit);
@@ -252,7 +252,7 @@ TEST(LayerDoc, ED4PlacesWithinTheList) {
     EXPECT_EQ(prims(doc), (Names{"b", "a", "c"}));
 }
 
-TEST(LayerDoc, ED4ToWhereItStandsChangesNothing) {
+TEST(LayerDoc, ED4ToItsOwnPlaceChangesNothing) {
     LayerDoc doc = abc();
     EXPECT_FALSE(mustApply(doc, "/b", PlaceSpec{"c"}).changed);
     EXPECT_FALSE(mustApply(doc, "/b", PlaceSpec{"b"}).changed);
@@ -295,7 +295,7 @@ TEST(LayerDoc, ED5SetsAndED6ErasesAField) {
     EXPECT_EQ(doc.field("/a", "f"), nullptr);
 }
 
-TEST(LayerDoc, ED5RefusesWhatDoesNotFit) {
+TEST(LayerDoc, ED5RefusesPartsThatDoNotFit) {
     LayerDoc doc = abc();
     const FieldValue one = intValue(1);
     const TimeSamples samples{{{1, intValue(1)}}};
@@ -783,7 +783,7 @@ TEST(LayerDocBuilder, SortsLongListsThatComeInAnyOrder) {
     }
 }
 
-TEST(LayerDocBuilder, RefusesWhatIsNoTree) {
+TEST(LayerDocBuilder, RefusesSpecsThatAreNoTree) {
     LayerDoc::Builder builder;
     const auto codeOf = [](const Result<void>& result) {
         return result ? ErrorCode{} : result.error().code;

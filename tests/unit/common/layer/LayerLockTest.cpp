@@ -7,7 +7,7 @@
 namespace usdlive {
 namespace {
 
-TEST(LayerLock, IsWhatWasMade) {
+TEST(LayerLock, ReadsBackTheWrittenLock) {
     LayerDoc doc;
     EXPECT_EQ(lockOf(doc), LayerLock());
     const LayerLock lock{true, {"ada"}, 1'700'000'000'500};
@@ -18,7 +18,7 @@ TEST(LayerLock, IsWhatWasMade) {
 }
 
 // Kit's form: customLayerData = { dictionary omni_layer = { bool locked = 1 } }
-TEST(LayerLock, OfKitNamesNobody) {
+TEST(LayerLock, KitsLockHasNoHolder) {
     LayerDoc doc;
     mustApply(doc, {SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked"}},
                              boolValue(true)}});
@@ -28,7 +28,7 @@ TEST(LayerLock, OfKitNamesNobody) {
     EXPECT_EQ(lockOf(doc), (LayerLock{true, {}, 0}));
 }
 
-TEST(LayerLock, KnowsWhatConcernsIt) {
+TEST(LayerLock, RecognizesItsOwnFields) {
     for (const EditAction& action : lockEdits({true, {"ada"}, 1})) {
         EXPECT_TRUE(isLockEdit(action));
         EXPECT_TRUE(touchesLock(action));

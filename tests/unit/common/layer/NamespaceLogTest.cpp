@@ -13,7 +13,7 @@ const LayerId kLayer{"a.usda"}, kOther{"b.usda"};
 
 }  // namespace
 
-TEST(NamespaceLog, M3FollowsMovesOfTheSpecAndOfWhatIsAbove) {
+TEST(NamespaceLog, M3FollowsMovesOfTheSpecAndItsAncestors) {
     NamespaceLog log;
     log.recordMove(1, kLayer, "/A", "/B");
     log.recordMove(2, kLayer, "/B/x", "/C/y");
@@ -35,7 +35,7 @@ TEST(NamespaceLog, M3FollowsVariants) {
     EXPECT_EQ(log.translate(kLayer, "/A{v=}", 0), "/B{w=}");
 }
 
-TEST(NamespaceLog, M4SaysThatASpecIsGone) {
+TEST(NamespaceLog, M4ReportsADeletedSpec) {
     NamespaceLog log;
     log.recordDelete(3, kLayer, "/A{v=}");
     log.recordMove(4, kLayer, "/A", "/B");
@@ -54,7 +54,7 @@ TEST(NamespaceLog, M3TranslatesFromAMark) {
     EXPECT_EQ(log.translateFrom(kLayer, "/A", mark - 1), "/C");
 }
 
-TEST(NamespaceLog, TruncateTakesBackWhatCameAfterTheMark) {
+TEST(NamespaceLog, TruncateRemovesEntriesAfterTheMark) {
     NamespaceLog log;
     log.recordMove(1, kLayer, "/A", "/B");
     const auto mark = log.mark();
@@ -162,7 +162,7 @@ TEST(NamespaceLog, ALogAboveAnotherFollowsIt) {
     EXPECT_EQ(predicted.oldest(), 2u);
 }
 
-TEST(OwnCreations, M3WhatIsConfirmedGoesBeforeWhatIsPredicted) {
+TEST(OwnCreations, M3ConfirmedCreationsPrecedePredictedOnes) {
     OwnCreations confirmed;
     OwnCreations predicted(&confirmed);
     predicted.record({1, 0}, {kLayer, "/A", 0}, 5);
@@ -204,7 +204,7 @@ TEST(RelativePath, GoesThereAndBack) {
     }
 }
 
-TEST(RelativePath, MindsThatTheSpecHasAnotherNameByNow) {
+TEST(RelativePath, UsesTheCurrentNameOfTheSpec) {
     EXPECT_EQ(absolutePath("{v=one}B", "/A{w=}"), "/A{w=one}B");
     EXPECT_EQ(absolutePath("/B", "/A{v=one}"), "/A{v=one}B");
     EXPECT_EQ(absolutePath("B", "/A"), std::nullopt);

@@ -5,7 +5,7 @@
 namespace usdlive {
 namespace {
 
-TEST(SpecLocks, LK5AreWhatWasMade) {
+TEST(SpecLocks, LK5ReadsBackTheWrittenLocks) {
     LayerDoc doc;
     EXPECT_TRUE(specLocksOf(doc).empty());
     for (const EditAction& action :
@@ -24,7 +24,7 @@ TEST(SpecLocks, LK5AreWhatWasMade) {
         SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked"}}, boolValue(true), {}}));
 }
 
-TEST(SpecLocks, AVariantIsNoPartOfTheStagesPath) {
+TEST(SpecLocks, AVariantIsNotPartOfTheStagesPath) {
     EXPECT_EQ(withoutVariants("/A/B.x"), "/A/B.x");
     EXPECT_EQ(withoutVariants("/A{set=one}B.x"), "/A/B.x");
     EXPECT_EQ(withoutVariants("/A{set=one}.x"), "/A.x");

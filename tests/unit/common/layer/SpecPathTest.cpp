@@ -105,7 +105,7 @@ TEST(SpecPath, PA1SplitsPathsIntoTheirElements) {
 
 // The results were compared with Sdf.Path.IsValidPathString of usd-core 26.8, which accepts only
 // the last group.
-TEST(SpecPath, PA1RefusesWhatIsNoPathOfASpec) {
+TEST(SpecPath, PA1RefusesPathsThatAddressNoSpec) {
     using namespace std::string_view_literals;
     for (const std::string_view path :
          {""sv, "//A"sv, "/A/"sv, "/A//B"sv, "/1A"sv, "/A-B"sv, "/A:B"sv, "/A B"sv, "/ A"sv,
@@ -198,7 +198,7 @@ TEST(SpecPath, HasPrefixGoesByElementsNotByLetters) {
     EXPECT_FALSE(specpath::hasPrefix("/A{v=}", "/A{v=one}"));
 }
 
-TEST(SpecPath, ReplacePrefixMindsTheSeparators) {
+TEST(SpecPath, ReplacePrefixRespectsSeparators) {
     EXPECT_EQ(specpath::replacePrefix("/A/B.x", "/A", "/"), "/B.x");
     EXPECT_EQ(specpath::replacePrefix("/A/B.x", "/A", "/C/D"), "/C/D/B.x");
     EXPECT_EQ(specpath::replacePrefix("/A", "/A", "/C"), "/C");
@@ -251,7 +251,7 @@ TEST(SpecPath, ReplacePrefixAgreesWithTheSameOnElements) {
     }
 }
 
-TEST(SpecPath, PA1AnyBytesAreRefusedOrAreWhatTheirElementsGive) {
+TEST(SpecPath, PA1AnyBytesAreRefusedOrEqualTheirJoinedElements) {
     static constexpr std::string_view kLetters[] = {"/", "A", "v", "{", "=",    "}",   ".",
                                                     ":", "1", "-", "|", "\xC3", "\xA4"};
     std::mt19937 random(1);

@@ -103,7 +103,7 @@ TEST(TransactionExecutor, M3AddressesMeanTheBaseAlsoAfterOwnMoves) {
     EXPECT_EQ(*server.doc().field("/B", "was"), FieldValue(intValue(1)));
 }
 
-TEST(TransactionExecutor, M3APlaceFollowsItsParentAndNothingElse) {
+TEST(TransactionExecutor, M3APlaceFollowsOnlyItsParent) {
     Server server;
     server.foreign({on("/A", kPrim), on("/A/N", kPrim)});
     const Revision base = server.revision;
@@ -245,7 +245,7 @@ TEST(TransactionExecutor, M6ARefusedTransactionChangesNothing) {
               ErrorCode::InvalidEdit);
 }
 
-TEST(TransactionExecutor, M6ARefusalTakesBackAllLayers) {
+TEST(TransactionExecutor, M6ARefusalRevertsAllLayers) {
     Server server;
     const Edit other{kOther, {"/X", {}}, kPrim};
     EXPECT_EQ(server.refusal(0, {on("/A", kPrim), other, on("/", DeleteSpec{})}, 2),
@@ -522,7 +522,7 @@ constexpr std::uint8_t kDef = 0, kOver = 1, kClass = 2;
 
 }  // namespace
 
-TEST(TransactionExecutor, M13AnOverMadeOnTheWayDemotesNothing) {
+TEST(TransactionExecutor, M13AnOverCreatedOnTheWayKeepsTheSpecifier) {
     for (const std::uint8_t theirs : {kDef, kClass}) {
         Server server;
         server.foreign({on("/A", kPrim), on("", specifierIs(theirs), Creation{1, 0})});

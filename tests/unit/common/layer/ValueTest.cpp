@@ -73,7 +73,7 @@ Bytes floatEdit(std::initializer_list<std::uint64_t> words) {
 
 }  // namespace
 
-TEST(Value, IsSmallAndSharesWhatItDoesNotHoldInPlace) {
+TEST(Value, IsSmallAndSharesLargerContent) {
     static_assert(sizeof(Value) <= 40);
     const Value small(ValueType::Double3, Bytes(24, 7)), large(ValueType::Double4, Bytes(32, 7));
     const Value smallCopy = small, largeCopy = large;
@@ -83,7 +83,7 @@ TEST(Value, IsSmallAndSharesWhatItDoesNotHoldInPlace) {
     EXPECT_EQ(large, largeCopy);
 }
 
-TEST(Value, HoldsBytesOfEverySizeAroundTheBorderOfInPlace) {
+TEST(Value, HoldsBytesOfEverySizeAroundTheInlineLimit) {
     for (std::size_t size = 0; size < 40; ++size) {
         Bytes bytes(size);
         for (std::size_t index = 0; index < size; ++index) bytes[index] = std::uint8_t(index + 1);
@@ -274,7 +274,7 @@ TEST(Value, V6ArrayEditsAreLiteralsAndInstructions) {
 }
 
 // Each of these makes Vt read foreign memory, run very long, or allocate all memory.
-TEST(Value, V6InstructionsThatVtDoesNotSurviveAreRefused) {
+TEST(Value, V6InstructionsThatHarmVtAreRefused) {
     const ValueType type = arrayEditOf(ValueType::Float);
     EXPECT_FALSE(isValid(type, floatEdit({word(10, 1), 0, 0}))) << "no such operation";
     EXPECT_FALSE(isValid(type, floatEdit({word(255, 1), 0, 0})));

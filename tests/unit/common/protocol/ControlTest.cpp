@@ -88,7 +88,7 @@ TEST(Control, UnknownMembersAreIgnored) {
     EXPECT_EQ(decoded, ControlMessage(LogBegin{7}));
 }
 
-TEST(Control, WhatIsNotAMessageIsMalformed) {
+TEST(Control, OtherJsonIsMalformed) {
     const std::string deep = std::string(100'000, '[') + std::string(100'000, ']');
     for (const std::string& json : std::vector<std::string>{
              "",
@@ -119,7 +119,7 @@ TEST(Control, WhatIsNotAMessageIsMalformed) {
     }
 }
 
-TEST(Control, LN1NamesThatLeadOutAreTold) {
+TEST(Control, LN1NamesThatLeadOutAreReported) {
     const auto decoded = decodeControl(R"({"type":"closeLayer","layer":"../../etc/a.usda"})");
     ASSERT_FALSE(decoded);
     EXPECT_EQ(decoded.error().code, ErrorCode::InvalidLayerName);
@@ -134,7 +134,7 @@ TEST(Control, LengthsAreBounded) {
     EXPECT_EQ(std::get<ErrorMessage>(*decoded).message.size(), 64u * 1024);
 }
 
-TEST(Control, TextThatIsNotUtf8IsMendedWhenWritten) {
+TEST(Control, InvalidUtf8IsRepairedWhenWritten) {
     const ErrorMessage error{"internal", "a \xff name", false, {}, {}};
     EXPECT_TRUE(decodeControl(encodeControl(error)));
 }

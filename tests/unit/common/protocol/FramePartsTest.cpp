@@ -57,7 +57,7 @@ TEST(FrameParts, FR8ATransactionInPartsComesBackAsItWas) {
     EXPECT_EQ(whole, transaction);
 }
 
-TEST(FrameParts, WhatOneFrameHoldsIsThatFrame) {
+TEST(FrameParts, ContentOfOneFrameIsThatFrame) {
     const Transaction transaction{{{"client"}, 4}, 17, 5, everyKindOfEdit()};
     const auto parts = partsOf(transaction, kPartBytes);
     ASSERT_EQ(parts.size(), 1u);
@@ -67,7 +67,7 @@ TEST(FrameParts, WhatOneFrameHoldsIsThatFrame) {
     EXPECT_EQ(commit[0], encodeFrame(CommitFrame{sampleCommit()}));
 }
 
-TEST(FrameParts, FR8PartsThatDoNotFollowAreRefused) {
+TEST(FrameParts, FR8PartsOutOfOrderAreRefused) {
     const auto parts = partsOf(largeCommit(), 2'000);
     const auto add = [&](CommitParts& joining, CommitFrame frame) {
         return joining.add(std::move(frame), encodedOf(parts[1])).has_value();

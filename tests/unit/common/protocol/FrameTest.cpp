@@ -148,7 +148,7 @@ TEST(Frame, AMessageIsSplitIntoItsFrames) {
     EXPECT_TRUE(decodeFrame((*frames)[1]));
 }
 
-TEST(Frame, AFrameMayStandAnywhereInMemory) {
+TEST(Frame, AFrameMayBeAtAnyAddress) {
     const Bytes frame = encodeFrame(CommitFrame{sampleCommit()});
     for (std::size_t before = 0; before < 8; ++before) {
         Bytes memory(before);
@@ -157,7 +157,7 @@ TEST(Frame, AFrameMayStandAnywhereInMemory) {
     }
 }
 
-TEST(Frame, MessagesThatAreNoneAreRefused) {
+TEST(Frame, MalformedMessagesAreRefused) {
     const auto code = [](const Bytes& message, std::size_t limit = 100) {
         return splitMessage(message, limit).error().code;
     };
@@ -215,7 +215,7 @@ public:
     }
 };
 
-TEST(FrameDecoder, TakesWhatIsRight) {
+TEST(FrameDecoder, AcceptsValidFrames) {
     ByHand hand;
     EXPECT_EQ(refusal(hand.submit({hand.deletion()})), ErrorCode::Internal);
     ByHand value;
@@ -300,7 +300,7 @@ TEST(FrameDecoder, ChecksValues) {
               ErrorCode::MalformedFrame);
 }
 
-TEST(FrameEncoder, FR7WhateverAnAuthorRepeatsCanBeRead) {
+TEST(FrameEncoder, FR7RepeatedContentOfAnAuthorCanBeRead) {
     const std::vector<EditAction> actions = {
         DeleteSpec{},
         CreateSpec{SpecKind::Prim},
@@ -315,7 +315,7 @@ TEST(FrameEncoder, FR7WhateverAnAuthorRepeatsCanBeRead) {
     }
 }
 
-TEST(FrameDecoder, FR7TheSameThingOverAndOverIsRefusedBeforeItIsCopied) {
+TEST(FrameDecoder, FR7RepeatedElementsAreRefusedBeforeTheyAreCopied) {
     ByHand hand;
     const auto value = hand.set(encodeFieldValue(stringValue(std::string(200'000, 's'))));
     const std::vector edits(5'000, value);  // 1 GB of values in a frame of 220 KB

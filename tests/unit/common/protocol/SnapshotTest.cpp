@@ -78,7 +78,7 @@ TEST(Snapshot, SN1IsCutIntoChunks) {
     expectSame(doc, frames);
 }
 
-TEST(Snapshot, SN1AFieldLongerThanAChunkIsCutToo) {
+TEST(Snapshot, SN1AFieldLongerThanAChunkIsDivided) {
     TimeSamples samples;
     for (int number = 0; number < 300'000; ++number)
         samples.samples.emplace_back(double(number), doubleValue(number * 0.5));
@@ -127,7 +127,7 @@ public:
 
 const Bytes kValue = encodeFieldValue(doubleValue(1));
 
-TEST(SnapshotDecoder, TakesWhatIsRight) {
+TEST(SnapshotDecoder, AcceptsValidSnapshots) {
     const Bytes first(kValue.begin(), kValue.begin() + 5), rest(kValue.begin() + 5, kValue.end());
     EXPECT_TRUE(Records()
                     .root()
@@ -138,7 +138,7 @@ TEST(SnapshotDecoder, TakesWhatIsRight) {
                     .decode());
 }
 
-TEST(SnapshotDecoder, RefusesWhatDoesNotFit) {
+TEST(SnapshotDecoder, RefusesInconsistentRecords) {
     const Bytes first(kValue.begin(), kValue.begin() + 5);
     const std::uint64_t size = kValue.size();
     std::vector<Records> wrong{

@@ -53,7 +53,7 @@ std::vector<std::pair<std::string, Frame>> meanings() {
 
 }  // namespace
 
-TEST(Vectors, FramesSayWhatTheySay) {
+TEST(Vectors, FramesHaveTheirMeaning) {
     auto file = nlohmann::ordered_json::parse(std::ifstream(kFrames));
     std::map<std::string, std::size_t> places;
     for (std::size_t index = 0; index < file["frames"].size(); ++index)
@@ -83,7 +83,7 @@ TEST(Vectors, FramesSayWhatTheySay) {
     EXPECT_EQ(places.size(), meanings().size());
 }
 
-TEST(Vectors, WhatIsNoFrameIsRefusedWithItsCode) {
+TEST(Vectors, InvalidFramesAreRefusedWithTheirCode) {
     const auto file = nlohmann::ordered_json::parse(std::ifstream(kFrames));
     ASSERT_FALSE(file["refused"].empty());
     for (const auto& sample : file["refused"]) {

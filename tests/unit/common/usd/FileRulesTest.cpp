@@ -203,7 +203,7 @@ TEST(FileRules, ED9KnowsTheTypesOfSdf) {
     }
 }
 
-TEST(FileRules, WhateverAuthorsDoAtOnceCanBeSavedAndReadBack) {
+TEST(FileRules, AnyConcurrentEditsCanBeSavedAndReadBack) {
     const auto folder =
         std::filesystem::temp_directory_path() / ("usdlive-file-rules-" + std::to_string(getpid()));
     std::filesystem::create_directories(folder);

@@ -126,7 +126,7 @@ TEST(LayerFill, FillsAnEmptyLayerWithFewChangeEntries) {
     }
 }
 
-TEST(LayerFill, WhatIsAlreadyThereIsNotToldAgain) {
+TEST(LayerFill, ExistingContentSendsNoNotices) {
     MemoryBlobs blobs;
     const auto layer = fromText(kScene);
     const auto other = fromText(kScene);
@@ -159,7 +159,7 @@ TEST(LayerFill, TheSignOfZeroIsBroughtIn) {
     EXPECT_EQ(changes.entries, 6U);
 }
 
-TEST(LayerFill, ReplacesWhatWasThere) {
+TEST(LayerFill, ReplacesTheEarlierContent) {
     MemoryBlobs blobs;
     const auto layer =
         fromText("#usda 1.0\n(\n\"old\"\n)\ndef \"V\" {\nrel r = </Old>\n}\ndef \"Old\" {\n}\n");
@@ -196,7 +196,7 @@ TEST(LayerFill, SpecsComeInTheOrderOfTheirDocOnly) {
     EXPECT_FALSE(filled(add(3, 0, 0, SpecKind::PseudoRoot, "")));
 }
 
-TEST(LayerFill, OneFieldThatCannotBeHeldKeepsNothingElseAway) {
+TEST(LayerFill, OneUnsupportedFieldDoesNotAffectOthers) {
     MemoryBlobs blobs;
     LayerDoc doc = *readLayer(fromText(kScene), blobs);
     const Value bad(ValueType::Path, stringValue("/A//B").bytes());
@@ -260,7 +260,7 @@ TEST(LayerFill, ALayerKeepsItsKindOfData) {
     std::filesystem::remove_all(folder);
 }
 
-TEST(LayerFill, V9ABlobThatArrivesBeforeTheContentIsInIsNotMissed) {
+TEST(LayerFill, V9ABlobThatArrivesBeforeTheContentIsUsed) {
     MemoryBlobs blobs, away;
     const VtValue big(VtArray<double>(40'000, 2.5));
     LayerDoc doc;

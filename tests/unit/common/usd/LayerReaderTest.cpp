@@ -125,7 +125,7 @@ TEST(LayerReader, FieldsThatCannotBeCarriedAreNamed) {
     EXPECT_THAT(read.error().message, HasSubstr("/A.x, field documentation"));
 }
 
-TEST(LayerReader, SpecsThatTheModelHasNotAreRefusedWhereTheySaySomething) {
+TEST(LayerReader, UnsupportedSpecsWithContentAreRefused) {
     MemoryBlobs blobs;
     const auto layer = SdfLayer::CreateAnonymous(".usda");
     const auto text = "#usda 1.0\ndef \"A\" {\nrel r = </B>\n}\n";
@@ -138,7 +138,7 @@ TEST(LayerReader, SpecsThatTheModelHasNotAreRefusedWhereTheySaySomething) {
     EXPECT_THAT(read.error().message, HasSubstr("/A.r[/B]"));
 }
 
-TEST(LayerReader, ChildrenThatAreNotThereMakeALayerUnreadable) {
+TEST(LayerReader, MissingChildrenMakeALayerUnreadable) {
     MemoryBlobs blobs;
     const auto layer = SdfLayer::CreateAnonymous(".usda");
     SdfAbstractDataRefPtr data = TfCreateRefPtr(new SdfData);

@@ -89,7 +89,7 @@ SetField setKey(const char* key, Value value) {
 
 }  // namespace
 
-TEST(RegisteredMetadata, V11BecomesWhatReadingTheFileGives) {
+TEST(RegisteredMetadata, V11EqualsTheValueThatReadingTheFileGives) {
     usdlive::test::MemoryBlobs blobs;
     // This process does not know the fields yet, like a server without the studio's plug-ins.
     const auto unknowing = opened();

@@ -124,7 +124,7 @@ protected:
 
 }  // namespace
 
-TEST_F(SdfLayerStoreTest, TellsWhatTheEditorWritesInItsOrder) {
+TEST_F(SdfLayerStoreTest, ReportsTheEditorsWritesInOrder) {
     const auto prim = SdfPrimSpec::New(layer, "A", SdfSpecifierDef, "Xform");
     EXPECT_THAT(log.take(),
                 ElementsAre("create /A", "primChildren of /", "specifier of /A", "typeName of /A"));
@@ -140,7 +140,7 @@ TEST_F(SdfLayerStoreTest, TellsWhatTheEditorWritesInItsOrder) {
                             "customData a:b of /A", "move /A to /B", "primChildren of /"));
 }
 
-TEST_F(SdfLayerStoreTest, TellsOfListOpsAndNotOfTheTargetsThatFollow) {
+TEST_F(SdfLayerStoreTest, ReportsListOpsButNotTheirTargets) {
     prim("/A");
     const auto relationship = SdfRelationshipSpec::New(layer->GetPrimAtPath(SdfPath("/A")), "r");
     log.take();
@@ -149,7 +149,7 @@ TEST_F(SdfLayerStoreTest, TellsOfListOpsAndNotOfTheTargetsThatFollow) {
     for (const auto& told : log.take()) EXPECT_EQ(told, "targetPaths of /A.r");
 }
 
-TEST_F(SdfLayerStoreTest, TellsOfSubLayerOffsetsAsOfSubLayers) {
+TEST_F(SdfLayerStoreTest, ReportsSubLayerOffsetsAsSubLayers) {
     layer->InsertSubLayerPath("a.usda");
     layer->SetSubLayerOffset(SdfLayerOffset(2, 3), 0);
     for (const auto& told : log.take()) EXPECT_EQ(told, "subLayers of /");
@@ -160,7 +160,7 @@ TEST_F(SdfLayerStoreTest, TellsOfSubLayerOffsetsAsOfSubLayers) {
     EXPECT_EQ(items[0].bytes().size(), 4 + 6 + 16U);
 }
 
-TEST_F(SdfLayerStoreTest, NeverTellsOfWhatItApplies) {
+TEST_F(SdfLayerStoreTest, NeverReportsEditsThatItApplies) {
     prim("/A");
     attribute("/A.x");
     apply("/A.x", SetField{"default", {}, FieldValue(doubleValue(2))});
@@ -172,7 +172,7 @@ TEST_F(SdfLayerStoreTest, NeverTellsOfWhatItApplies) {
 }
 
 // A listener that answers a notice with its own edit is an editor.
-TEST_F(SdfLayerStoreTest, TellsOfWritesThatAnswerItsNotices) {
+TEST_F(SdfLayerStoreTest, ReportsWritesThatAnswerItsNotices) {
     Notices notices;
     notices.onNotice = [&] {
         notices.onNotice = nullptr;
@@ -213,7 +213,7 @@ TEST_F(SdfLayerStoreTest, AppliedTargetsAreAsSdfKeepsThem) {
 }
 
 // A stage would continue to show a spec that it does not look at again.
-TEST_F(SdfLayerStoreTest, RenamedVariantsAreSeenToComeAndGo) {
+TEST_F(SdfLayerStoreTest, RenamedVariantsAreReportedAsAddedAndRemoved) {
     prim("/A");
     apply("/A{v=}", CreateSpec{SpecKind::VariantSet});
     apply("/A{v=one}", CreateSpec{SpecKind::Variant});
@@ -266,7 +266,7 @@ TEST_F(SdfLayerStoreTest, V9PartsOfFieldsWaitForTheirBlobs) {
     EXPECT_TRUE(*readLayer(layer, blobs) == model);
 }
 
-TEST_F(SdfLayerStoreTest, V9NobodyWaitsForWhatIsGone) {
+TEST_F(SdfLayerStoreTest, V9NoFieldWaitsAfterItWasRemoved) {
     const FieldValue value = missing();
     prim("/A");
     attribute("/A.x", "double[]");
@@ -308,7 +308,7 @@ TEST_F(SdfLayerStoreTest, RefusedEditsChangeNothing) {
     EXPECT_EQ(text(), before);
 }
 
-TEST(SdfLayerStore, GivesTheLayerBackAsItWas) {
+TEST(SdfLayerStore, ReturnsTheLayerUnchanged) {
     MemoryBlobs blobs;
     const auto layer = SdfLayer::CreateAnonymous(".usda");
     const auto before = get_pointer(layer->GetStateDelegate());

@@ -14,7 +14,7 @@ TEST(TfComplaints, NamesOfOpenUsdAreThoseOfItsDocumentation) {
     EXPECT_NE(complaints.text("nothing").find("SdfLayer cannot be read"), std::string::npos);
 }
 
-TEST(TfComplaints, WhatIsComplainedOfBeforeIsNotItsOwn) {
+TEST(TfComplaints, EarlierComplaintsAreNotReturned) {
     const TfComplaints outer;
     TF_WARN("of before");
     const TfComplaints inner;

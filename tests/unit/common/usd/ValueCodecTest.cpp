@@ -335,7 +335,7 @@ TEST(ValueCodec, V9ArraysShareTheMemoryOfTheirBlob) {
     EXPECT_EQ(array.back(), GfVec3f(1, 2, 3));
 }
 
-TEST(ValueCodec, V9ArraysLetGoOfTheMemoryOfTheirBlob) {
+TEST(ValueCodec, V9ArraysReleaseTheMemoryOfTheirBlob) {
     MemoryBlobs blobs;
     const auto field = encoded(VtValue(VtArray<double>(100'000, 1.5)), blobs);
     const std::weak_ptr<const Bytes> memory = blobs.all.at(field.as<Value>()->hash());
@@ -348,7 +348,7 @@ TEST(ValueCodec, V9ArraysLetGoOfTheMemoryOfTheirBlob) {
     EXPECT_TRUE(memory.expired());
 }
 
-TEST(ValueCodec, WhatCannotBeCarriedIsNamed) {
+TEST(ValueCodec, UnsupportedTypesAreNamed) {
     MemoryBlobs blobs;
     const auto range = encodeValue(VtValue(VtArray<GfRange1d>(1)), blobs);
     ASSERT_FALSE(range);
@@ -371,13 +371,13 @@ TEST(ValueCodec, WhatCannotBeCarriedIsNamed) {
               ErrorCode::UnsupportedValue);
 }
 
-TEST(ValueCodec, UnitsThatAreNoneAreRefused) {
+TEST(ValueCodec, InvalidUnitsAreRefused) {
     MemoryBlobs blobs;
     for (const char* unit : {"", "cubits"})
         EXPECT_FALSE(decodeValue(SdfFieldKeys->DisplayUnit, tokenValue(unit), blobs)) << unit;
 }
 
-TEST(ValueCodec, WhatThisOpenUsdCannotHoldIsRefusedSilently) {
+TEST(ValueCodec, ValuesThatThisOpenUsdCannotHoldAreRefusedSilently) {
     testing::internal::CaptureStderr();
     EXPECT_EQ(decodeError(text(ValueType::Path, "/A//B")), ErrorCode::InvalidValue);
     EXPECT_EQ(decodeError(text(ValueType::Path, "/A{v= one}")), ErrorCode::InvalidValue);

@@ -18,7 +18,7 @@ const std::string kValues = vectorsFile("values.json");
 
 }  // namespace
 
-TEST(Vectors, ValuesAreWhatOpenUsdReads) {
+TEST(Vectors, ValuesEqualThoseOfOpenUsd) {
     auto file = nlohmann::ordered_json::parse(std::ifstream(kValues));
     ASSERT_FALSE(file["values"].empty());
     for (auto& sample : file["values"]) {

@@ -13,7 +13,7 @@ TEST(LogLimit, SaysHowManyLinesItLeftOut) {
     EXPECT_EQ(limit.take("ada", 6 + LogLimit::kWindowMs), 0u);
 }
 
-TEST(LogLimit, ManyKeysShareWhatIsLeft) {
+TEST(LogLimit, ManyKeysShareTheRest) {
     LogLimit limit;
     std::uint64_t logged = 0;
     for (int i = 0; i < 100'000; ++i) logged += limit.take("user" + std::to_string(i), 0) ? 1 : 0;

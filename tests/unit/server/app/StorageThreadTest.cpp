@@ -72,13 +72,13 @@ protected:
     std::optional<StorageThread> thread_;
 };
 
-TEST_F(StorageThreadTest, WhoWorksAloneDoesNotWait) {
+TEST_F(StorageThreadTest, ASingleWriterDoesNotWait) {
     start(1h);
     append();
     EXPECT_EQ(groups_.waitFor(1)[0].upTo, 1u);
 }
 
-TEST_F(StorageThreadTest, WhatComesWithinTheIntervalIsOneGroup) {
+TEST_F(StorageThreadTest, CommitsWithinTheIntervalAreOneGroup) {
     start(200ms);
     append();
     groups_.waitFor(1);

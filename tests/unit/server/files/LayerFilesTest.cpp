@@ -186,7 +186,7 @@ TEST_F(LayerFilesTest, FI5FollowsLinksInsideTheProject) {
     EXPECT_NE(contentOf(folder / "b.usda"), kText);
 }
 
-TEST_F(LayerFilesTest, FI5SaysWhatIsSkippedAndWhy) {
+TEST_F(LayerFilesTest, FI5ListsSkippedFilesWithTheReason) {
     for (const char* name :
          {"ok.usda", "x.usdz", "X.USDZ", "notes.txt", ".git/e.usda", "col:on.usda", "\xff.usda"})
         put(name);
@@ -271,7 +271,7 @@ TEST_F(LayerFilesTest, ServesAFolderThatIsALink) {
     EXPECT_FALSE(createLayerFiles(put("file.usda"), blobs));
 }
 
-TEST_F(LayerFilesTest, ImportsWhatIsInTheFileNow) {
+TEST_F(LayerFilesTest, ImportsTheCurrentContentOfTheFile) {
     const auto path = put("a.usda");
     const auto open = SdfLayer::FindOrOpen(path);
     open->SetField(SdfPath("/A.x"), SdfFieldKeys->Default, 2.0);  // changes it in memory only
@@ -282,7 +282,7 @@ TEST_F(LayerFilesTest, ImportsWhatIsInTheFileNow) {
     EXPECT_TRUE(files->import(LayerId{"a.usda"})->doc.has("/Changed"));
 }
 
-TEST_F(LayerFilesTest, ImportTellsWhyAFileCannotBeRead) {
+TEST_F(LayerFilesTest, ImportReportsWhyAFileCannotBeRead) {
     put("bad.usda", "#usda 1.0\ndef \"A\" {\n    nonsense\n}\n");
     put("empty.usda", "");
     put("cut.usdc", "PXR-USDC and then nothing");
@@ -380,7 +380,7 @@ TEST_F(LayerFilesTest, AnArrayThatDoesNotFitItsAttributeLeavesTheFileWhole) {
     EXPECT_EQ(contentOf(path), kText);
 }
 
-TEST_F(LayerFilesTest, SavesIntoFoldersThatAreNew) {
+TEST_F(LayerFilesTest, SavesIntoNewFolders) {
     ASSERT_TRUE(files->save(LayerId{"new/deep/a.usda"}, someDoc()));
     EXPECT_THAT(everythingIn(folder / "new/deep"), ElementsAre("a.usda"));
 }
@@ -394,7 +394,7 @@ TEST_F(LayerFilesTest, SavingKeepsThePermissions) {
     EXPECT_EQ(fs::status(folder / "b.usdc").permissions(), fs::perms(0644));
 }
 
-TEST_F(LayerFilesTest, WhatCannotBeSavedLeavesTheFileWhole) {
+TEST_F(LayerFilesTest, AFailedSaveLeavesTheFileWhole) {
     const auto path = put("a.usda");
     LayerDoc doc = someDoc();
     // This value is written as text that cannot be read.
@@ -427,7 +427,7 @@ TEST_F(LayerFilesTest, AFullDiskLeavesTheFileWhole) {
     EXPECT_THAT(everythingIn(folder), ElementsAre("a.usda", "a.usdc", "shot"));
 }
 
-TEST_F(LayerFilesTest, WhatMayNotBeWrittenStaysAsItIs) {
+TEST_F(LayerFilesTest, AReadOnlyFileStaysUnchanged) {
     const auto path = put("shot/a.usda");
     fs::permissions(root, fs::perms(0755));
     const auto refused = [&](const fs::path& guarded, fs::perms perms) {
@@ -449,7 +449,7 @@ TEST_F(LayerFilesTest, WhatMayNotBeWrittenStaysAsItIs) {
     EXPECT_THAT(everythingIn(folder / "shot"), ElementsAre("a.usda"));
 }
 
-TEST_F(LayerFilesTest, RemovesWhatACutShortSaveLeft) {
+TEST_F(LayerFilesTest, RemovesFilesOfAnInterruptedSave) {
     put("shot/.usdlive-save-abc123.usda");
     put("shot/.usdlive-save-abc123.xY12ab");
     put(".usdlive-other");

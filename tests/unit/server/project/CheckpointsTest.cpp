@@ -28,7 +28,7 @@ protected:
     World world;
 };
 
-TEST_F(CheckpointsTest, CP1NamesWhatWasSubmittedWhenThatIsDurable) {
+TEST_F(CheckpointsTest, CP1NamesTheSubmittedRevisionWhenItIsDurable) {
     world.submit(1, 1, {set("/A.x", 1)});
     name("lunch");
     EXPECT_TRUE(world.host.naming.empty()) << "it is not stored yet";
@@ -42,7 +42,7 @@ TEST_F(CheckpointsTest, CP1NamesWhatWasSubmittedWhenThatIsDurable) {
     EXPECT_EQ(world.nextControl<CheckpointCreated>(1), (CheckpointCreated{5, checkpoint}));
 }
 
-TEST_F(CheckpointsTest, CP1WhatIsTakenBackGetsNoName) {
+TEST_F(CheckpointsTest, CP1ARevertedRevisionGetsNoName) {
     world.submit(1, 1, {set("/A.x", 1)});
     world.store();
     world.submit(1, 2, {set("/A.x", 2)});
@@ -54,7 +54,7 @@ TEST_F(CheckpointsTest, CP1WhatIsTakenBackGetsNoName) {
     expectRefused("storageFull");
 }
 
-TEST_F(CheckpointsTest, CP1RefusesNamesThatNobodyCouldType) {
+TEST_F(CheckpointsTest, CP1RefusesInvalidNames) {
     world.submit(1, 1, {set("/A.x", 1)});
     world.store();
     world.host.sent.clear();
@@ -64,18 +64,18 @@ TEST_F(CheckpointsTest, CP1RefusesNamesThatNobodyCouldType) {
     }
 }
 
-TEST_F(CheckpointsTest, CP1ThereHasToBeSomething) {
+TEST_F(CheckpointsTest, CP1NeedsACommit) {
     name("lunch");
     expectRefused("invalidArgument");
 }
 
-TEST_F(CheckpointsTest, CP1WhatTheStoreSaysIsTold) {
+TEST_F(CheckpointsTest, CP1TheStoresErrorIsReported) {
     world.project->checkpointAdded(1, 5, fail(ErrorCode::CheckpointExists, "there is one"));
     expectRefused("checkpointExists");
     world.project->checkpointAdded(9, 5, fail(ErrorCode::CheckpointExists, "nobody is there"));
 }
 
-TEST_F(CheckpointsTest, CP2AreToldInOrder) {
+TEST_F(CheckpointsTest, CP2AreListedInOrder) {
     const Checkpoint first{"z", 1, {}, 0}, second{"a", 2, {}, 0}, third{"b", 2, {}, 0};
     world.project->checkpointsRead(1, 6, std::vector{third, second, first});
     EXPECT_EQ(world.nextControl<Checkpoints>(1), (Checkpoints{6, {first, second, third}}));

@@ -111,7 +111,7 @@ TEST_F(SlowReader, CF1EndsWhereALayerWasSent) {
 }
 
 // The session may have received some of the commits before it learned that it is not live.
-TEST_F(SlowReader, CF1NoneWhileItMayHaveMoreThanItWasSent) {
+TEST_F(SlowReader, CF1NoConflationWhileTheSessionMayHaveLaterCommits) {
     world.host.sendsToAll = true;
     write(1);
     world.host.sent.clear();
@@ -134,7 +134,7 @@ TEST_F(SlowReader, CF1NoneWhileItMayHaveMoreThanItWasSent) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.conflated, 1u) << "it was live since";
 }
 
-TEST_F(SlowReader, CF1WhoDoesNotKnowItGetsThemAll) {
+TEST_F(SlowReader, CF1ASessionWithoutTheFeatureGetsAllCommits) {
     world.join(3);
     world.host.congestedSessions = {3};
     for (int value = 1; value <= 10; ++value) write(value);
@@ -144,7 +144,7 @@ TEST_F(SlowReader, CF1WhoDoesNotKnowItGetsThemAll) {
     EXPECT_EQ(world.host.sent[3].size(), 10u);
 }
 
-TEST_F(SlowReader, FR6WhoIsTooFarBehindIsCut) {
+TEST_F(SlowReader, FR6ASessionTooFarBehindIsCut) {
     world.host.congestedSessions = {2};
     for (int value = 0; value <= 1'001; ++value) write(value);
     read();

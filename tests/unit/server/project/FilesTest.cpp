@@ -75,7 +75,7 @@ protected:
     World world;
 };
 
-TEST_F(FilesTest, FI1AFileThatHoldsSomethingElseIsOutdated) {
+TEST_F(FilesTest, FI1AFileWithOtherContentIsOutdated) {
     look(2);
     check(2, "two");
     const LayerState told = state();
@@ -89,7 +89,7 @@ TEST_F(FilesTest, FI1AFileThatHoldsSomethingElseIsOutdated) {
     EXPECT_FALSE(state().outdated) << "somebody put it back";
 }
 
-TEST_F(FilesTest, FI1AFileThatWasOnlyTouchedIsNot) {
+TEST_F(FilesTest, FI1ATouchedFileIsNotOutdated) {
     look(2);
     check(2, "one");
     EXPECT_TRUE(world.silent(2));
@@ -97,7 +97,7 @@ TEST_F(FilesTest, FI1AFileThatWasOnlyTouchedIsNot) {
     EXPECT_TRUE(world.host.checking.empty());
 }
 
-TEST_F(FilesTest, FI1WhatIsGoneIsDirtyAndReadOnlyIsTold) {
+TEST_F(FilesTest, FI1AMissingFileMakesTheLayerDirtyAndReadOnlyIsReported) {
     look(1, false);
     EXPECT_FALSE(state().writable);
     world.project->setFiles({{kLayer, {}, true, ""}, {{"b.usda"}, trace(1)}});
@@ -151,7 +151,7 @@ TEST_F(FilesTest, FI2ASaveNamesWhatTheFileMayHold) {
     EXPECT_FALSE(state().outdated);
 }
 
-TEST_F(FilesTest, FI3AReloadIsACommitOfWhoAskedForIt) {
+TEST_F(FilesTest, FI3AReloadIsACommitOfItsRequester) {
     changeBehind();
     world.receive(1, ControlMessage(ReloadLayers{5, {}}));
     ASSERT_EQ(world.host.reloading.size(), 1u);
@@ -177,7 +177,7 @@ TEST_F(FilesTest, FI3AReloadIsACommitOfWhoAskedForIt) {
     EXPECT_EQ(world.nextControl<LayersReloaded>(1), (LayersReloaded{5, 1, {kLayer}, {}}));
 }
 
-TEST_F(FilesTest, FI3WhatIsLikeItsFileNeedsNoCommit) {
+TEST_F(FilesTest, FI3ALayerThatEqualsItsFileNeedsNoCommit) {
     changeBehind();
     world.receive(1, ControlMessage(ReloadLayers{5, {kLayer, {"none.usda"}}}));
     read(World::sample());
@@ -190,7 +190,7 @@ TEST_F(FilesTest, FI3WhatIsLikeItsFileNeedsNoCommit) {
     EXPECT_FALSE(state().outdated);
 }
 
-TEST_F(FilesTest, FI3WhatIsEditedMeanwhileIsReadAgainAndTheFileWins) {
+TEST_F(FilesTest, FI3EditsMadeMeanwhileAreReplacedByTheFile) {
     changeBehind();
     world.receive(1, ControlMessage(ReloadLayers{5, {kLayer}}));
     for (std::uint64_t edit = 1; edit <= 3; ++edit) {
@@ -205,7 +205,7 @@ TEST_F(FilesTest, FI3WhatIsEditedMeanwhileIsReadAgainAndTheFileWins) {
     EXPECT_FALSE(world.silent(1));
 }
 
-TEST_F(FilesTest, FI3IsRefusedWhereSomebodyElseHoldsALock) {
+TEST_F(FilesTest, FI3IsRefusedIfSomebodyElseHoldsALock) {
     changeBehind();
     std::vector<Edit> edits;
     for (EditAction& action : lockEdits({true, {"user2"}, 0}))
@@ -220,7 +220,7 @@ TEST_F(FilesTest, FI3IsRefusedWhereSomebodyElseHoldsALock) {
     EXPECT_TRUE(world.host.reloading.empty());
 }
 
-TEST_F(FilesTest, FI3AReloadThatCouldNotBeStoredIsMadeAgain) {
+TEST_F(FilesTest, FI3AReloadThatCouldNotBeStoredIsRepeated) {
     changeBehind();
     world.receive(1, ControlMessage(ReloadLayers{5, {kLayer}}));
     read(other());
@@ -237,7 +237,7 @@ TEST_F(FilesTest, FI3AReloadThatCouldNotBeStoredIsMadeAgain) {
     EXPECT_TRUE(*world.project->layer(kLayer) == other());
 }
 
-TEST_F(FilesTest, MU1EverybodyIsToldWhatARootLayerMutes) {
+TEST_F(FilesTest, MU1EverybodyIsNotifiedOfTheMutesOfARootLayer) {
     const auto mute = [&](bool muted) {
         std::vector<Edit> edits;
         for (EditAction& action :
@@ -256,7 +256,7 @@ TEST_F(FilesTest, MU1EverybodyIsToldWhatARootLayerMutes) {
 }
 
 // Reloads random content over other random content.
-TEST(Reload, FI3GivesWhatTheFileHolds) {
+TEST(Reload, FI3ResultsInTheContentOfTheFile) {
     for (unsigned seed = 0; seed < 300; ++seed) {
         SCOPED_TRACE(seed);
         RandomEdits random(seed);

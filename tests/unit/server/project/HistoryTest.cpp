@@ -44,7 +44,7 @@ protected:
     std::optional<World> world;
 };
 
-TEST_F(HistoryTest, CH4AsksForWhatIsOlderAndTellsWhatBecameOfIt) {
+TEST_F(HistoryTest, CH4CompactsOlderCommitsAndReportsTheResult) {
     ask(3);
     ASSERT_EQ(world->host.findingBase.size(), 1u);
     EXPECT_EQ(world->host.findingBase.front(),
@@ -61,7 +61,7 @@ TEST_F(HistoryTest, CH4AsksForWhatIsOlderAndTellsWhatBecameOfIt) {
     EXPECT_EQ(world->nextControl<HistoryCompacted>(1), (HistoryCompacted{7, 4, 0, 0, 0, {}}));
 }
 
-TEST_F(HistoryTest, CH4OneAfterTheOther) {
+TEST_F(HistoryTest, CH4CompactionsRunOneAfterTheOther) {
     ask(3);
     ask(2, 2);
     EXPECT_EQ(world->host.findingBase.size(), 1u);
@@ -75,7 +75,7 @@ TEST_F(HistoryTest, CH4OneAfterTheOther) {
     EXPECT_EQ(world->host.readingHistory.size(), 1u) << "all is there as before";
 }
 
-TEST_F(HistoryTest, CH4NeverWhatAConnectedClientNeeds) {
+TEST_F(HistoryTest, CH4KeepsCommitsThatAConnectedClientNeeds) {
     world->host.congestedSessions.insert(2);
     world->receive(2, ControlMessage(RequestLog{3, 6, 9}));
     ask(0);
@@ -91,7 +91,7 @@ TEST_F(HistoryTest, CH4NeverWhatAConnectedClientNeeds) {
     EXPECT_EQ(world->host.compacting.size(), 1u) << "revision 5 is being read";
 }
 
-TEST_F(HistoryTest, CH4WhatIsOlderIsRefusedFromTheMomentItIsChosen) {
+TEST_F(HistoryTest, CH4OlderRevisionsAreRefusedAsSoonAsTheBaseIsChosen) {
     ask(0);
     world->project->baseFound(BaseLimit{5, {}});
     for (int done = 0; done < 2; ++done) {
@@ -110,7 +110,7 @@ TEST_F(HistoryTest, CH4WhatIsOlderIsRefusedFromTheMomentItIsChosen) {
     EXPECT_EQ(world->nextFrame<CommitFrame>(1).commit.revision, 6u) << "the oldest there is";
 }
 
-TEST_F(HistoryTest, CH4WhoIsOlderThanTheBaseJoinsAnew) {
+TEST_F(HistoryTest, CH4AClientBeforeTheBaseJoinsAgain) {
     compactTo(5);
     const auto resume = [&](SessionId session, Revision revision) {
         auto hello = world->hello(session);
@@ -162,7 +162,7 @@ TEST_F(HistoryTest, CH4DaysAndAdministrators) {
     EXPECT_EQ(world->nextControl<HistoryCompacted>(1).base, 0u);
 }
 
-TEST_F(HistoryTest, CH5WhatTheStoreTakesIsTold) {
+TEST_F(HistoryTest, CH5TheSpaceOfTheStoreIsReported) {
     world->receive(1, ControlMessage(RequestStorage{9}));
     EXPECT_EQ(world->host.measuring, (std::vector{std::pair(SessionId(1), std::uint64_t(9))}));
     Storage storage;
@@ -198,7 +198,7 @@ protected:
     std::unique_ptr<CommitStore> store = createMemoryCommitStore(createMemoryDisk());
 };
 
-TEST_F(FindBase, IsTheLastThatIsOlder) {
+TEST_F(FindBase, IsTheNewestOlderCommit) {
     EXPECT_EQ(find(0), 0u);
     EXPECT_EQ(find(1'000), 0u);
     EXPECT_EQ(find(1'001), 1u);
@@ -211,7 +211,7 @@ TEST_F(FindBase, IsTheLastThatIsOlder) {
     EXPECT_EQ(find(7'500), 7u);
 }
 
-TEST_F(FindBase, IsNotPastACheckpoint) {
+TEST_F(FindBase, IsNotBeyondACheckpoint) {
     ASSERT_TRUE(store->addCheckpoint({"supper", 9, {}, 0}));
     ASSERT_TRUE(store->addCheckpoint({"lunch", 6, {}, 0}));
     const auto limit = findBase(*store, 99'000, 20);

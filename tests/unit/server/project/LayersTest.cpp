@@ -19,7 +19,7 @@ TEST(ProjectLayers, SeveralOpensShareOneLoad) {
     EXPECT_EQ(world.host.snapshots[0].doc, World::sample());
 }
 
-TEST(ProjectLayers, AnImportIsACommitToldByAStub) {
+TEST(ProjectLayers, AnImportIsACommitSentAsAStub) {
     World world;
     world.join(1);
     world.join(2);
@@ -53,7 +53,7 @@ TEST(ProjectLayers, AnImportIsACommitToldByAStub) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(3), stub);
 }
 
-TEST(ProjectLayers, SE9WhoIsThereIsToldOfOtherLayers) {
+TEST(ProjectLayers, SE9SessionsAreNotifiedOfChangedLayers) {
     World world;
     world.join(1);
     world.project->setFiles({{{"a.usda"}}, {{"b.usda"}}});
@@ -63,7 +63,7 @@ TEST(ProjectLayers, SE9WhoIsThereIsToldOfOtherLayers) {
               (usdlive::ProjectLayers{{{{"b.usda"}}, {{"late.usda"}}}}));
 }
 
-TEST(ProjectLayers, ASnapshotHoldsNothingThatIsNotDurable) {
+TEST(ProjectLayers, ASnapshotContainsOnlyDurableCommits) {
     World world;
     world.join(1);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
@@ -79,7 +79,7 @@ TEST(ProjectLayers, ASnapshotHoldsNothingThatIsNotDurable) {
     EXPECT_TRUE(world.host.snapshots.at(0).doc.has("/C"));
 }
 
-TEST(ProjectLayers, AnOpenOfWhatIsTakenBackIsOfTheReloadedLayer) {
+TEST(ProjectLayers, AnOpenDuringARevertGetsTheReloadedLayer) {
     World world;
     world.join(1);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
@@ -95,7 +95,7 @@ TEST(ProjectLayers, AnOpenOfWhatIsTakenBackIsOfTheReloadedLayer) {
     EXPECT_FALSE(world.host.snapshots.at(0).doc.has("/C"));
 }
 
-TEST(ProjectLayers, AnImportThatIsTakenBackIsToldAndDoneAgainWhenAskedFor) {
+TEST(ProjectLayers, AnImportThatCouldNotBeStoredIsReportedAndRepeatedOnRequest) {
     World world;
     world.join(1);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
@@ -111,7 +111,7 @@ TEST(ProjectLayers, AnImportThatIsTakenBackIsToldAndDoneAgainWhenAskedFor) {
     EXPECT_EQ(world.nextControl<LayerOpened>(1).request, 2u);
 }
 
-TEST(ProjectLayers, WithoutSpaceWhatHasToBeImportedCannotBeOpened) {
+TEST(ProjectLayers, WithoutSpaceALayerThatNeedsAnImportCannotBeOpened) {
     World world;
     world.join(1);
     world.project->setSpace(false);
@@ -136,7 +136,7 @@ TEST(ProjectLayers, UnknownAndUnreadableOnesAreAnErrorOfTheRequest) {
     EXPECT_FALSE(error.closing);
 }
 
-TEST(ProjectLayers, ALayerAsItWasComesFromTheHistory) {
+TEST(ProjectLayers, ALayerOfAnOldRevisionComesFromTheHistory) {
     World world;
     world.join(1);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
@@ -156,7 +156,7 @@ TEST(ProjectLayers, ALayerAsItWasComesFromTheHistory) {
 
 // ---- saving
 
-TEST(ProjectSaves, AllThatDiffersIsSavedOnceDurable) {
+TEST(ProjectSaves, AllChangedLayersAreSavedOnceDurable) {
     World world;
     world.unsaved = {{"b.usda"}};
     world.start();
@@ -178,7 +178,7 @@ TEST(ProjectSaves, AllThatDiffersIsSavedOnceDurable) {
     EXPECT_EQ(world.nextControl<LayersSaved>(1), (LayersSaved{10, 1, {}, {}}));
 }
 
-TEST(ProjectSaves, WhatCannotBeSavedIsNamed) {
+TEST(ProjectSaves, LayersThatCannotBeSavedAreNamed) {
     World world;
     world.join(1);
     world.receive(1, ControlMessage(SaveLayers{9, {{"a.usda"}, {"b.usda"}, {"x.usda"}}}));
@@ -215,7 +215,7 @@ TEST(ProjectBlobs, ArePassedOnAndConfirmed) {
 
 // Seed 19977 of the simulation found this: the author was never notified, and kept its transactions
 // for ever.
-TEST(ProjectBlobs, AreConfirmedToWhoWasOvertakenBetweenTwoParts) {
+TEST(ProjectBlobs, AreConfirmedToAnUploaderThatWasOvertakenBetweenTwoChunks) {
     World world;
     world.join(1);
     const Bytes first{1, 2}, last{3};
@@ -228,7 +228,7 @@ TEST(ProjectBlobs, AreConfirmedToWhoWasOvertakenBetweenTwoParts) {
     EXPECT_EQ(world.host.blobParts.size(), 1u);
 }
 
-TEST(ProjectBlobs, PartsThatCannotBeAreRefused) {
+TEST(ProjectBlobs, InvalidChunksAreRefused) {
     World world;
     world.join(1);
     const Hash hash = sha256(asBytes("x"));
@@ -246,7 +246,7 @@ TEST(ProjectBlobs, PartsThatCannotBeAreRefused) {
 
 // ---- gestures
 
-TEST(ProjectPreviews, M11ArePassedOnAndShownToWhoComesLater) {
+TEST(ProjectPreviews, M11ArePassedOnAndShownToLaterSessions) {
     World world;
     world.join(1);
     world.join(2);
@@ -261,7 +261,7 @@ TEST(ProjectPreviews, M11ArePassedOnAndShownToWhoComesLater) {
     EXPECT_TRUE(world.silent(3));
 }
 
-TEST(ProjectPreviews, M11AreWithdrawnWhenTheirAuthorGoes) {
+TEST(ProjectPreviews, M11AreWithdrawnWhenTheirAuthorLeaves) {
     World world;
     world.join(1);
     world.join(2);
@@ -387,7 +387,7 @@ Project::Options snapshotsAfter(std::size_t bytes) {
     return options;
 }
 
-TEST(ProjectLayers, ASnapshotIsTakenOfWhatIsDurableWhenItIsDue) {
+TEST(ProjectLayers, ASnapshotOfTheDurableContentIsTakenWhenDue) {
     World world(snapshotsAfter(1'000));
     world.join(1);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
@@ -460,7 +460,7 @@ TEST(ProjectLayers, ALayerThatTookLongToLoadIsKeptAtOnce) {
     }
 }
 
-TEST(ProjectLayers, NoSnapshotIsTakenOfWhatWasLost) {
+TEST(ProjectLayers, NoSnapshotIsTakenOfLostCommits) {
     World world(snapshotsAfter(0));
     world.join(1);
     world.receive(1, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));

@@ -71,7 +71,7 @@ TEST_F(ProjectLocks, LK2ALockIsTakenInOnesOwnName) {
     EXPECT_FALSE(outcome(3, lock({})));
 }
 
-TEST_F(ProjectLocks, ALockOfNobodyStopsAllAndIsEndedByAnyone) {
+TEST_F(ProjectLocks, ALockWithoutHolderStopsAllAndAnyoneEndsIt) {
     EXPECT_FALSE(outcome(1, {{{"a.usda"},
                               {"/", {}},
                               SetField{"customLayerData", DictionaryKey{{"omni_layer", "locked"}},
@@ -81,7 +81,7 @@ TEST_F(ProjectLocks, ALockOfNobodyStopsAllAndIsEndedByAnyone) {
     EXPECT_FALSE(outcome(1, {set("/A.x", 1)}));
 }
 
-TEST_F(ProjectLocks, LK4TheLockOfWhoIsLongGoneCanBeTaken) {
+TEST_F(ProjectLocks, LK4TheLockOfAnAbsentHolderCanBeTaken) {
     EXPECT_FALSE(outcome(1, lock(by("user1"))));
     world.project->disconnected(1);
     world.host.nowMs += world.options.lockTakeoverMs - 1;
@@ -94,7 +94,7 @@ TEST_F(ProjectLocks, LK4TheLockOfWhoIsLongGoneCanBeTaken) {
     expectLocked(1, {set("/A.x", 1)}, "user2");
 }
 
-TEST_F(ProjectLocks, LK4WhoWasCutHasLeftThenAndNotBefore) {
+TEST_F(ProjectLocks, LK4AbsenceCountsFromTheEndOfTheConnection) {
     EXPECT_FALSE(outcome(1, lock(by("user1"))));
     world.host.nowMs += 10 * world.options.lockTakeoverMs;
     world.receive(1, ControlMessage(world.hello(1)));  // a second hello ends the session
@@ -131,7 +131,7 @@ protected:
     }
 };
 
-TEST_F(ProjectStates, AreToldWhenTheyChange) {
+TEST_F(ProjectStates, AreSentWhenTheyChange) {
     joinWithStates(4);
     EXPECT_EQ(state(4).editors, (std::vector<UserName>{{"user1"}}));
     world.receive(2, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
@@ -161,7 +161,7 @@ TEST_F(ProjectStates, AreToldWhenTheyChange) {
     EXPECT_TRUE(state(4).editors.empty());
 }
 
-TEST(LayerStates, LS1OfPlainLayersThereIsNothingToTell) {
+TEST(LayerStates, LS1PlainLayersHaveNoState) {
     World world;
     world.unsaved = {{"b.usda"}};
     world.start();
@@ -179,7 +179,7 @@ TEST(LayerStates, LS1OfPlainLayersThereIsNothingToTell) {
     }
 }
 
-TEST_F(ProjectStates, WhoResumesSaysWhatIsOpen) {
+TEST_F(ProjectStates, AResumingSessionNamesItsOpenLayers) {
     joinWithStates(4);
     (void)state(4);
     world.project->disconnected(1);
@@ -191,7 +191,7 @@ TEST_F(ProjectStates, WhoResumesSaysWhatIsOpen) {
     EXPECT_EQ(state(4).editors, (std::vector<UserName>{{"user1"}}));
 }
 
-TEST_F(ProjectStates, WhoDoesNotAskHearsNothing) {
+TEST_F(ProjectStates, ASessionWithoutTheFeatureGetsNone) {
     world.receive(2, ControlMessage(OpenLayer{1, {"a.usda"}, 0}));
     EXPECT_TRUE(world.silent(1));
 }
@@ -214,7 +214,7 @@ protected:
     }
 };
 
-TEST_F(ProjectPresence, PS1IsToldInSweeps) {
+TEST_F(ProjectPresence, PS1IsSentInSweeps) {
     joinWithPresence(4);
     joinWithPresence(5);
     EXPECT_FALSE(world.project->hasPresence());
@@ -237,7 +237,7 @@ TEST_F(ProjectPresence, PS1IsToldInSweeps) {
     EXPECT_EQ(world.nextControl<Presences>(6).shown.size(), 2u);
 }
 
-TEST_F(ProjectPresence, PS2WhoIsNotHeardOfIsGone) {
+TEST_F(ProjectPresence, PS2APresenceWithoutUpdatesIsRemoved) {
     joinWithPresence(4);
     joinWithPresence(5);
     world.project->sweep(1'000);
@@ -253,7 +253,7 @@ TEST_F(ProjectPresence, PS2WhoIsNotHeardOfIsGone) {
     EXPECT_FALSE(world.project->hasPresence());
 }
 
-TEST_F(ProjectPresence, WhoComesAfterALongSilenceIsNotGone) {
+TEST_F(ProjectPresence, AClientThatReturnsAfterALongSilenceIsShown) {
     joinWithPresence(4);
     joinWithPresence(5);
     show(4, "/A");
@@ -267,7 +267,7 @@ TEST_F(ProjectPresence, WhoComesAfterALongSilenceIsNotGone) {
     EXPECT_TRUE(world.project->hasPresence());
 }
 
-TEST_F(ProjectPresence, WhoLeavesIsGoneAtOnce) {
+TEST_F(ProjectPresence, APresenceIsRemovedWhenItsClientLeaves) {
     joinWithPresence(4);
     joinWithPresence(5);
     show(4, "/A");
@@ -277,7 +277,7 @@ TEST_F(ProjectPresence, WhoLeavesIsGoneAtOnce) {
     EXPECT_EQ(world.nextControl<Presences>(5).gone, (std::vector<ClientId>{world.client(4)}));
 }
 
-TEST_F(ProjectPresence, ACameraIsAMatrixAndAllOfItHasABound) {
+TEST_F(ProjectPresence, ACameraIsAMatrixAndAPresenceHasABound) {
     joinWithPresence(4);
     joinWithPresence(5);
     Presence presence;

@@ -20,7 +20,7 @@ protected:
     World world;
 };
 
-TEST_F(NewLayers, FI6EverybodyHearsOfItBeforeItsAuthorIsAnswered) {
+TEST_F(NewLayers, FI6EverybodyIsNotifiedBeforeItsAuthorIsAnswered) {
     ask();
     ASSERT_EQ(world.host.creating.size(), 1u);
     EXPECT_TRUE(world.silent(1));
@@ -39,7 +39,7 @@ TEST_F(NewLayers, FI6EverybodyHearsOfItBeforeItsAuthorIsAnswered) {
     EXPECT_EQ(world.host.logged.back(), "user1: layer created fx.usda");
 }
 
-TEST_F(NewLayers, FI6WhatIsThereOrCannotBeStoredIsNotMade) {
+TEST_F(NewLayers, FI6AnExistingLayerOrOneThatCannotBeStoredIsNotCreated) {
     ask({"a.usda"});
     EXPECT_EQ(refusal(), errorName(ErrorCode::LayerExists));
     world.project->setSpace(false);
@@ -62,7 +62,7 @@ TEST_F(NewLayers, FI6AFolderThatTakesNoFileSaysWhyAndChangesNothing) {
     EXPECT_TRUE(world.host.loading.empty());
 }
 
-TEST_F(NewLayers, FI6WhoeverLeftMeanwhileTheLayerIsThere) {
+TEST_F(NewLayers, FI6TheLayerIsCreatedAlsoIfItsAuthorLeft) {
     ask();
     world.project->disconnected(1);
     world.project->layerCreated(1, 5, kNew, {});
@@ -70,7 +70,7 @@ TEST_F(NewLayers, FI6WhoeverLeftMeanwhileTheLayerIsThere) {
     EXPECT_EQ(world.host.loading, std::deque{kNew});
 }
 
-TEST_F(NewLayers, PG1WhoAskedForItHearsHowFarItIs) {
+TEST_F(NewLayers, PG1TheRequesterIsNotifiedOfTheProgress) {
     Hello hello = world.hello(3);
     hello.features = {"progress"};
     world.connect(3, hello);

@@ -82,7 +82,7 @@ TEST_F(ProjectParts, FR8PartsAreOneTransactionAndOneCommit) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 2u);
 }
 
-TEST_F(ProjectParts, FR8WhoReadsSlowlyGetsThePartsAsTheLineTakesThem) {
+TEST_F(ProjectParts, FR8ASlowReaderGetsThePartsAsItReads) {
     join(1);
     join(2);
     world.host.congestedSessions.insert(2);
@@ -99,7 +99,7 @@ TEST_F(ProjectParts, FR8WhoReadsSlowlyGetsThePartsAsTheLineTakesThem) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 2u);
 }
 
-TEST_F(ProjectParts, FR8WhatIsResumedOverItIsReadFromTheStore) {
+TEST_F(ProjectParts, FR8AResumeAcrossItReadsFromTheStore) {
     world.options.recentCommitBytes = 0;
     world.restart();
     join(1);
@@ -118,7 +118,7 @@ TEST_F(ProjectParts, FR8WhatIsResumedOverItIsReadFromTheStore) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.revision, 2u);
 }
 
-TEST_F(ProjectParts, FR8WhoDoesNotKnowPartsOpensItsLayersAnew) {
+TEST_F(ProjectParts, FR8AClientWithoutPartsOpensItsLayersAgain) {
     join(1);
     join(2, false);
     submit(1, 1);
@@ -138,7 +138,7 @@ TEST_F(ProjectParts, FR8WhoDoesNotKnowPartsOpensItsLayersAnew) {
     EXPECT_EQ(welcome.revision, 1u);
 }
 
-TEST_F(ProjectParts, FR8MoreThanIsTakenIsRefusedOnceWithTheLimit) {
+TEST_F(ProjectParts, FR8ATooLargeTransactionIsRefusedOnceWithTheLimit) {
     world.options.maxTransactionBytes = 2'000;
     world.restart();
     join(1);
@@ -170,7 +170,7 @@ TEST_F(ProjectParts, FR8ACommitThatIsLargerThanItsTransactionIsUndone) {
     EXPECT_EQ(world.project->layer({"a.usda"})->children("/", ChildList::Prims).size(), 3u);
 }
 
-TEST_F(ProjectParts, FR8WhatIsBegunAnewTakesThePlaceOfWhatWasBegun) {
+TEST_F(ProjectParts, FR8ANewFirstPartReplacesAnUnfinishedTransaction) {
     join(1);
     const auto first = parts(1, 1, paste());
     world.project->received(1, first[0]);
@@ -185,7 +185,7 @@ TEST_F(ProjectParts, FR8WhatIsBegunAnewTakesThePlaceOfWhatWasBegun) {
     EXPECT_TRUE(world.host.closed.contains(1));
 }
 
-TEST_F(ProjectParts, FR8PartsOfAConnectionThatEndedAreForgotten) {
+TEST_F(ProjectParts, FR8PartsOfAnEndedConnectionAreDropped) {
     join(1);
     const auto all = parts(1, 1, paste());
     world.project->received(1, all[0]);
@@ -205,7 +205,7 @@ TEST_F(ProjectParts, FR8OnlyOneAuthorsPartsAreTaken) {
     EXPECT_TRUE(world.host.appending.empty());
 }
 
-TEST_F(ProjectParts, FR8TheLogHasThem) {
+TEST_F(ProjectParts, FR8TheLogHasCommitsInParts) {
     join(1);
     submit(1, 1);
     world.load();

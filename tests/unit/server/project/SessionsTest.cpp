@@ -27,7 +27,7 @@ void expectClosed(World& world, SessionId session, ErrorCode code) {
     EXPECT_TRUE(world.silent(session));
 }
 
-TEST(ProjectSessions, WhatIsNotTheProtocolIsToldAndClosed) {
+TEST(ProjectSessions, InvalidMessagesEndTheSessionWithAnError) {
     World world;
     world.project->connected(1);
     world.project->received(1, asBytes("no frame"));
@@ -82,7 +82,7 @@ TEST(ProjectSessions, FramesOfTheServerAreRefused) {
     expectClosed(world, 2, ErrorCode::MalformedControl);
 }
 
-TEST(ProjectSessions, TooManyAreToldSo) {
+TEST(ProjectSessions, TooManySessionsAreRefusedWithTheReason) {
     Project::Options options;
     options.maxSessions = 1;
     World world(options);
@@ -95,7 +95,7 @@ TEST(ProjectSessions, TooManyAreToldSo) {
     EXPECT_NO_THROW(world.nextControl<Welcome>(3));
 }
 
-TEST(ProjectSessions, LayerNamesThatLeadOutAreToldAndClosed) {
+TEST(ProjectSessions, LayerNamesThatLeadOutEndTheSessionWithAnError) {
     World world;
     world.join(1);
     world.receive(1, Frame(ControlFrame{
@@ -131,7 +131,7 @@ protected:
     std::vector<Hash> hashes{Hash{}};
 };
 
-TEST_F(ProjectResume, SendsWhatTheClientHasMissed) {
+TEST_F(ProjectResume, SendsTheMissedCommits) {
     world.connect(2, resuming(2));
     const auto welcome = world.nextControl<Welcome>(2);
     EXPECT_TRUE(welcome.resumed);
@@ -152,7 +152,7 @@ TEST_F(ProjectResume, ReadsFromTheStoreAfterARestart) {
     expectCommits(2, 4);
 }
 
-TEST_F(ProjectResume, AnotherHistoryIsToldAndJoinedAnew) {
+TEST_F(ProjectResume, AnotherHistoryIsReportedAndJoinedAgain) {
     Hello hello = resuming(2);
     hello.resume->hash = hashes[3];
     world.connect(2, hello);
@@ -163,7 +163,7 @@ TEST_F(ProjectResume, AnotherHistoryIsToldAndJoinedAnew) {
     EXPECT_TRUE(world.silent(2));
 }
 
-TEST_F(ProjectResume, ARevisionThatIsNotThereIsToldAndJoinedAnew) {
+TEST_F(ProjectResume, AMissingRevisionIsReportedAndJoinedAgain) {
     Hello hello = resuming(4);
     hello.resume->revision = 9;
     world.connect(2, hello);
@@ -178,7 +178,7 @@ TEST_F(ProjectResume, ALaterEpochIsAnotherHistory) {
     EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::HistoryDiverged));
 }
 
-TEST_F(ProjectResume, M14WhoMayHaveBeenForgottenIsTold) {
+TEST_F(ProjectResume, M14AClientThatMayBeForgottenIsNotified) {
     world.host.forgotten = 3;
     world.connect(2, resuming(2));
     EXPECT_EQ(world.nextControl<ErrorMessage>(2).code, errorName(ErrorCode::ClientForgotten));
@@ -206,7 +206,7 @@ TEST_F(ProjectResume, M14WhoMayHaveBeenForgottenIsTold) {
 
 // A new connection replaces an abandoned one; the store's answer for the old one is used for the
 // new one, too.
-TEST_F(ProjectResume, M14IsToldAgainToWhoDidNotHearIt) {
+TEST_F(ProjectResume, M14IsReportedAgainIfTheClientDidNotReceiveIt) {
     world.host.forgotten = 3;
     world.connect(2, resuming(2));
     world.connect(3, resuming(2));
@@ -224,7 +224,7 @@ TEST_F(ProjectResume, M14HoldsWhileTheStoreIsClosed) {
     EXPECT_TRUE(world.nextControl<Welcome>(3).resumed);
 }
 
-TEST_F(ProjectResume, WaitsForWhatTheStoreKnowsOfTheClient) {
+TEST_F(ProjectResume, WaitsForTheStoresAnswerAboutTheClient) {
     world.answers = false;
     world.connect(2, resuming(4));
     EXPECT_TRUE(world.silent(2));
@@ -236,7 +236,7 @@ TEST_F(ProjectResume, WaitsForWhatTheStoreKnowsOfTheClient) {
 }
 
 // Meanwhile it is not known whether a transaction is committed already.
-TEST_F(ProjectResume, WhoCannotBeLookedUpComesAgain) {
+TEST_F(ProjectResume, AClientThatCannotBeLookedUpConnectsAgain) {
     world.answers = false;
     world.join(2);
     world.submit(2, 1, {create("/Q")}, 4);
@@ -251,7 +251,7 @@ TEST_F(ProjectResume, WhoCannotBeLookedUpComesAgain) {
     EXPECT_EQ(world.host.appending.size(), 1u);
 }
 
-TEST_F(ProjectResume, WhoCannotBeLookedUpMayLookOn) {
+TEST_F(ProjectResume, AClientThatCannotBeLookedUpMayRead) {
     world.answers = false;
     world.join(2);
     world.project->clientRead(world.client(2), fail(ErrorCode::StorageFailed, "cannot be read"));
@@ -263,7 +263,7 @@ TEST_F(ProjectResume, WhoCannotBeLookedUpMayLookOn) {
 }
 
 // Otherwise its numbers before those on their way would be executed a second time.
-TEST_F(ProjectResume, M14WhoseCommitsAreOnTheirWayIsNotForgotten) {
+TEST_F(ProjectResume, M14AClientWithCommitsOnTheirWayIsNotForgotten) {
     world.submit(1, 5, {create("/P5")}, 4);
     world.project->disconnected(1);
     EXPECT_TRUE(world.project->activeClients().contains(world.client(1)));
@@ -287,7 +287,7 @@ TEST_F(ProjectResume, WaitsWhileTheConnectionIsCongested) {
     expectCommits(6, 6);
 }
 
-TEST_F(ProjectResume, SE5ARefusalWaitsForTheCommitsThatAreResumed) {
+TEST_F(ProjectResume, SE5ARefusalWaitsForTheResumedCommits) {
     world.restart();
     Hello hello = world.hello(2);
     hello.client = world.client(1);
@@ -303,7 +303,7 @@ TEST_F(ProjectResume, SE5ARefusalWaitsForTheCommitsThatAreResumed) {
     EXPECT_EQ(world.nextFrame<RefusalFrame>(2).sequence, 9u);
 }
 
-TEST_F(ProjectResume, WhatIsNoLongerInMemoryIsReadFromTheStore) {
+TEST_F(ProjectResume, OlderCommitsAreReadFromTheStore) {
     world.options.recentCommitBytes = 1'000;
     world.restart();
     world.join(1);

@@ -105,13 +105,13 @@ TEST_F(ProjectSpecLocks, LK5HoldsWhenNobodyHasTheLayersOpen) {
     EXPECT_EQ(world.project->layer(kSub), nullptr);
 }
 
-TEST_F(ProjectSpecLocks, LK5WhatHoldsALockedSpecIsNeitherMovedNorDeleted) {
+TEST_F(ProjectSpecLocks, LK5AncestorsOfALockedSpecAreNeitherMovedNorDeleted) {
     EXPECT_EQ(refusal(2, {erase("/A", kSub)}), "/A.x is locked by user1");
     EXPECT_EQ(refusal(2, {move("/A", "/B", "C")}), "/A.x is locked by user1");
     EXPECT_EQ(refusal(2, {erase("/B", kSub)}), "");
 }
 
-TEST_F(ProjectSpecLocks, LK5HoldsForWhatOnesOwnEditCreates) {
+TEST_F(ProjectSpecLocks, LK5HoldsForSpecsThatTheEditItselfCreates) {
     EXPECT_EQ(refusal(1, {erase("/A", kSub)}), "");
     const std::uint64_t next = sequences[2] + 1;
     EXPECT_EQ(
@@ -123,7 +123,7 @@ TEST_F(ProjectSpecLocks, LK5HoldsForWhatOnesOwnEditCreates) {
     EXPECT_EQ(refusal(2, {create("/A", kSub)}), "") << "an over says nothing";
 }
 
-TEST_F(ProjectSpecLocks, LK5OnlyAnOverOfASpecThatWasNotThereIsFree) {
+TEST_F(ProjectSpecLocks, LK5OnlyANewOverIsAllowed) {
     const auto specifier = [](std::uint8_t number) {
         return SetField{"specifier", {}, Value(ValueType::Specifier, Bytes{number}), {}};
     };
@@ -144,7 +144,7 @@ TEST_F(ProjectSpecLocks, LK5OnlyAnOverOfASpecThatWasNotThereIsFree) {
     EXPECT_EQ(refusal(2, with(kOver)), "");
 }
 
-TEST_F(ProjectSpecLocks, LK5ALockIsItsOwnersToTakeAndEnd) {
+TEST_F(ProjectSpecLocks, LK5OnlyItsOwnerTakesAndEndsALock) {
     EXPECT_EQ(refusal(2, {unlock("/A.x")}), "/A.x is locked by user1");
     EXPECT_EQ(refusal(2, {{kRoot, {"/", {}}, usdlive::EraseField{"customLayerData", {}}}}),
               "/A.x is locked by user1");

@@ -26,7 +26,7 @@ protected:
     World world;
 };
 
-TEST_F(ProjectTransactions, ACommitIsToldToAllOnceDurable) {
+TEST_F(ProjectTransactions, ACommitIsSentToAllOnceDurable) {
     world.submit(1, 1, {create("/C"), set("/A.x", 2)});
     EXPECT_TRUE(world.silent(1));
     EXPECT_TRUE(world.silent(2));
@@ -44,7 +44,7 @@ TEST_F(ProjectTransactions, ACommitIsToldToAllOnceDurable) {
     EXPECT_EQ(world.records[0].layers, std::set<LayerId>{{"a.usda"}});
 }
 
-TEST_F(ProjectTransactions, TheChainOfHashesGoesOn) {
+TEST_F(ProjectTransactions, TheChainOfHashesContinues) {
     Hash hash;
     for (std::uint64_t number = 1; number <= 3; ++number) {
         world.submit(1, number, {set("/A.x", double(number))}, number - 1);
@@ -94,7 +94,7 @@ TEST_F(ProjectTransactions, M3ACreationIsLookedUpInTheStoreAfterARestart) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(1).commit.edits.at(0).address.path, "/A/D/E");
 }
 
-TEST_F(ProjectTransactions, M4AnEditOfWhatWasDeletedIsDroppedAndTold) {
+TEST_F(ProjectTransactions, M4AnEditOfADeletedSpecIsDroppedAndReported) {
     world.submit(1, 1, {erase("/A")});
     world.submit(2, 1, {set("/A.x", 7), create("/C")});
     world.store();
@@ -114,7 +114,7 @@ TEST_F(ProjectTransactions, M6ARefusalChangesNothing) {
     EXPECT_TRUE(world.silent(2));
 }
 
-TEST_F(ProjectTransactions, SE5ARefusalStaysBehindItsAuthorsCommits) {
+TEST_F(ProjectTransactions, SE5ARefusalFollowsItsAuthorsCommits) {
     world.submit(1, 1, {create("/C")});
     world.submit(1, 2, {move("/A", "/", "B")});
     world.submit(2, 1, {move("/A", "/", "B")});
@@ -137,7 +137,7 @@ TEST_F(ProjectTransactions, M9ATransactionSentTwiceCommitsOnce) {
     EXPECT_EQ(world.project->counters().duplicates, 2u);
 }
 
-TEST_F(ProjectTransactions, M9AlsoWhenItsAuthorComesBackWhileItIsUnderWay) {
+TEST_F(ProjectTransactions, M9AlsoWhenItsAuthorReconnectsWhileItIsBeingStored) {
     world.submit(1, 1, {create("/C")});
     world.project->disconnected(1);
     Hello hello = world.hello(1);
@@ -187,7 +187,7 @@ TEST_F(ProjectTransactions, WithoutSpaceEditsAreRefusedUntilThereIsSome) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(1).commit.revision, 1u);
 }
 
-TEST_F(ProjectTransactions, BigValuesHaveToBeThere) {
+TEST_F(ProjectTransactions, BigValuesMustBeStored) {
     const Hash hash = sha256(asBytes("points"));
     const auto big = Value::blob(arrayOf(ValueType::Float3), hash, 12'000'000);
     const Edit edit{{"a.usda"}, {"/A.x", {}}, SetField{"default", {}, big, {}}};
@@ -229,7 +229,7 @@ TEST_F(ProjectTransactions, ACommitThatIsTooLargeIsRefusedAndUndone) {
     EXPECT_EQ(world.host.appending.size(), 1u);
 }
 
-TEST_F(ProjectTransactions, WhatIsNoPathIsRefusedAndTheSessionClosed) {
+TEST_F(ProjectTransactions, AMalformedPathIsRefusedAndTheSessionClosed) {
     world.submit(1, 1, {create("/C")});
     world.submit(1, 2, {create("not a path")});
     world.submit(1, 3, {create("/D")});
@@ -242,7 +242,7 @@ TEST_F(ProjectTransactions, WhatIsNoPathIsRefusedAndTheSessionClosed) {
     EXPECT_TRUE(world.silent(1));
 }
 
-TEST_F(ProjectTransactions, TransactionsOfOthersAreNotTaken) {
+TEST_F(ProjectTransactions, TransactionsInTheNameOfOthersAreRefused) {
     world.receive(1, Frame(SubmitFrame{{{world.client(2), 1}, 0, 0, {create("/C")}}}));
     EXPECT_TRUE(world.nextControl<ErrorMessage>(1).closing);
     EXPECT_TRUE(world.host.appending.empty());
@@ -334,7 +334,7 @@ TEST_F(ProjectTransactions, ChangedFramesDoNoHarmToOthers) {
     EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.edits.at(0), create("/Last"));
 }
 
-TEST_F(ProjectTransactions, AConnectionItsClientHasGivenUpIsClosed) {
+TEST_F(ProjectTransactions, AnAbandonedConnectionIsClosed) {
     world.submit(1, 1, {set("/A.x", 1, {"b.usda"})});  // waits for its layer
     Hello hello = world.hello(1);
     world.connect(3, hello);
@@ -348,7 +348,7 @@ TEST_F(ProjectTransactions, AConnectionItsClientHasGivenUpIsClosed) {
 
 // ---- a store that fails
 
-TEST_F(ProjectTransactions, WhatWasNotStoredIsToldToWhoeverSubmittedItAndNoOther) {
+TEST_F(ProjectTransactions, CommitsThatWereNotStoredAreReportedToTheirAuthorsOnly) {
     world.submit(1, 1, {create("/C")});
     world.submit(1, 2, {create("/D")});
     Hello hello = world.hello(1);
@@ -363,7 +363,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsToldToWhoeverSubmittedItAndNoOther
     EXPECT_TRUE(world.silent(2));
 }
 
-TEST_F(ProjectTransactions, WhatWasNotStoredIsTakenBackInOrder) {
+TEST_F(ProjectTransactions, CommitsThatWereNotStoredAreRevertedInOrder) {
     world.submit(1, 1, {create("/C")});
     world.store();
     world.host.sent.clear();
@@ -388,7 +388,7 @@ TEST_F(ProjectTransactions, WhatWasNotStoredIsTakenBackInOrder) {
     EXPECT_EQ(commit.previous, head.hash);
 }
 
-TEST_F(ProjectTransactions, AfterAFailureItGoesOnWithTheStoreThatWasOpenedAnew) {
+TEST_F(ProjectTransactions, AfterAFailureItContinuesWithTheReopenedStore) {
     world.submit(1, 1, {create("/C")});
     world.submit(1, 2, {create("/D")});
     // The store has the first commit after all.
@@ -406,7 +406,7 @@ TEST_F(ProjectTransactions, AfterAFailureItGoesOnWithTheStoreThatWasOpenedAnew) 
 }
 
 // SE8: work that may be in the store waits; the rest is refused.
-TEST_F(ProjectTransactions, WhileTheStoreIsClosedWhatItCannotKnowIsRefusedAndTheRestWaits) {
+TEST_F(ProjectTransactions, WhileTheStoreIsClosedNewWorkIsRefusedAndUncertainWorkWaits) {
     world.submit(1, 1, {create("/C")});
     world.store();
     world.host.sent.clear();
@@ -429,7 +429,7 @@ TEST_F(ProjectTransactions, WhileTheStoreIsClosedWhatItCannotKnowIsRefusedAndThe
     EXPECT_EQ(world.nextFrame<CommitFrame>(3).commit.edits.front().address.path, "/F");
 }
 
-TEST_F(ProjectTransactions, WhoHasNothingOnTheWayIsRefusedAtOnceWhileTheStoreIsClosed) {
+TEST_F(ProjectTransactions, AnAuthorWithNothingOnTheWayIsRefusedAtOnceWhileTheStoreIsClosed) {
     world.submit(1, 1, {create("/C")});
     world.store();
     world.host.sent.clear();

@@ -22,7 +22,7 @@ void open(World& world, SessionId session, const LayerId& layer = kA, bool impor
     world.host.sent[session].clear();
 }
 
-TEST(ProjectUnloading, ALayerLeavesWhenTheLastSessionDoes) {
+TEST(ProjectUnloading, ALayerIsUnloadedAfterItsLastSession) {
     World world(atOnce());
     world.join(1);
     world.join(2);
@@ -40,7 +40,7 @@ TEST(ProjectUnloading, ALayerLeavesWhenTheLastSessionDoes) {
     EXPECT_EQ(*world.project->layer(kA), World::sample());
 }
 
-TEST(ProjectUnloading, ItStaysForAWhileWhenThereIsRoom) {
+TEST(ProjectUnloading, ALayerStaysForAWhileIfThereIsRoom) {
     World world;
     world.join(1);
     open(world, 1);
@@ -53,7 +53,7 @@ TEST(ProjectUnloading, ItStaysForAWhileWhenThereIsRoom) {
     EXPECT_EQ(world.project->layer(kA), nullptr);
 }
 
-TEST(ProjectUnloading, TheOneThatWasLeftFirstMakesRoom) {
+TEST(ProjectUnloading, TheLayerThatWasClosedFirstIsUnloadedFirst) {
     Project::Options options;
     options.idleLayerBytes = 3'000;  // enough for one layer of four specs
     World world(options);
@@ -66,7 +66,7 @@ TEST(ProjectUnloading, TheOneThatWasLeftFirstMakesRoom) {
     EXPECT_NE(world.project->layer(kB), nullptr);
 }
 
-TEST(ProjectUnloading, WhatIsNotDurableStays) {
+TEST(ProjectUnloading, ALayerThatIsNotDurableStays) {
     World world(atOnce());
     world.join(1);
     open(world, 1);
@@ -77,7 +77,7 @@ TEST(ProjectUnloading, WhatIsNotDurableStays) {
     EXPECT_EQ(world.project->layer(kA), nullptr);
 }
 
-TEST(ProjectUnloading, WhatSomebodyWaitsForStays) {
+TEST(ProjectUnloading, ALayerThatARequestWaitsForStays) {
     World world(atOnce());
     world.join(1);
     open(world, 1);

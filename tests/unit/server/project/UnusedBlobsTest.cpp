@@ -69,13 +69,13 @@ TEST_F(UnusedBlobs, B6AreRemovedAfterATime) {
     EXPECT_EQ(world.host.appending.size(), 1u);
 }
 
-TEST_F(UnusedBlobs, B6WhatWasThereWhenTheServerStartedIsKeptForThatTime) {
+TEST_F(UnusedBlobs, B6ValuesFromBeforeTheStartAreKeptForTheWholeTime) {
     world.host.blobs.insert(hashOf(1));
     EXPECT_EQ(round(50'000, {1}), Hashes());
     EXPECT_EQ(round(50'000 + kKeepMs, {1}), Hashes{hashOf(1)});
 }
 
-TEST_F(UnusedBlobs, B6WhoIsToldThatItIsThereHasTheWholeTimeAgain) {
+TEST_F(UnusedBlobs, B6TheTimeStartsAgainWithEachAcknowledgement) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
     world.join(2);
@@ -95,7 +95,7 @@ TEST_F(UnusedBlobs, B6ValuesOfASessionThatStillUploadsAreKept) {
     EXPECT_EQ(round(10 * kKeepMs, {1, 2, 3}).size(), 3u);
 }
 
-TEST_F(UnusedBlobs, B6WhatACommitNamesThatTheStoreDoesNotSayYetStays) {
+TEST_F(UnusedBlobs, B6ValuesOfACommitThatTheStoreDoesNotReportYetStay) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
     const Revision before = world.project->durableRevision();
@@ -111,7 +111,7 @@ TEST_F(UnusedBlobs, B6WhatACommitNamesThatTheStoreDoesNotSayYetStays) {
 }
 
 // Seed 51 of the simulation found this: a commit also contains its dropped edits (M4).
-TEST_F(UnusedBlobs, B6WhatACommitHasDroppedStays) {
+TEST_F(UnusedBlobs, B6ValuesOfDroppedEditsStay) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
     const Revision before = world.project->durableRevision();
@@ -121,7 +121,7 @@ TEST_F(UnusedBlobs, B6WhatACommitHasDroppedStays) {
     EXPECT_EQ(round(5 * kKeepMs, {1}, before), Hashes());
 }
 
-TEST_F(UnusedBlobs, B6NothingGoesByAnOlderLookAtTheStore) {
+TEST_F(UnusedBlobs, B6NothingIsRemovedBecauseOfAnOlderReadingOfTheStore) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
     const Revision before = world.project->durableRevision();
@@ -132,7 +132,7 @@ TEST_F(UnusedBlobs, B6NothingGoesByAnOlderLookAtTheStore) {
     EXPECT_EQ(round(4 * kKeepMs, {1}, before), Hashes());
 }
 
-TEST_F(UnusedBlobs, B6WhatAPreviewOrAWaitingTransactionNamesStays) {
+TEST_F(UnusedBlobs, B6ValuesOfAPreviewOrAWaitingTransactionStay) {
     upload(1);
     upload(2);
     EXPECT_EQ(round(0, {1, 2}), Hashes());
@@ -150,7 +150,7 @@ TEST_F(UnusedBlobs, B6WhatAPreviewOrAWaitingTransactionNamesStays) {
     EXPECT_EQ(round(8 * kKeepMs, {1}), Hashes{hashOf(1)});
 }
 
-TEST_F(UnusedBlobs, B6NothingGoesWhileFilesAreReadOrWritten) {
+TEST_F(UnusedBlobs, B6NothingIsRemovedWhileFilesAreReadOrWritten) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
     world.receive(1, ControlMessage(OpenLayer{6, {"b.usda"}, 0}));
@@ -167,7 +167,7 @@ TEST_F(UnusedBlobs, B6NothingGoesWhileFilesAreReadOrWritten) {
 }
 
 // Only the commit of an import names a value of the imported layer.
-TEST_F(UnusedBlobs, B6WhatAnImportNamesStays) {
+TEST_F(UnusedBlobs, B6ValuesOfAnImportStay) {
     world.host.blobs.insert(hashOf(1));
     EXPECT_EQ(round(0, {1}), Hashes());
     world.receive(1, ControlMessage(OpenLayer{6, {"b.usda"}, 0}));
@@ -181,7 +181,7 @@ TEST_F(UnusedBlobs, B6WhatAnImportNamesStays) {
     EXPECT_EQ(round(6 * kKeepMs, {1}, before), Hashes());
 }
 
-TEST_F(UnusedBlobs, B6NothingGoesByWhatAProjectBeforeHadSeen) {
+TEST_F(UnusedBlobs, B6NothingIsRemovedBecauseOfAnEarlierProjectsReading) {
     world.submit(1, 1, {set("/A.x", 1)});
     world.store();
     world.restart();
@@ -194,7 +194,7 @@ TEST_F(UnusedBlobs, B6NothingGoesByWhatAProjectBeforeHadSeen) {
 }
 
 // Otherwise the store's answer could be wrong when it arrives.
-TEST_F(UnusedBlobs, B6WhatTheStoreIsAskedForOrWritesStays) {
+TEST_F(UnusedBlobs, B6ValuesThatTheStoreChecksOrWritesStay) {
     world.host.blobs.insert(hashOf(1));
     EXPECT_EQ(round(0, {1}), Hashes());
     world.answers = false;
@@ -233,7 +233,7 @@ TEST_F(UnusedBlobs, ATransactionWaitsUntilTheStoreHasAnswered) {
 
 // A commit that the store could not append does not protect a value for ever, even if no commit
 // follows.
-TEST_F(UnusedBlobs, B6WhatOnlyALostCommitNamedIsRemoved) {
+TEST_F(UnusedBlobs, B6ValuesOfALostCommitAreRemoved) {
     upload(1);
     EXPECT_EQ(round(0, {1}), Hashes());
     world.submit(1, 1, {setBig(1)});

@@ -107,7 +107,7 @@ testing::AssertionResult openIsEqualOrCorrupt(const fs::path& folder, const Test
     return testing::AssertionSuccess();
 }
 
-TEST(RocksCommitStore, WhatAKilledProcessLeftIsWhole) {
+TEST(RocksCommitStore, FilesOfAKilledProcessAreComplete) {
     TestFolder folder;
     TestCommits commits;
     const auto store = open(folder.path / "a");
@@ -123,7 +123,7 @@ TEST(RocksCommitStore, WhatAKilledProcessLeftIsWhole) {
     }
 }
 
-TEST(RocksCommitStore, AppendThatWasTornIsAsIfItHadNotBeen) {
+TEST(RocksCommitStore, ATornAppendHasNoEffect) {
     TestFolder folder;
     TestCommits commits;
     const fs::path whole = folder.path / "a", torn = folder.path / "b";
@@ -271,7 +271,7 @@ private:
     std::vector<rocksdb::ColumnFamilyHandle*> handles_;
 };
 
-TEST(RocksCommitStore, ASnapshotThatCannotBeReadIsMadeUpForByTheLog) {
+TEST(RocksCommitStore, ASnapshotThatCannotBeReadIsReplacedByTheLog) {
     TestFolder folder;
     TestCommits commits;
     const fs::path kept = folder.path / "snapshots" / "1", other = folder.path / "other";
@@ -363,7 +363,7 @@ TEST(RocksCommitStore, AMarkThatIsOlderThanTheBaseDoesNoHarm) {
     EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
 }
 
-TEST(RocksCommitStore, WhatABaseReplacedIsRemoved) {
+TEST(RocksCommitStore, CommitsThatABaseReplacedAreRemoved) {
     TestFolder folder;
     TestCommits commits;
     const LayerId other{"b.usda"};
@@ -443,7 +443,7 @@ TEST(RocksCommitStore, AnOldRevisionBeginsWithTheNearestSnapshot) {
     checkAll(500);
 }
 
-TEST(RocksCommitStore, ABaseIsMadeBesideAllElse) {
+TEST(RocksCommitStore, ABaseIsMadeWhileOtherCallsRun) {
     TestFolder folder;
     TestCommits commits;
     auto quick = options();
@@ -478,7 +478,7 @@ TEST(RocksCommitStore, ABaseIsMadeBesideAllElse) {
     EXPECT_GT(store->base().revision, 0u);
 }
 
-TEST(RocksCommitStore, OlderFormatsThatAreReadAreTaken) {
+TEST(RocksCommitStore, SupportedOlderFormatsAreUpgraded) {
     TestFolder folder;
     TestCommits commits;
     append(*open(folder.path), someCommits(commits, 100));
@@ -524,7 +524,7 @@ TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
     EXPECT_EQ(damaged.error().code, ErrorCode::StorageCorrupt);
 }
 
-TEST(RocksCommitStore, AFormatThatIsNotReadIsLeftAlone) {
+TEST(RocksCommitStore, AnUnknownFormatIsNotTouched) {
     const std::map<std::uint8_t, ErrorCode> formats{{std::uint8_t(1), ErrorCode::StorageCorrupt},
                                                     {std::uint8_t(5), ErrorCode::StorageTooNew}};
     for (const auto& [format, code] : formats) {
@@ -537,7 +537,7 @@ TEST(RocksCommitStore, AFormatThatIsNotReadIsLeftAlone) {
     }
 }
 
-TEST(RocksCommitStore, NothingIsAcknowledgedOnceTheFolderIsGone) {
+TEST(RocksCommitStore, NothingIsAcknowledgedAfterTheFolderWasRemoved) {
     for (const bool replaced : {false, true}) {
         TestFolder folder;
         TestCommits commits;
@@ -563,7 +563,7 @@ TEST(RocksCommitStore, NothingIsAcknowledgedOnceTheFolderIsGone) {
     }
 }
 
-TEST(RocksCommitStore, OneHasItOpen) {
+TEST(RocksCommitStore, OnlyOneProcessHasItOpen) {
     TestFolder folder;
     auto store = open(folder.path);
     const auto second = createRocksCommitStore(folder.path, options());
@@ -744,7 +744,7 @@ CommitRecord bigCommit(TestCommits& commits, std::mt19937& random, std::size_t b
 }
 
 // D1: RocksDB as built by Debian ends the process when a write finds the disk full.
-TEST(RocksCommitStore, AFullDiskRefusesAndGoesOn) {
+TEST(RocksCommitStore, AFullDiskRefusesAndRecovers) {
     const SmallDisk disk("size=96m");
     if (!disk) GTEST_SKIP() << "cannot mount a small disk";
     RocksCommitStoreOptions tight;

@@ -234,7 +234,7 @@ TEST_F(HttpServerTest, AnswersHttpRoutes) {
     EXPECT_THAT(answer, HasSubstr("\r\n\r\n{\"status\":\"ok\"}"));
 }
 
-TEST_F(HttpServerTest, AnswersLaterAndSaysWhenItTakesTooLong) {
+TEST_F(HttpServerTest, AnswersLaterOrReportsATimeout) {
     HttpServerOptions options;
     options.headerTime = 400ms;  // also the interval of its checks
     options.answerTime = 200ms;
@@ -309,7 +309,7 @@ TEST_F(HttpServerTest, SaysThatThePortIsInUse) {
               "cannot listen at 127.0.0.1:" + std::to_string(port_) + ": Address already in use");
 }
 
-TEST_F(HttpServerTest, HandsOverMessagesAndTellsOpenAndClose) {
+TEST_F(HttpServerTest, PassesOnMessagesAndReportsOpenAndClose) {
     start();
     const auto client = join();
     const SessionId session = recorder_.session(0);
@@ -371,7 +371,7 @@ TEST_F(HttpServerTest, SessionsHaveNoDelay) {
     EXPECT_EQ(found, 1);
 }
 
-TEST_F(HttpServerTest, SendsOneLargeFrameWhole) {
+TEST_F(HttpServerTest, SendsOneLargeFrameCompletely) {
     start();
     const auto client = join();
     const SharedBytes large = shared(std::string(5 << 20, 'x') + "end");
@@ -380,7 +380,7 @@ TEST_F(HttpServerTest, SendsOneLargeFrameWhole) {
     EXPECT_EQ(client->read(), asText(*large));
 }
 
-TEST_F(HttpServerTest, TextIsToldAndClosed) {
+TEST_F(HttpServerTest, TextIsAnsweredWithAnErrorAndClosed) {
     start();
     const auto client = join();
     client->stream.text(true);
@@ -393,7 +393,7 @@ TEST_F(HttpServerTest, TextIsToldAndClosed) {
     EXPECT_EQ(recorder_.messages(recorder_.session(0), 0).size(), 0u);
 }
 
-TEST_F(HttpServerTest, TooLargeAMessageIsToldAndClosed) {
+TEST_F(HttpServerTest, ATooLargeMessageIsAnsweredWithAnErrorAndClosed) {
     WebSocketOptions options;
     options.maxMessageBytes = 10'000;
     start(options);
@@ -432,7 +432,7 @@ TEST_F(HttpServerTest, CloseSendsWhatIsQueuedFirst) {
 
 // A commit may be larger than the bound for unsent data, and the state of its layer follows at
 // once.
-TEST_F(HttpServerTest, WhatFollowsALargeFrameDoesNotCutItsReader) {
+TEST_F(HttpServerTest, DataAfterALargeFrameDoesNotCutItsReader) {
     WebSocketOptions options;
     options.slowReaderBytes = 1 << 20;
     start(options);
@@ -485,7 +485,7 @@ TEST_F(HttpServerTest, CutsASlowReaderAndNoOther) {
     EXPECT_EQ(slow->stream.reason().code, websocket::close_code::policy_error);
 }
 
-TEST_F(HttpServerTest, TellsWhenACongestedSessionHasDrained) {
+TEST_F(HttpServerTest, ReportsWhenACongestedSessionHasDrained) {
     start();
     const auto client = join(4096);
     const SessionId session = recorder_.session(0);
@@ -500,7 +500,7 @@ TEST_F(HttpServerTest, TellsWhenACongestedSessionHasDrained) {
     EXPECT_FALSE(onServer([&](auto& server) { return server.congested(session); }));
 }
 
-TEST_F(HttpServerTest, CutsAReaderThatStandsStill) {
+TEST_F(HttpServerTest, CutsAReaderWithoutProgress) {
     WebSocketOptions options;
     options.slowReaderTime = 300ms;
     start(options);
@@ -600,7 +600,7 @@ TEST_F(HttpServerTest, ReadsOnlyWhileItShould) {
     EXPECT_EQ(recorder_.messages(session, 2).size(), 2u);
 }
 
-TEST_F(HttpServerTest, StopTellsEverybodyAndWaitsNotForEver) {
+TEST_F(HttpServerTest, StopNotifiesEverybodyAndDoesNotWaitForEver) {
     start();
     const auto polite = join(), silent = join();
     std::promise<void> stopped;

@@ -12,7 +12,7 @@ OddSamples::Participant participant(std::size_t number) {
 
 }  // namespace
 
-TEST(OddSamples, DD13CountsAllAndTellsTheFirstOfAParticipant) {
+TEST(OddSamples, DD13CountsAllAndReportsTheFirstOfAParticipant) {
     OddSamples odd;
     EXPECT_TRUE(odd.add(Oddity::NotGreeted, participant(1)));
     EXPECT_FALSE(odd.add(Oddity::NotGreeted, participant(1)));

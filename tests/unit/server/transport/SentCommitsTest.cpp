@@ -30,7 +30,7 @@ TEST(SentCommits, DD7BoundsBytes) {
     EXPECT_FALSE(commits.find(3));
 }
 
-TEST(SentCommits, ForgetsWhatIsBeforeAGap) {
+TEST(SentCommits, ForgetsCommitsBeforeAGap) {
     SentCommits commits;
     commits.add(1, sent(1));
     commits.add(7, {nullptr, {{3, 40}, {4, 50}}});

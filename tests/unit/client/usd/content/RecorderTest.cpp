@@ -126,7 +126,7 @@ protected:
 
 }  // namespace
 
-TEST(Recorder, WhateverIsRecordedIsTakenBackToTheLetter) {
+TEST(Recorder, AnyRecordedEditIsUndoneExactly) {
     for (unsigned seed = 0; seed < 200; ++seed) {
         SCOPED_TRACE(seed);
         std::mt19937 random(seed);
@@ -143,7 +143,7 @@ TEST(Recorder, WhateverIsRecordedIsTakenBackToTheLetter) {
 
 // Two authors edit, one after the other; the first undoes. Registers that the second wrote keep
 // these values, and the others have their previous values.
-TEST(Recorder, AnUndoNeverWritesARegisterThatAnotherOneHasWrittenSince) {
+TEST(Recorder, AnUndoNeverWritesARegisterThatSomebodyElseWroteSince) {
     for (unsigned seed = 0; seed < 100; ++seed) {
         SCOPED_TRACE(seed);
         std::mt19937 random(seed);
@@ -184,7 +184,7 @@ TEST_F(RecorderTest, NothingWrittenIsAnEmptyRecord) {
     EXPECT_TRUE(recorder.finish().isEmpty()) << "finish() begins anew";
 }
 
-TEST_F(RecorderTest, OneSampleOfAnotherOneIsKept) {
+TEST_F(RecorderTest, ASampleOfSomebodyElseIsKept) {
     layer->SetTimeSample(x, 1, 5.0);
     layer->SetTimeSample(x, 2, 6.0);
     const Record record = recorder.finish();
@@ -222,7 +222,7 @@ TEST_F(RecorderTest, OtherKeysAndItemsOfOneFieldAreKept) {
               (std::vector<std::string>{"./old.usda", "./theirs.usda"}));
 }
 
-TEST_F(RecorderTest, ACreatedPrimThatAnotherOneHasFilledStays) {
+TEST_F(RecorderTest, ACreatedPrimThatSomebodyElseFilledStays) {
     define(layer, SdfPath("/New/Mine"));
     define(layer, SdfPath("/Alone"));
     const Record record = recorder.finish();
@@ -238,7 +238,7 @@ TEST_F(RecorderTest, ACreatedPrimThatAnotherOneHasFilledStays) {
     EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/New"))) << "whatever others have done";
 }
 
-TEST_F(RecorderTest, ADeletedPrimThatAnotherOneHasCreatedAgainIsTheirs) {
+TEST_F(RecorderTest, ADeletedPrimThatSomebodyElseCreatedAgainStays) {
     removeSpec(layer, prim);
     const Record record = recorder.finish();
     define(layer, prim)->SetTypeName("Sphere");
@@ -249,7 +249,7 @@ TEST_F(RecorderTest, ADeletedPrimThatAnotherOneHasCreatedAgainIsTheirs) {
     EXPECT_FALSE(layer->GetAttributeAtPath(x));
 }
 
-TEST_F(RecorderTest, WhatAnotherOneHasDeletedStaysDeleted) {
+TEST_F(RecorderTest, SpecsThatSomebodyElseDeletedStayDeleted) {
     setDefault(layer, x, 1);
     const Record record = recorder.finish();
     removeSpec(layer, prim);

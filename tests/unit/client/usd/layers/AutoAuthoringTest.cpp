@@ -77,7 +77,7 @@ TEST_F(AutoAuthoringTest, NewSpecsGoToTheDefaultLayer) {
     EXPECT_TRUE(root->GetRootPrims().empty());
 }
 
-TEST_F(AutoAuthoringTest, AnOverThatSaysNothingIsKeptOnlyWhereItWasMeant) {
+TEST_F(AutoAuthoringTest, AnEmptyOverIsKeptOnlyIfItWasAuthored) {
     define(weak, "/A");
     const auto delegate = start();
     pxr::SdfCreatePrimInLayer(delegate, SdfPath("/Empty"));
@@ -118,7 +118,7 @@ TEST_F(AutoAuthoringTest, ADefaultBesideSamplesDoesNotHideThem) {
     EXPECT_EQ(weak->GetNumTimeSamplesForPath(SdfPath("/A.x")), 0u) << "blocked is blocked";
 }
 
-TEST_F(AutoAuthoringTest, KeysOfOneDictionaryGoWhereTheyStand) {
+TEST_F(AutoAuthoringTest, KeysOfOneDictionaryGoToTheirOwnLayers) {
     const auto& field = pxr::SdfFieldKeys->CustomData;
     define(strong, "/A");
     define(weak, "/A");
@@ -143,7 +143,7 @@ TEST_F(AutoAuthoringTest, KeysOfOneDictionaryGoWhereTheyStand) {
     EXPECT_EQ(at(weak, "w"), 0);
 }
 
-TEST_F(AutoAuthoringTest, AListOpIsLaidOverTheLayersOwn) {
+TEST_F(AutoAuthoringTest, AListOpIsComposedOverThatOfTheLayer) {
     define(weak, "/A");
     const auto prim = weak->GetPrimAtPath(SdfPath("/A"));
     prim->GetReferenceList().Prepend(pxr::SdfReference("a.usda"));
@@ -182,7 +182,7 @@ TEST_F(AutoAuthoringTest, AVisibleVariantIsEditedAndAnotherOneNotHidden) {
     EXPECT_EQ(get(weak, "/A{v=two}.x"), 7) << "an edit of a variant stays inside";
 }
 
-TEST_F(AutoAuthoringTest, WhoEditsTheWinnerRefreshesTheMirrorAndOthersDoNot) {
+TEST_F(AutoAuthoringTest, OnlyEditsOfTheWinningLayerRefreshTheMirror) {
     set(strong, "/A.x", 1);
     const auto delegate = start();
     set(delegate, "/A.x", 2);
@@ -205,7 +205,7 @@ TEST_F(AutoAuthoringTest, WhoEditsTheWinnerRefreshesTheMirrorAndOthersDoNot) {
     EXPECT_FALSE(has(delegate, "/A")) << "the stack is another one";
 }
 
-TEST_F(AutoAuthoringTest, ARemovedPrimIsGoneFromAllLayersAndAPropertyFromTheStrongest) {
+TEST_F(AutoAuthoringTest, APrimIsRemovedFromAllLayersAndAPropertyFromTheStrongest) {
     for (const auto& layer : {strong, weak}) set(layer, "/A/B.x", 1);
     const auto delegate = start();
     set(delegate, "/A/B.x", 2);
@@ -224,7 +224,7 @@ TEST_F(AutoAuthoringTest, ARemovedPrimIsGoneFromAllLayersAndAPropertyFromTheStro
     EXPECT_FALSE(has(weak, "/A/B"));
 }
 
-TEST_F(AutoAuthoringTest, ARenamedPrimIsRenamedWhereverItStands) {
+TEST_F(AutoAuthoringTest, APrimIsRenamedInAllLayers) {
     set(weak, "/A.x", 1);
     const auto delegate = start();
     set(delegate, "/A.x", 2);
@@ -239,7 +239,7 @@ TEST_F(AutoAuthoringTest, ARenamedPrimIsRenamedWhereverItStands) {
     EXPECT_FALSE(has(root, "/B"));
 }
 
-TEST_F(AutoAuthoringTest, WhatIsClosedGetsNothingAndSaysWhy) {
+TEST_F(AutoAuthoringTest, AClosedLayerGetsNoEditsAndTheReasonIsReported) {
     set(weak, "/A.x", 1);
     const auto delegate = start();
     ASSERT_TRUE(layers().state().setLayerLockState(weak->GetIdentifier(), true));

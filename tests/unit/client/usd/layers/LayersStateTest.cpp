@@ -64,7 +64,7 @@ TEST_F(LayersStateTest, GlobalMutenessOfAnotherEditorIsFollowedWithTheFrame) {
     EXPECT_TRUE(isMuted(strongId()));
 }
 
-TEST_F(LayersStateTest, ALockStandsInTheLayerAndInTheRootsMap) {
+TEST_F(LayersStateTest, ALockIsInTheLayerAndInTheRootsMap) {
     ASSERT_TRUE(state().setLayerLockState(strongId(), true));
     EXPECT_TRUE(state().isLayerLocked(strongId()));
     EXPECT_FALSE(state().isLayerWritable(strongId()));
@@ -85,7 +85,7 @@ TEST_F(LayersStateTest, ALockStandsInTheLayerAndInTheRootsMap) {
     EXPECT_TRUE(find(frameEvents(), LayerEventType::LockStateChanged));
 }
 
-TEST_F(LayersStateTest, WhatCannotBeLockedStaysAsItIs) {
+TEST_F(LayersStateTest, LayersThatCannotBeLockedStayUnchanged) {
     const auto lock = [this](const std::string& id) {
         return refusal(state().setLayerLockState(id, true));
     };
@@ -119,7 +119,7 @@ TEST_F(LayersStateTest, NamesAreTheRootsTheCustomOneOrTheFiles) {
     EXPECT_FALSE(state().setLayerName("nowhere.usda", "x"));
 }
 
-TEST_F(LayersStateTest, LocalLayersAreListedWithThoseThatAreNotThere) {
+TEST_F(LayersStateTest, LocalLayersAreListedWithMissingOnes) {
     root->InsertSubLayerPath("/nowhere/gone.usda");
     strong->InsertSubLayerPath(root->GetIdentifier());  // a circle
     const auto all = state().localLayerIdentifiers(true, true, true);

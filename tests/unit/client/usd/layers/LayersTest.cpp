@@ -45,7 +45,7 @@ TEST_F(LayersTest, OtherSublayersAreOtherUsedLayers) {
     EXPECT_TRUE(frameEvents().empty()) << "of no layer of this stage";
 }
 
-TEST_F(LayersTest, ModesChangeAndAreTold) {
+TEST_F(LayersTest, ChangesOfTheModeAreNotified) {
     EXPECT_EQ(layers().editMode(), LayerEditMode::Normal);
     (void)frameEvents();
     EXPECT_TRUE(layers().setEditMode(LayerEditMode::SpecsLinking));

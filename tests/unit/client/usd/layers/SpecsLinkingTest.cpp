@@ -16,7 +16,7 @@ protected:
     SpecsLinking& links() { return layers().specsLinking(); }
 };
 
-TEST_F(SpecsLinkingTest, APrimIsLinkedWithItsPropertiesAndAHierarchyWithAllBelow) {
+TEST_F(SpecsLinkingTest, APrimIsLinkedWithItsPropertiesAndAHierarchyWithEverythingBelow) {
     const auto& layer = strong->GetIdentifier();
     EXPECT_EQ(links().linkSpec(SdfPath("/A"), layer, false),
               (Paths{SdfPath("/A"), SdfPath("/A.x")}));
@@ -33,7 +33,7 @@ TEST_F(SpecsLinkingTest, APrimIsLinkedWithItsPropertiesAndAHierarchyWithAllBelow
     EXPECT_TRUE(links().allLinks().empty());
 }
 
-TEST_F(SpecsLinkingTest, WhatIsNotThereIsNotLinked) {
+TEST_F(SpecsLinkingTest, MissingSpecsAreNotLinked) {
     for (const char* text : {"", "A", "/Nothing", "/A.nothing", "/A{v=x}"}) {
         const SdfPath path = *text ? SdfPath(text) : SdfPath();
         EXPECT_EQ(refusal(links().linkSpec(path, strong->GetIdentifier(), true)),

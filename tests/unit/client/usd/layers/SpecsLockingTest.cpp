@@ -19,7 +19,7 @@ protected:
     SpecsLocking& locks() { return layers().specsLocking(); }
 };
 
-TEST_F(SpecsLockingTest, ALockedSpecGoesBackInEveryLayer) {
+TEST_F(SpecsLockingTest, ALockedSpecIsRevertedInEveryLayer) {
     EXPECT_EQ(locks().lockSpec(SdfPath("/A"), false), (Paths{SdfPath("/A"), SdfPath("/A.x")}));
     EXPECT_TRUE(locks().isSpecLocked(SdfPath("/A.x")));
     EXPECT_FALSE(locks().isSpecLocked(SdfPath("/A/B")));
@@ -39,7 +39,7 @@ TEST_F(SpecsLockingTest, ALockedSpecGoesBackInEveryLayer) {
     EXPECT_EQ(layers().refusedEdits().size(), said) << "once";
 }
 
-TEST_F(SpecsLockingTest, ARemovedPrimComesBackWithAllThatItHadLast) {
+TEST_F(SpecsLockingTest, ARemovedPrimIsRestoredWithItsLastContent) {
     locks().lockSpec(SdfPath("/A"), false);
     set(weak, "/A/B.y", 3);
     set(weak, "/A/C.z", 4);
@@ -51,7 +51,7 @@ TEST_F(SpecsLockingTest, ARemovedPrimComesBackWithAllThatItHadLast) {
     EXPECT_EQ(get(weak, "/A/C.z"), 4);
 }
 
-TEST_F(SpecsLockingTest, WhatIsUnlockedCanBeEdited) {
+TEST_F(SpecsLockingTest, UnlockedSpecsCanBeEdited) {
     locks().lockSpec(SdfPath("/"), true);
     EXPECT_EQ(locks().allLockedSpecs().size(), 4u);
     EXPECT_EQ(locks().unlockSpec(SdfPath("/A/B"), false).specs,
@@ -72,7 +72,7 @@ TEST_F(SpecsLockingTest, WhatIsUnlockedCanBeEdited) {
     EXPECT_EQ(unlocked.refused->type, LayerErrorType::InvalidParam);
 }
 
-TEST_F(SpecsLockingTest, WhatWasWrittenBeforeALockStays) {
+TEST_F(SpecsLockingTest, EditsBeforeALockStay) {
     set(weak, "/A.x", 7);
     locks().lockSpec(SdfPath("/A.x"), false);
     frame();
@@ -96,7 +96,7 @@ TEST_F(SpecsLockingTest, LocksAreFoundAgainAndFollowTheRootLayer) {
     EXPECT_FALSE(locks().isSpecLocked(SdfPath("/A.x")));
 }
 
-TEST_F(SpecsLockingTest, TheDelegatesEditsOfALockedSpecGoBackToo) {
+TEST_F(SpecsLockingTest, TheDelegatesEditsOfALockedSpecAreRevertedToo) {
     ASSERT_TRUE(layers().setEditMode(LayerEditMode::AutoAuthoring));
     locks().lockSpec(SdfPath("/A"), false);
     set(target(), "/A.x", 9);
@@ -118,7 +118,7 @@ TEST_F(SpecsLockingTest, ALockedPrimTakesNothingNew) {
     }));
 }
 
-TEST_F(SpecsLockingTest, ManyAdditionsGoBackInOneFrame) {
+TEST_F(SpecsLockingTest, ManyAdditionsAreRevertedInOneFrame) {
     for (int i = 0; i < 2000; ++i) define(weak, "/A/Old" + std::to_string(i));
     locks().lockSpec(SdfPath("/A"), true);
     for (int i = 0; i < 2000; ++i) define(strong, "/A/New" + std::to_string(i) + "/Below");
@@ -128,7 +128,7 @@ TEST_F(SpecsLockingTest, ManyAdditionsGoBackInOneFrame) {
     EXPECT_TRUE(has(weak, "/A/Old1999"));
 }
 
-TEST_F(SpecsLockingTest, ALockedPrimThatWasRenamedGoesBackWithWhatWasWrittenIntoIt) {
+TEST_F(SpecsLockingTest, ARenameOfALockedPrimIsRevertedWithItsEdits) {
     locks().lockSpec(SdfPath("/A"), true);
     pxr::SdfBatchNamespaceEdit edits;
     edits.Add(SdfPath("/A"), SdfPath("/Z"));

@@ -112,7 +112,7 @@ TEST_F(CompositionTest, AnArcComposesWhatItReaches) {
     EXPECT_EQ(names(stage.composition, "/A"), (std::vector<std::string>{"Part", "Second"}));
 }
 
-TEST_F(CompositionTest, SublayersAndTheirOffsetsAreTold) {
+TEST_F(CompositionTest, SublayersAndTheirOffsetsAreReported) {
     define(sub, "/A");
     Followed stage(root, session);
     EXPECT_EQ(names(stage.composition, "/"), std::vector<std::string>{"A"});
@@ -124,7 +124,7 @@ TEST_F(CompositionTest, SublayersAndTheirOffsetsAreTold) {
     EXPECT_FALSE(stage.composition.localLayers().HasLayer(sub));
 }
 
-TEST_F(CompositionTest, WhatUsesALayerIsComposedAgainWhenItIsMuted) {
+TEST_F(CompositionTest, UsersOfALayerAreComposedAgainWhenItIsMuted) {
     define(sub, "/A");
     define(asset, "/Asset/Part");
     define(root, "/Far");
@@ -151,7 +151,7 @@ TEST_F(CompositionTest, WhatUsesALayerIsComposedAgainWhenItIsMuted) {
     EXPECT_EQ(names(stage.composition, "/").size(), 3u);
 }
 
-TEST_F(CompositionTest, PayloadsAreComposedWhereTheyAreWanted) {
+TEST_F(CompositionTest, OnlyLoadedPayloadsAreComposed) {
     define(asset, "/Asset/Part/Inner");
     define(root, "/A");
     root->GetPrimAtPath(SdfPath("/A"))
@@ -170,7 +170,7 @@ TEST_F(CompositionTest, PayloadsAreComposedWhereTheyAreWanted) {
 }
 
 // After any edits, the kept composition equals a new one.
-TEST_F(CompositionTest, ItIsAsIfItWereComposedAnew) {
+TEST_F(CompositionTest, ItEqualsANewComposition) {
     std::mt19937 random(7);
     const std::vector<std::string> paths{"/A", "/A/B", "/A/B/C", "/D", "/D/E", "/F"};
     const std::vector<SdfLayerRefPtr> layers{root, sub, asset, session};
