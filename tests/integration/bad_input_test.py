@@ -155,7 +155,7 @@ def one_line(done: subprocess.CompletedProcess, *words: str) -> None:
         assert word in lines[0]
 
 
-def test_starting_on_what_is_no_folder(tmp_path):
+def test_starting_on_a_path_that_is_no_folder(tmp_path):
     (tmp_path / "file").write_text("")
     one_line(run("serve", str(tmp_path / "file"), "--port", "0"), str(tmp_path / "file"))
     one_line(run("serve", str(tmp_path / "absent"), "--port", "0"), str(tmp_path / "absent"))
@@ -221,7 +221,7 @@ def test_unknown_options_and_wrong_configuration(project, tmp_path):
 
 @pytest.mark.parametrize("command", [["ls", "ws://127.0.0.1:1"], ["ls", "http:/nonsense"],
                                      ["cat", "ws://127.0.0.1:1/a.usda"]])
-def test_tools_say_what_is_wrong(command):
+def test_tools_report_errors(command):
     one_line(run(*command))
 
 

@@ -45,7 +45,7 @@ def stored(project):
 
 
 @pytest.mark.parametrize("seed", range(SEED, SEED + 1))
-def test_b3_four_who_drag_big_values_end_with_the_same(seed, project, serve, editor, capfd):
+def test_b3_four_editors_that_drag_big_values_end_with_the_same(seed, project, serve, editor, capfd):
     print(f"seed {seed}")
     (project / "root.usda").write_text(ROOT)
     server = serve(project)

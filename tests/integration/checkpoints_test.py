@@ -46,7 +46,7 @@ def test_by_command(served):
     assert "1 to 200 bytes" in refused("checkpoint", served.url, "x" * 201)
 
 
-def test_what_is_acknowledged_survives_a_kill(served):
+def test_acknowledged_edits_survive_a_kill(served):
     made = []
     with connect(served, "ada") as ada:
         layer = ada.open_layer("shot.usda")

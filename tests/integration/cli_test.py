@@ -24,14 +24,14 @@ def served(project, serve):
     return serve(project)
 
 
-def test_what_is_served_and_what_is_in_it(served):
+def test_layers_and_their_content_are_printed(served):
     assert usdlive("ls", served.url).split() == ["root.usda", "sets/hall.usda"]
     assert usdlive("cat", f"{served.url}/root.usda") == ROOT
     tree = usdlive("tree", f"{served.url}/root.usda")
     assert "World" in tree and "Xform" in tree and "Ball" in tree and "Sphere" in tree
 
 
-def test_who_changed_what_and_what_it_was_before(served, editor):
+def test_the_log_shows_authors_edits_and_earlier_values(served, editor):
     ada = editor(served, "ada", "root.usda")
     ada.run("ball = stage.GetPrimAtPath('/World/Ball')\nball.GetAttribute('radius').Set(2.0)")
     first = ada.flush()
@@ -43,7 +43,7 @@ def test_who_changed_what_and_what_it_was_before(served, editor):
     assert "radius = 3" in usdlive("cat", f"{served.url}/root.usda")
 
 
-def test_watching_edits_as_they_come(served, editor):
+def test_watching_edits_as_they_arrive(served, editor):
     watch = subprocess.Popen([os.environ["USDLIVE_BIN"], "watch", served.url, "--json"],
                              stdout=subprocess.PIPE, text=True)
     try:
@@ -180,7 +180,7 @@ def test_a_second_server_of_a_folder_names_the_first(served):
     assert code == 1 and f"already served at {served.url} by process {served.process.pid}" in error
 
 
-def test_an_empty_folder_says_what_to_do(tmp_path):
+def test_an_empty_folder_gets_advice(tmp_path):
     (tmp_path / "empty").mkdir()
     with subprocess.Popen([os.environ["USDLIVE_BIN"], "serve", str(tmp_path / "empty"), "--port", "0",
                            "--min-free-mib", "1", "--host", "0.0.0.0"],
@@ -242,7 +242,7 @@ def copied(project):
     return project
 
 
-def test_an_administrator_ends_what_a_copied_folder_was_locked_by(copied, serve):
+def test_an_administrator_ends_the_locks_of_a_copied_folder(copied, serve):
     url = serve(copied, "--admin", "chief").url
     code, out, error = ended("unlock", url, "--all", "--user", "bob")
     assert (code, out) == (1, "") and "serve with --admin bob" in error
@@ -262,7 +262,7 @@ def test_an_administrator_ends_what_a_copied_folder_was_locked_by(copied, serve)
     assert ended("unlock", url, "--all", "root.usda")[0] == 2
 
 
-def test_links_are_followed_and_what_is_skipped_is_counted_and_logged(project, serve, tmp_path):
+def test_links_are_followed_and_skipped_files_are_counted_and_logged(project, serve, tmp_path):
     (project / "v3").mkdir()
     for name in ("ROOT.USDA", "v3/hall.usda", "asset.usdz", "take:2.usda", b"\xff.usda".decode(errors="surrogateescape")):
         (project / name).write_text(ROOT)
@@ -315,7 +315,7 @@ def test_a_link_that_is_set_to_another_version_is_outdated_and_reloaded(project,
     assert "radius = 3" in usdlive("cat", server.url, "v3/hall.usda")
 
 
-def test_the_log_says_who_did_what(served, editor):
+def test_the_log_names_users_and_their_actions(served, editor):
     """Names of users are logged without control characters, and a flood of refusals is not logged line by
     line."""
     url = served.url
@@ -369,13 +369,13 @@ def on_a_terminal(*arguments: str) -> str:
     return written.decode()
 
 
-def test_a_bar_for_what_takes_long_on_a_terminal_only(project, serve):
+def test_a_progress_bar_on_a_terminal_only(project, serve):
     prims = "".join(f'def Xform "P{i}"\n{{\n    double3 xformOp:translate = ({i}, 0, 0)\n}}\n' for i in range(120_000))
     (project / "big.usda").write_text("#usda 1.0\n" + prims)
     server = serve(project)
     shown = on_a_terminal("tree", server.url, "big.usda")
     assert "importing big.usda" in shown
-    assert "P119999" in shown and shown.rfind("\x1b[K") < shown.find("P0 "), "the bar is removed before the answer is printed"
+    assert "P119999" in shown and shown.rfind("\x1b[K") < shown.find("P0 "), "the bar is still there"
     server.stop()
     (project / ".usdlive").rename(project.parent / "aside")
     server.start()

@@ -73,7 +73,7 @@ def same(server, editors, layer="root.usda"):
         one.run(f"assert live.wait(lambda: digest() == {text!r}, 30), 'this editor has something else'")
 
 
-def test_b6_what_nobody_names_goes_and_what_commits_name_stays(project, serve, editor, capfd):
+def test_b6_unnamed_values_are_removed_and_named_ones_stay(project, serve, editor, capfd):
     (project / "root.usda").write_text(ROOT)
     (project / "locked.usda").write_text(ROOT)
     server = serve(project, *SOON)

@@ -207,7 +207,7 @@ def test_a_module_is_registered_and_unregistered(registered, ctx, caplog):
         commands.register(types.SimpleNamespace)
 
 
-def test_what_fails_leaves_nothing_and_says_why(registered, ctx, stage, caplog):
+def test_a_failed_command_leaves_nothing_and_reports_the_reason(registered, ctx, stage, caplog):
     refused(caplog, "Failing", "on purpose")
     assert stage.GetRootLayer().comment == "" and not undo.can_undo("test")
     refused(caplog, "SetComment", "required argument", txt="a")
@@ -327,7 +327,7 @@ def mutate(stage, dice):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_whatever_is_recorded_is_taken_back(seed, capfd):
+def test_any_recorded_edit_is_undone(seed, capfd):
     """Undo restores the layer exactly; also if it is shared and nobody else wrote."""
     for shared in (False, True):
         stage, dice = scattered(seed)
@@ -408,7 +408,7 @@ def test_other_keys_and_items_of_one_field_are_left():
     assert list(stage.GetRootLayer().subLayerPaths) == ["./old.usda", "./theirs.usda"]
 
 
-def test_what_is_not_a_number_counts_as_the_same():
+def test_nan_equals_itself():
     stage, kept = two_wrote(lambda s, p: x(p).Set(float("nan")), lambda s, p: None)
     assert kept == [] and stage.GetAttributeAtPath("/A.x").Get() == 0
 
@@ -420,12 +420,12 @@ def test_a_prim_that_another_one_has_filled_stays():
     assert not stage.GetPrimAtPath("/Mine") and [k.path for k in kept] == ["/New"]
 
 
-def test_a_prim_made_anew_by_another_one_is_theirs():
+def test_a_prim_that_somebody_else_created_again_stays():
     stage, kept = two_wrote(lambda s, p: s.RemovePrim("/A"), lambda s, p: s.DefinePrim("/A", "Sphere"))
     assert stage.GetPrimAtPath("/A").GetTypeName() == "Sphere" and [k.path for k in kept] == ["/A"]
 
 
-def test_what_another_one_has_deleted_stays_deleted():
+def test_a_spec_that_somebody_else_deleted_stays_deleted():
     stage, kept = two_wrote(lambda s, p: x(p).Set(1.0), lambda s, p: s.RemovePrim("/A"))
     assert not stage.GetPrimAtPath("/A") and kept and "no longer there" in kept[0].reason
 
@@ -483,7 +483,7 @@ def test_create_a_sublayer(ctx, stage, layer, folder, caplog):
         assert inserted == layer("props/prop").identifier
 
 
-def test_a_sublayer_that_exists_is_emptied_and_comes_back(ctx, stage, layer, folder):
+def test_an_existing_sublayer_is_emptied_and_restored(ctx, stage, layer, folder):
     prop = layer("props/prop")
     with Undone(stage):
         run("CreateSublayer", layer_identifier=layer("root").identifier, sublayer_position=0,
@@ -602,7 +602,7 @@ def test_a_sublayer_is_merged_into_its_parent(ctx, stage, layer):
         assert composed(stage) == before and list(root.subLayerPaths) == ["./weak.usda"]
 
 
-def test_merging_with_what_is_muted_or_missing(ctx, stage, layer, caplog):
+def test_merging_with_muted_or_missing_layers(ctx, stage, layer, caplog):
     root, strong, weak = layer("root"), layer("strong"), layer("weak")
     arguments = dict(dst_parent_layer_identifier=root.identifier, dst_layer_identifier=strong.identifier,
                      src_parent_layer_identifier=root.identifier, src_layer_identifier=weak.identifier,
@@ -990,7 +990,7 @@ def test_commands_on_a_live_stage_are_one_transaction_each_and_undone_everywhere
         assert undo.undo("test") and synced(context, ada) == before
 
 
-def test_undo_in_a_live_project_leaves_what_others_did(live, caplog):
+def test_undo_in_a_live_project_keeps_edits_of_others(live, caplog):
     context, ada = live
     stage = context.get_stage()
     root = stage.GetRootLayer().identifier
@@ -1016,7 +1016,7 @@ def test_undo_in_a_live_project_leaves_what_others_did(live, caplog):
     assert "radius = 50" in texts_now["strong.usda"] and "int hers = 1" in texts_now["root.usda"]
 
 
-def test_a_live_prim_is_moved_back_with_what_others_did_to_it(live):
+def test_a_live_prim_is_moved_back_with_edits_of_others(live):
     context, ada = live
     assert move(path_from="/World/Ball", path_to="/World/Planet")
     synced(context, ada)

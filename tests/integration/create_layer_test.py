@@ -47,7 +47,7 @@ def test_the_file_is_there_at_once_and_of_the_format_of_its_name(served):
     assert (served.folder / "b.usdc").read_bytes().startswith(b"PXR-USDC")
 
 
-def test_of_two_who_create_one_layer_one_gets_it(served):
+def test_only_one_of_two_editors_creates_a_layer(served):
     with connect(served, "ada") as ada, connect(served, "bob") as bob:
         ada.create_layer("fx.usda")
         with pytest.raises(usdlive.Error) as refused:
@@ -184,7 +184,7 @@ def test_a_history_that_was_deleted_is_explained_once(project, serve, tmp_path):
         assert live.flush(20)
 
 
-def test_a_damaged_store_says_what_to_do(project, serve):
+def test_a_damaged_store_gets_advice(project, serve):
     (project / "shot.usda").write_text("#usda 1.0\n")
     server = serve(project)
     assert cat(server, "shot.usda")

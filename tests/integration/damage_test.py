@@ -209,7 +209,7 @@ def try_one(number: int, truth: Truth, manifest: bool, folder: pathlib.Path):
     pytest.param(False, PLACES - PLACES // 5, id="tables, logs, values"),
     pytest.param(True, PLACES // 5, id="manifest"),
 ])
-def test_k5_a_damaged_store_is_served_whole_or_refused(manifest, places, project, serve, editor, tmp_path,
+def test_k5_a_damaged_store_is_served_completely_or_refused(manifest, places, project, serve, editor, tmp_path,
                                                        capfd):
     print(f"seed {SEED}")
     truth = a_store(project, serve, editor)

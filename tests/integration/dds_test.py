@@ -121,7 +121,7 @@ def test_m11_previews_end_with_their_gesture(server, three):
     assert "int64 ada = 1904" in text
 
 
-def test_big_values_and_large_commits_come_whole(server, three):
+def test_big_values_and_large_commits_arrive_complete(server, three):
     ada, bo, cy = three
     ada.run("import numpy\npoints = numpy.arange(3 * 500_000, dtype=numpy.float32).reshape(-1, 3)\n"
             "UsdGeom.Points.Define(stage, '/World/Cloud').GetPointsAttr().Set("
@@ -215,7 +215,7 @@ def test_a_wrong_setting_is_said_in_a_line(tmp_path, project, options, what):
     assert ended.stdout == ""
 
 
-def test_nobody_there_is_said(domain):
+def test_a_missing_server_is_reported(domain):
     ended = usdlive("ls", "dds://nobody")
     assert ended.returncode == 1
     assert ended.stderr == (f"usdlive: no server of dds://nobody is heard of in DDS domain {domain} on lo\n")
@@ -433,7 +433,7 @@ def test_locks_and_people_cross_the_transports(server, join):
     synced(server, [ada, cy])
 
 
-def test_fr8_a_commit_in_parts_comes_over_both(tmp_path, domain, join):
+def test_fr8_a_commit_in_parts_arrives_over_both(tmp_path, domain, join):
     folder = tmp_path / f"shot{random.SystemRandom().getrandbits(32):08x}"
     folder.mkdir()
     (folder / "root.usda").write_text(EMPTY)

@@ -31,7 +31,7 @@ def synced(server, *editors):
     return texts.pop()
 
 
-def test_events_come_while_they_are_awaited(two):
+def test_events_arrive_while_they_are_awaited(two):
     """`async for event in live.events()` ticks by itself."""
     server, ada, bo = two
     ada.run("UsdGeom.Sphere(stage.GetPrimAtPath('/World/Ball')).GetRadiusAttr().Set(7.0)")
@@ -88,7 +88,7 @@ def test_m4_an_edit_below_a_deleted_prim_comes_back_to_its_author(two):
     assert "radius = 5" in kept and "Ball" in kept
 
 
-def test_m6_a_refused_transaction_goes_back_whole(two):
+def test_m6_a_refused_transaction_is_reverted_as_a_whole(two):
     """ada creates something at the target of bo's move; bo's whole transaction is refused, his later work
     stays."""
     server, ada, bo = two
@@ -131,7 +131,7 @@ def test_m11_a_gesture_is_seen_at_once_and_committed_once(two):
     assert ada.run("result = live.revision") == before + 1
 
 
-def test_m11_a_preview_goes_with_its_author(two):
+def test_m11_a_preview_ends_with_its_author(two):
     server, ada, bo = two
     ada.run("live.begin_gesture()\nstage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Set(7.0)\n"
             "live.tick()")

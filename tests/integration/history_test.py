@@ -114,7 +114,7 @@ def test_days_have_to_be_said_and_by_an_administrator(project, serve):
     assert "no commit was replaced" in run("compact", server.url)
 
 
-def test_what_takes_the_space(served):
+def test_the_use_of_space_is_printed(served):
     with Author(served) as ada:
         ada.write(300, LAYERS[:2])
         for opened in range(2):
@@ -135,7 +135,7 @@ def test_what_takes_the_space(served):
                 compact(served)
 
 
-def test_who_is_older_than_the_base_gets_a_snapshot(project, serve, editor):
+def test_a_client_before_the_base_gets_a_snapshot(project, serve, editor):
     for name in LAYERS:
         (project / name).write_text(ROOT)
     server = serve(project)
@@ -170,7 +170,7 @@ def test_who_is_older_than_the_base_gets_a_snapshot(project, serve, editor):
     resumed.close()
 
 
-def test_beside_those_who_edit(project, serve, capfd):
+def test_editing_continues_while_it_compacts(project, serve, capfd):
     """Editing continues while the history is compacted, and is not delayed by it."""
     for name in LAYERS:
         (project / name).write_text(ROOT)

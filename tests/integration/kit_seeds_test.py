@@ -201,7 +201,7 @@ def test_each_snippet_does_what_it_says(title, form, omni, tmp_path):
 
 
 @needs_seeds
-def test_the_snippet_says_what_did_not_open(omni, tmp_path):
+def test_the_snippet_names_the_file_that_did_not_open(omni, tmp_path):
     snippet = sections()["Open stage"][0].replace("<your usd file>", str(tmp_path / "missing"))
     names = {}
     execute(sections()["File system"][0], names)

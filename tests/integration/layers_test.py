@@ -352,7 +352,7 @@ def test_kinds_of_layers_reload_themselves(scene):
 # -- events
 
 
-def test_events_of_content_come_once_and_in_order(scene):
+def test_events_of_content_arrive_once_and_in_order(scene):
     Sdf.PrimSpec(scene.weak, "New", Sdf.SpecifierDef)
     scene.stage.GetPrimAtPath("/A").GetAttribute("x").Set(3)
     scene.root.startTimeCode = 3
@@ -378,7 +378,7 @@ def test_events_of_content_come_once_and_in_order(scene):
     assert scene.layers.get_last_error_type() == LayerErrorType.INVALID_PARAM
 
 
-def test_subscriptions_hear_what_they_asked_for(scene):
+def test_subscriptions_get_the_requested_events(scene):
     data, sublayers, prims = [], [], []
     kept = [layers.subscribe_to_custom_data(scene.weak.identifier, ["mine:key"], data.append, scene.context),
             layers.subscribe_to_sublayers(lambda: sublayers.append(1), scene.context),
@@ -463,7 +463,7 @@ def test_auto_authoring(scene):
     assert {LayerEventType.EDIT_MODE_CHANGED, LayerEventType.EDIT_TARGET_CHANGED} <= set(scene.types())
 
 
-def test_an_edit_for_a_locked_layer_goes_back_with_a_reason(scene):
+def test_an_edit_for_a_locked_layer_is_reverted_with_a_reason(scene):
     scene.edit()
     scene.layers.get_layers_state().set_layer_lock_state(scene.weak.identifier, True)
     attribute = scene.stage.GetAttributeAtPath("/A.x")
@@ -585,7 +585,7 @@ def test_a_locked_prim_takes_nothing_new_from_the_delegate(scene):
 
 
 @pytest.mark.parametrize("target", ["/Renamed", "/R/A"])
-def test_a_locked_prim_that_was_moved_goes_back(target, scene):
+def test_a_move_of_a_locked_prim_is_reverted(target, scene):
     scene.layers.get_specs_locking().lock_spec("/A", True)
     before = scene.weak.ExportToString()
     editor = Usd.NamespaceEditor(scene.stage)
@@ -652,7 +652,7 @@ def test_a_muted_layer_that_is_removed_leaves_no_flag(scene):
     assert "muteness" not in scene.root.customLayerData.get("omni_layer", {})
 
 
-def test_what_kit_and_others_wrote_is_read(tmp_path):
+def test_data_of_kit_and_others_is_read(tmp_path):
     (tmp_path / "my layer.usda").write_text("#usda 1.0\n")
     (tmp_path / "100%25.usda").write_text("#usda 1.0\n")
     root = Sdf.Layer.CreateNew(str(tmp_path / "root.usda"))
@@ -865,7 +865,7 @@ def test_everybody_unlocks_their_own_specs(two):
                   "stage.GetAttributeAtPath('/A.x').Get()]") == [["/A.z"], 4]
 
 
-def test_unlocking_what_somebody_else_has_locked_fails(two):
+def test_unlocking_a_lock_of_somebody_else_fails(two):
     ada, bo = two
     bo.run("assert mine.get_specs_locking().lock_spec('/A.z') == ['/A.z']\nframe()")
     ada.catch_up(bo.flush())
@@ -874,7 +874,7 @@ def test_unlocking_what_somebody_else_has_locked_fails(two):
     assert ada.run("result = mine.get_specs_locking().is_spec_locked('/A.z')")
 
 
-def test_m1_two_who_make_the_first_links_keep_both(two):
+def test_m1_two_authors_of_the_first_links_keep_both(two):
     ada, bo = two
     ada.run("sub = stage.GetLayerStack(False)[-1].identifier\n"
             "mine.get_specs_linking().link_spec('/A.x', sub)")
@@ -900,7 +900,7 @@ def test_a_flag_that_says_nothing_is_no_commit(two):
     assert ada.flush() == before
 
 
-def test_what_the_project_has_is_not_taken_back(two):
+def test_edits_of_the_project_are_not_reverted(two):
     """The holder of a lock may edit through a client without these guards; others follow and do not revert
     it."""
     ada, bo = two
@@ -918,7 +918,7 @@ def test_what_the_project_has_is_not_taken_back(two):
     assert bo.run("result = stage.GetAttributeAtPath('/A.y').Get()") == 5, "but one's own edits go back"
 
 
-def test_the_slower_of_two_locks_is_told(two):
+def test_the_slower_of_two_locks_is_refused_with_an_event(two):
     ada, bo = two
     ada.run("mine.get_specs_locking().lock_spec('/A.x')\nframe()")
     bo.catch_up(ada.flush())

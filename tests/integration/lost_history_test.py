@@ -73,7 +73,7 @@ def test_a_history_that_is_deleted_under_the_server_acknowledges_nothing(project
     assert cat(server, "shot.usda") == text
 
 
-def test_a_damaged_store_says_what_to_do(project, serve):
+def test_a_damaged_store_gets_advice(project, serve):
     (project / "shot.usda").write_text("#usda 1.0\n")
     server = serve(project)
     assert cat(server, "shot.usda")

@@ -197,7 +197,7 @@ def test_save_returns_when_the_file_is_written(server):
         assert left.edits == 1
 
 
-def test_what_is_not_sent_is_offered_to_the_next_connection(server):
+def test_unsent_work_is_offered_to_the_next_connection(server):
     live = connect(server, "ada")
     layer = live.open_layer("shot.usda")
     server.kill()

@@ -521,7 +521,7 @@ def test_random_edits_are_reported_as_narrowly_as_by_their_author(two, seed):
 
 
 @each_seed
-def test_what_is_refused_is_taken_back_as_narrowly_as_it_was_written(two, seed):
+def test_refused_edits_are_reverted_as_narrowly_as_they_were_written(two, seed):
     for name in LAYERS:
         two.follower.lock(name)
     two.flush(two.follower)
@@ -543,7 +543,7 @@ def test_what_is_refused_is_taken_back_as_narrowly_as_it_was_written(two, seed):
 
 
 @each_seed
-def test_a_layer_that_is_joined_again_reports_what_others_reported(two, seed):
+def test_a_layer_that_is_joined_again_reports_the_same_as_others(two, seed):
     edits = Edits(seed, two)
     for _ in range(10):
         edits.log.clear()

@@ -113,7 +113,7 @@ def work(steps):
 
 
 @pytest.mark.parametrize("seed", range(SEED, SEED + 3))
-def test_c1_what_editors_do_at_once_by_sdf_alone(seed, project, serve, editor, capfd):
+def test_c1_concurrent_edits_replayed_by_sdf_alone(seed, project, serve, editor, capfd):
     """Three authors edit the same few prims. The log holds edits that were carried forward, merged and
     dropped in the form in which they were executed."""
     print(f"seed {seed}")

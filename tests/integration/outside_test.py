@@ -100,7 +100,7 @@ def test_nothing_installed_names_the_checkout(prefix):
     assert all(not os.path.isabs(os.readlink(link)) and link.exists() for link in links)
 
 
-def test_licences_of_what_is_copied_are_installed(prefix):
+def test_licences_of_copied_libraries_are_installed(prefix):
     licences = prefix / "share" / "doc" / "usdlive" / "licenses"
     for name in ("usd-core", "openusd", "tbb", "python"):
         assert any(file.stat().st_size > 500 for file in (licences / name).iterdir()), name

@@ -66,7 +66,7 @@ def test_fr8_a_paste_that_no_frame_can_hold_is_one_commit(project, serve, editor
     assert cat(server, "root.usda") == bo.text("root.usda")
 
 
-def test_fr8_who_was_away_reads_it_from_the_store(project, serve, editor):
+def test_fr8_an_editor_that_was_away_reads_it_from_the_store(project, serve, editor):
     (project / "root.usda").write_text(EMPTY)
     server = serve(project, "--max-frame-mib", "1")
     ada, bo = editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
@@ -112,7 +112,7 @@ def test_fr8_a_server_killed_between_parts_has_all_or_nothing(project, serve, ed
     assert ada.text("root.usda") == bo.text("root.usda") == cat(server, "root.usda")
 
 
-def test_fr8_more_than_the_server_takes_comes_back_with_the_limit(project, serve, editor):
+def test_fr8_a_too_large_transaction_comes_back_with_the_limit(project, serve, editor):
     (project / "root.usda").write_text(EMPTY)
     server = serve(project, "--max-frame-mib", "1", "--max-transaction-mib", "1")
     ada = editor(server, "ada", "root.usda")

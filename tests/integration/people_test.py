@@ -16,7 +16,7 @@ from usdlive import events
 ROOT = '#usda 1.0\n\ndef "World"\n{\n    double x = 0\n}\n'
 
 
-def test_a_lock_is_enforced_and_told(project, serve):
+def test_a_lock_is_enforced_and_notified(project, serve):
     (project / "shot.usda").write_text(ROOT)
     server = serve(project)
     with connect(server, "ada") as ada, connect(server, "bob") as bob:
@@ -111,7 +111,7 @@ def test_refusals_of_one_register_are_one_event_a_second(project, serve):
         assert newest.GetAttributeAtPath("/World.x").default == 10.0 + writes - 1
 
 
-def test_locking_what_is_locked_and_muting_what_is_muted_commits_nothing(project, serve):
+def test_locking_and_muting_twice_commits_nothing(project, serve):
     (project / "shot.usda").write_text(ROOT)
     (project / "anim.usda").write_text(ROOT)
     server = serve(project)

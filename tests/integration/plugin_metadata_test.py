@@ -30,7 +30,7 @@ def plugin(tmp_path):
 
 
 @pytest.mark.parametrize("having", ["ada", "server", "server ada bo", "ada bo"])
-def test_v11_metadata_is_what_the_readers_plugins_say(project, serve, editor, plugin, monkeypatch, having):
+def test_v11_metadata_has_the_types_of_the_readers_plugins(project, serve, editor, plugin, monkeypatch, having):
     def start(name, what, *arguments):
         with monkeypatch.context() as patch:
             if name in having.split():

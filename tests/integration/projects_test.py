@@ -134,7 +134,7 @@ def test_a_store_that_breaks_while_it_is_used_harms_no_other(serve, tmp_path):
         assert radius(bob) == 9.5
 
 
-def test_folders_come_and_go(serve, tmp_path):
+def test_folders_are_added_and_removed(serve, tmp_path):
     shots = tmp_path / "shots"
     make(shots / "s010")
     (shots / ".hidden").mkdir()
@@ -167,7 +167,7 @@ def test_metrics_name_the_project(serve, tmp_path):
     assert page.count("# TYPE usdlive_sessions gauge") == 1
 
 
-def test_a_stop_keeps_what_was_acknowledged_in_every_project(serve, tmp_path):
+def test_a_stop_keeps_acknowledged_edits_of_every_project(serve, tmp_path):
     folders = [make(tmp_path / f"p{index}") for index in range(3)]
     server = serve(folders[0], *map(str, folders[1:]))
     for index in range(3):

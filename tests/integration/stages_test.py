@@ -58,7 +58,7 @@ def test_a_real_stage_is_edited_and_saved(name, project, serve, editor):
     assert binary == ((NEWTON / "examples" / "assets" / name).read_bytes()[:8] == b"PXR-USDC")
 
 
-def test_a_file_that_comes_later_is_served(project, serve, editor):
+def test_a_file_that_is_added_later_is_served(project, serve, editor):
     (project / "shot.usda").write_text("#usda 1.0\n")
     server = serve(project)
     ada = editor(server, "ada", "shot.usda")

@@ -30,7 +30,7 @@ def opened(watcher, user: str) -> set[str]:
     return {name for name, state in watcher.layer_states().items() if user in state.editors}
 
 
-def test_a_stage_without_payloads_joins_what_it_opened(project, serve):
+def test_a_stage_without_payloads_joins_only_opened_layers(project, serve):
     write_shot(project)
     server = serve(project)
     with connect(server, "watcher") as watcher, connect(server, "ada") as ada, connect(server, "bo") as bo:
@@ -58,7 +58,7 @@ def test_a_stage_without_payloads_joins_what_it_opened(project, serve):
         assert full.GetPrimAtPath("/World").GetAttribute("size").Get() == 0
 
 
-def test_an_attached_stage_without_payloads_joins_what_it_has_loaded(project, serve):
+def test_an_attached_stage_without_payloads_joins_only_loaded_layers(project, serve):
     write_shot(project)
     server = serve(project)
     with connect(server, "watcher") as watcher, connect(server, "ada") as ada:
@@ -118,7 +118,7 @@ def test_readers_of_old_checkpoints_delay_no_join(project, serve):
     assert max(imported, stored) < 1 + 5 * alone, (imported, stored, alone)
 
 
-def test_layers_that_nobody_has_open_leave_the_servers_memory(project, serve):
+def test_layers_that_nobody_has_open_are_unloaded(project, serve):
     layers, fields = 60, 4_000
     for i in range(layers):
         write_many_fields(project / f"layer{i:03}.usdc", fields)

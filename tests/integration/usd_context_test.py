@@ -127,7 +127,7 @@ def test_new_open_reopen_close(call, ctx, ball):
     assert call(ctx, "reopen_stage")[0] is True, "the one that was open last"
 
 
-def test_save_writes_what_changed(call, ctx, ball):
+def test_save_writes_changed_layers(call, ctx, ball):
     assert ctx.open_stage(ball)
     radius(ctx.get_stage()).Set(2.0)
     frames()
@@ -288,7 +288,7 @@ def test_an_open_that_is_cancelled_leaves_the_context_usable(ctx, ball):
 @pytest.mark.parametrize("content, said", [
     (None, "no such file"), ("#usda 1.0\ndef {{{", "parse error"), ("", "Cannot determine file format"),
     ("folder", "is a folder")])
-def test_what_cannot_be_opened_is_named_and_the_stage_stays(content, said, ctx, ball, tmp_path):
+def test_a_failing_open_names_the_file_and_keeps_the_stage(content, said, ctx, ball, tmp_path):
     bad = tmp_path / "bad.usda"
     if content == "folder":
         bad.mkdir()
@@ -312,7 +312,7 @@ def test_a_file_without_permission(ctx, ball):
     assert not ok and "permission" in error and ball in error
 
 
-def test_assets_that_are_missing_are_told_and_may_fail_the_open(context, tmp_path):
+def test_missing_assets_are_reported_and_may_fail_the_open(context, tmp_path):
     root = tmp_path / "root.usda"
     root.write_text("#usda 1.0\n(\n    subLayers = [@./nope.usda@]\n)\n"
                     'def "A" (\n    references = @./none.usda@</X>\n)\n{\n}\n')
@@ -351,7 +351,7 @@ def test_assets_events_follow_in_the_frame(ctx, ball):
     assert names.take() == ["ASSETS_LOADING", "ASSETS_LOADED"]
 
 
-def test_dirty_state_is_told_at_the_first_edit_and_after_saving(ctx, ball):
+def test_dirty_state_is_notified_at_the_first_edit_and_after_saving(ctx, ball):
     ctx.open_stage(ball)
     frames()
     names = EventNames(ctx)
@@ -379,7 +379,7 @@ def test_pending_edit_can_be_set(ctx, ball):
     assert ctx.has_pending_edit(), "False holds until the next edit"
 
 
-def test_hierarchy_changes_are_told_once_per_frame(ctx, ball):
+def test_hierarchy_changes_are_notified_once_per_frame(ctx, ball):
     ctx.open_stage(ball)
     frames()
     names = EventNames(ctx)
@@ -433,7 +433,7 @@ def test_a_task_that_waits_for_events_misses_none(ctx, ball):
     assert closed == [*SAVED, "CLOSING", "CLOSED"]
 
 
-def test_waiting_starts_now_and_not_with_what_was(ctx, ball):
+def test_waiting_ignores_earlier_events(ctx, ball):
     async def main():
         ctx.open_stage(ball)
         with pytest.raises(asyncio.TimeoutError):
@@ -527,7 +527,7 @@ def test_saved_layers_are_those_of_the_local_stack(ctx, ball, tmp_path):
         assert not ok and said in error and saved == []
 
 
-def test_what_has_no_file_is_said(ctx):
+def test_layers_without_a_file_are_reported(ctx):
     for result in (ctx.save_stage_async(), ctx.save_as_stage_async("x.usda"), ctx.save_layers_async("", [])):
         assert asyncio.run(result) == (False, "no stage is open", [])
     assert asyncio.run(ctx.close_stage_async()) == (False, "no stage is open")
@@ -626,7 +626,7 @@ def test_a_file_stays_of_its_kind_and_keeps_its_permissions(name, head, ctx, tmp
     assert link.is_symlink() and sorted(os.listdir(tmp_path)) == sorted([name, link.name])
 
 
-def test_what_is_edited_while_a_save_waits_for_the_disk_is_not_lost(ctx, ball):
+def test_edits_during_a_save_are_not_lost(ctx, ball):
     ctx.open_stage(ball)
     radius(ctx.get_stage()).Set(2.0)
 
@@ -728,7 +728,7 @@ def test_a_read_only_folder(ctx, tiny):
     assert (tiny / "a.usda").read_text() == BALL
 
 
-def test_what_would_not_read_back_is_not_saved(ctx, ball):
+def test_content_that_would_not_read_back_is_not_saved(ctx, ball):
     """OpenUSD 26.8 writes a path expression inside a dictionary as text that does not parse."""
     ctx.open_stage(ball)
     ctx.get_stage().GetRootLayer().customLayerData = {"broken": Sdf.PathExpression("/Ball")}
@@ -847,7 +847,7 @@ def test_auto_authoring_distributes_before_an_export(call, authoring, ctx, ball,
     assert radius(Usd.Stage.Open(target)).Get() != 9, "an edit of a locked spec does not reach the disk"
 
 
-def test_auto_authoring_goes_on_under_another_name(call, authoring, ctx, ball, tmp_path, monkeypatch):
+def test_auto_authoring_continues_under_another_name(call, authoring, ctx, ball, tmp_path, monkeypatch):
     raised = unraisable(monkeypatch)
     radius(ctx.get_stage()).Set(5.0)
     other = str(tmp_path / "new" / "other.usda")
@@ -1066,7 +1066,7 @@ def test_a_stage_opens_over_dds(project, serve, ctx, monkeypatch):
         assert ctx.is_omni_stage() and radius(ctx.get_stage()).Get() == 1
 
 
-def test_closing_waits_until_what_was_authored_is_confirmed(live, ctx, editor):
+def test_closing_waits_until_all_edits_are_confirmed(live, ctx, editor):
     server, url = live
     assert ctx.open_stage(url)
     radius(ctx.get_stage()).Set(9.0)
@@ -1138,7 +1138,7 @@ def test_auto_authoring_reaches_the_server_before_a_stage_is_left(live, ctx, edi
     assert editor(server, "ada", "shot.usda").run("result = stage.GetAttributeAtPath('/Ball.radius').Get()") == 9
 
 
-def test_live_states_and_refusals_are_told(live, ctx, editor):
+def test_live_states_and_refusals_are_notified(live, ctx, editor):
     server, url = live
     assert ctx.open_stage(url)
     layers = get_layers(ctx)
@@ -1206,7 +1206,7 @@ def test_a_file_in_an_attached_folder_is_live(live, ctx, project, editor):
     assert ctx.open_stage(str(project / "shot.usda")) and not ctx.is_omni_stage()
 
 
-def test_a_live_stage_follows_what_is_muted_for_everybody_in_global_scope(project, serve, ctx):
+def test_a_live_stage_follows_global_mutes_in_global_scope(project, serve, ctx):
     """The scope decides, as in Kit."""
     (project / "sub.usda").write_text("#usda 1.0\n")
     (project / "root.usda").write_text("#usda 1.0\n(\n    subLayers = [@./sub.usda@]\n)\n")

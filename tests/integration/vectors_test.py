@@ -36,7 +36,7 @@ def as_now(kind, members):
     return {name: as_now(types[name].strip("[]"), value) for name, value in (absent | members).items()}
 
 
-def test_frames_say_what_they_say():
+def test_frames_have_their_meaning():
     samples = json.loads(FRAMES.read_text())
     for sample in samples["frames"]:
         frame = bytes.fromhex(sample["bytes"])
