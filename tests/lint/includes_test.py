@@ -51,6 +51,7 @@ EDGES = {
         "tests/contract",
         "tests/simulation",
         "tests/demo",
+        "tests/probe",
         "tests/fuzz",
         "bench",
     ],

@@ -1,0 +1,91 @@
+// Values of a layer as the stage has them.
+#include "usdlive/client/usd/stage/ValueSite.h"
+
+#include <pxr/base/vt/array.h>
+#include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/ar/resolver.h>
+#include <pxr/usd/ar/resolverContextBinder.h>
+#include <pxr/usd/pcp/expressionVariables.h>
+#include <pxr/usd/pcp/layerStack.h>
+#include <pxr/usd/pcp/layerStackIdentifier.h>
+#include <pxr/usd/pcp/mapExpression.h>
+#include <pxr/usd/pcp/primIndex.h>
+#include <pxr/usd/sdf/assetPath.h>
+#include <pxr/usd/sdf/pathExpression.h>
+#include <pxr/usd/sdf/timeCode.h>
+
+#include "usdlive/client/usd/content/MappedValue.h"
+
+namespace usdlive::stage {
+
+using pxr::SdfAssetPath;
+using pxr::SdfPathExpression;
+using pxr::SdfTimeCode;
+using pxr::VtArray;
+using pxr::VtValue;
+
+namespace {
+
+void resolve(pxr::TfSpan<SdfAssetPath> paths, const ValueSite& site) {
+    const auto& ofStage = site.node.GetRootNode().GetLayerStack()->GetIdentifier();
+    const pxr::ArResolverContextBinder binder(ofStage.pathResolverContext);
+    const auto& variables = site.node.GetLayerStack()->GetExpressionVariables().GetVariables();
+    std::vector<std::string> errors;
+    pxr::SdfResolveAssetPaths(site.layer(), variables, paths, &errors);
+}
+
+VtValue resolved(SdfAssetPath path, const ValueSite& site) {
+    resolve({&path, 1}, site);
+    return VtValue::Take(path);
+}
+
+VtValue resolved(VtArray<SdfAssetPath> paths, const ValueSite& site) {
+    resolve({paths.data(), paths.size()}, site);
+    return VtValue::Take(paths);
+}
+
+SdfPathExpression mappedExpression(const SdfPathExpression& expression, const ValueSite& site) {
+    // Paths are relative to the prim of the spec.
+    const auto absolute =
+        expression.MakeAbsolute(site.path.GetPrimPath().StripAllVariantSelections());
+    if (site.node.IsRootNode()) return absolute;
+    return site.node.GetMapToRoot().Evaluate().MapSourceToTarget(absolute);
+}
+
+VtValue mappedExpressions(VtArray<SdfPathExpression> expressions, const ValueSite& site) {
+    for (auto& expression : expressions) expression = mappedExpression(expression, site);
+    return VtValue::Take(expressions);
+}
+
+VtValue ofDictionary(pxr::VtDictionary dictionary, const ValueSite& site) {
+    for (auto& [key, value] : dictionary) value = toStage(value, site);
+    return VtValue::Take(dictionary);
+}
+
+}  // namespace
+
+const pxr::SdfLayerRefPtr& ValueSite::layer() const {
+    return node.GetLayerStack()->GetLayers()[layerIndex];
+}
+
+pxr::SdfLayerOffset ValueSite::layerToStage() const {
+    const auto& toRoot = node.GetMapToRoot().GetTimeOffset();
+    const auto* ofLayer = node.GetLayerStack()->GetLayerOffsetForLayer(layerIndex);
+    return ofLayer ? toRoot * *ofLayer : toRoot;
+}
+
+VtValue toStage(const VtValue& value, const ValueSite& site) {
+    if (!value.CanTransform()) return value;
+    if (value.IsHolding<SdfAssetPath>()) return resolved(value.UncheckedGet<SdfAssetPath>(), site);
+    if (value.IsHolding<VtArray<SdfAssetPath>>())
+        return resolved(value.UncheckedGet<VtArray<SdfAssetPath>>(), site);
+    if (value.IsHolding<SdfPathExpression>())
+        return VtValue(mappedExpression(value.UncheckedGet<SdfPathExpression>(), site));
+    if (value.IsHolding<VtArray<SdfPathExpression>>())
+        return mappedExpressions(value.UncheckedGet<VtArray<SdfPathExpression>>(), site);
+    if (value.IsHolding<pxr::VtDictionary>())
+        return ofDictionary(value.UncheckedGet<pxr::VtDictionary>(), site);
+    return content::mapped(value, site.layerToStage());
+}
+
+}  // namespace usdlive::stage
