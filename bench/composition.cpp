@@ -6,11 +6,11 @@
 // A root layer has `layers` sublayers; each of `prims` prims is defined in one of them and has an
 // opinion in the next, and every tenth references an asset. All prims are composed once. Then
 // values are set one by one, and the edited prim is queried after each. `ratio` compares this with
-// bare SdfLayer::SetField calls of the same edits on copies of the layers without listeners. `anew`
-// is for comparison: each edit discards the composition and composes the queried prim; `anewAll`
-// composes all prims. `arc` adds a reference to one prim and queries it; `usedLayers` is the query
-// of the whole stage after that. `recomposed` counts prims, over all edits of a run. Figures are
-// medians of the rounds.
+// bare SdfLayer::SetField calls of the same edits on copies of the layers without listeners.
+// `fresh` is for comparison: each edit discards the composition and composes the queried prim;
+// `freshAll` composes all prims. `arc` adds a reference to one prim and queries it; `usedLayers` is
+// the query of the whole stage after that. `recomposed` counts prims, over all edits of a run.
+// Figures are medians of the rounds.
 #include "usdlive/client/usd/stage/Composition.h"
 
 #include <pxr/base/tf/notice.h>
@@ -122,19 +122,19 @@ void measure(int count, int primCount, int edits, int rounds) {
         if (!kept.primIndex(prim)) throw std::runtime_error("a prim is not composed");
     };
     const auto askNobody = [](const pxr::SdfPath&) {};
-    const auto askAnew = [&](const pxr::SdfPath& prim) {
+    const auto askFresh = [&](const pxr::SdfPath& prim) {
         Composition fresh(layers.root, {}, {}, kAll);
         if (!fresh.primIndex(prim)) throw std::runtime_error("a prim is not composed");
     };
-    const int anewEdits = std::min(edits, 200);
-    std::vector<float> keptMs, bareMs, anewMs, anewAllMs, arcMs, usedMs;
+    const int freshEdits = std::min(edits, 200);
+    std::vector<float> keptMs, bareMs, freshMs, freshAllMs, arcMs, usedMs;
     std::size_t recomposed = 0, recomposedByArcs = 0;
     for (int round = 0; round < rounds; ++round) {
         bareMs.push_back(float(setValues(bareLayers, prims, edits, round, askNobody)));
-        anewMs.push_back(float(setValues(layers, prims, anewEdits, round, askAnew)));
+        freshMs.push_back(float(setValues(layers, prims, freshEdits, round, askFresh)));
         const auto begin = Clock::now();
         (void)Composition(layers.root, {}, {}, kAll).usedLayers();
-        anewAllMs.push_back(float(millisecondsSince(begin)));
+        freshAllMs.push_back(float(millisecondsSince(begin)));
 
         const Following following(kept);
         const auto before = kept.primsComposed();
@@ -156,7 +156,7 @@ void measure(int count, int primCount, int edits, int rounds) {
     }
     const double keptUs = percentile(keptMs, 0.5) * 1000 / edits;
     const double bareUs = percentile(bareMs, 0.5) * 1000 / edits;
-    const double anewUs = percentile(anewMs, 0.5) * 1000 / anewEdits;
+    const double freshUs = percentile(freshMs, 0.5) * 1000 / freshEdits;
     print(nlohmann::ordered_json{{"bench", "composition"},
                                  {"layers", count},
                                  {"prims", primCount},
@@ -165,9 +165,9 @@ void measure(int count, int primCount, int edits, int rounds) {
                                  {"usPerEdit", keptUs},
                                  {"bareUsPerEdit", bareUs},
                                  {"ratio", keptUs / bareUs},
-                                 {"anewUsPerEdit", anewUs},
-                                 {"anewToKept", anewUs / keptUs},
-                                 {"anewAllMs", percentile(anewAllMs, 0.5)},
+                                 {"freshUsPerEdit", freshUs},
+                                 {"freshToKept", freshUs / keptUs},
+                                 {"freshAllMs", percentile(freshAllMs, 0.5)},
                                  {"arcs", rounds},
                                  {"recomposedByArcs", recomposedByArcs},
                                  {"usPerArc", percentile(arcMs, 0.5) * 1000},

@@ -66,7 +66,8 @@ TYPED_TEST(BlobStoreContract, KeepsAValueOfSeveralChunks) {
     EXPECT_EQ(this->blobs.read(hash, 599'999, 100), Bytes{value.back()});
     EXPECT_EQ(this->blobs.read(hash, 600'000, 100), Bytes());
     EXPECT_EQ(this->blobs.read(hash, ~std::uint64_t(0), ~std::size_t(0)), Bytes());
-    EXPECT_EQ(this->blobs.write(hash, value.size(), 200'000, {}), true) << "it is there";
+    EXPECT_EQ(this->blobs.write(hash, value.size(), 200'000, {}), true)
+        << "the value is stored already";
 }
 
 TYPED_TEST(BlobStoreContract, StartsAgainAtTheFirstChunk) {
@@ -87,7 +88,8 @@ TYPED_TEST(BlobStoreContract, B1UploadsOfOneValueAreIndependent) {
     EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 0, Bytes(1'000), 3)), ErrorCode::BlobMismatch);
     EXPECT_EQ(this->blobs.write(hash, 1'000, 300, all.subspan(300, 300), 2), false);
     EXPECT_EQ(this->blobs.write(hash, 1'000, 600, all.subspan(600), 1), true);
-    EXPECT_EQ(this->blobs.write(hash, 1'000, 600, all.subspan(600), 2), true) << "it is there";
+    EXPECT_EQ(this->blobs.write(hash, 1'000, 600, all.subspan(600), 2), true)
+        << "the value is stored already";
     EXPECT_EQ(this->blobs.read(hash, 0, 2'000), value);
 }
 
@@ -102,7 +104,7 @@ TYPED_TEST(BlobStoreContract, RefusesBytesWithAnotherHash) {
               ErrorCode::BlobMismatch);
     EXPECT_EQ(codeOf(this->blobs.write(hash, 1'000, 500, ByteView(value).subspan(500))),
               ErrorCode::BlobMismatch)
-        << "the parts before were thrown away";
+        << "the earlier chunks were dropped";
     EXPECT_FALSE(this->blobs.has(hash));
     EXPECT_EQ(this->blobs.write(hash, 1'000, 0, value), true);
 }

@@ -399,7 +399,8 @@ TYPED_TEST(CommitStoreContract, ALayerBeginsWithItsNewestSnapshot) {
     ASSERT_TRUE(older.apply("/Older", CreateSpec{SpecKind::Prim}));
     ASSERT_TRUE(newer.apply("/Newer", CreateSpec{SpecKind::Prim}));
     ASSERT_TRUE(this->store->keepSnapshot(kLayer, newer, 2, second));
-    ASSERT_TRUE(this->store->keepSnapshot(kLayer, older, 1, first)) << "late, and of no use";
+    ASSERT_TRUE(this->store->keepSnapshot(kLayer, older, 1, first))
+        << "it is late and will not be used";
     ASSERT_TRUE(this->append(this->commits.next(kLayer, "/C", CreateSpec{SpecKind::Prim})));
     ASSERT_TRUE(newer.apply("/C", CreateSpec{SpecKind::Prim}));
     EXPECT_TRUE(**this->store->loadLayer(kLayer) == newer);

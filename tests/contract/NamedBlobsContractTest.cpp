@@ -104,13 +104,13 @@ TYPED_TEST(NamedBlobsContract, B6FollowsTheBaseOfTheHistory) {
         EXPECT_TRUE(this->named.contains(hashOf(number)));
 
     const auto expect = [&](std::vector<unsigned> named, unsigned most) {
-        NamedBlobs anew;
-        readAll(anew);
+        NamedBlobs fresh;
+        readAll(fresh);
         readAll(this->named);
         for (unsigned number = 1; number <= most; ++number) {
             const bool is = std::ranges::count(named, number) > 0;
             EXPECT_EQ(this->named.contains(hashOf(number)), is) << number;
-            EXPECT_EQ(anew.contains(hashOf(number)), is) << number;
+            EXPECT_EQ(fresh.contains(hashOf(number)), is) << number;
         }
     };
     ASSERT_TRUE(this->where.store->compact(base, always));

@@ -114,7 +114,7 @@ TEST(Simulation, EverySeedConverges) {
 // transaction was sent again (500802, 516254), a repair after a preview that hid the rest (505224),
 // CF1 (514812). The other seeds found faults of the simulation itself.
 TEST(Simulation, SeedsThatFailedOnceConverge) {
-    if (options.seeds == 1) GTEST_SKIP() << "another one is asked for";
+    if (options.seeds == 1) GTEST_SKIP() << "another seed was requested";
     for (const std::uint64_t seed : {3263, 8733, 9997, 10921, 17210, 18278, 204817, 412441, 500802,
                                      505224, 514812, 516254, 706356, 905787})
         EXPECT_EQ(usdlive::simulation::play(seed).failure, "") << "seed " << seed;

@@ -181,7 +181,7 @@ const std::map<std::string, Odd> kOdd{
 
 void send(dds_entity_t participant, const std::string& what, int count) {
     const auto odd = kOdd.find(what);
-    if (odd == kOdd.end()) fail("what is " + what + "?");
+    if (odd == kOdd.end()) fail("unknown kind of sample: " + what);
     const Seen seen = lookAround(participant, what.starts_with("otherC"));
     dds_qos_t* qos = dds_create_qos();
     dds_qset_partition1(qos, partitionOf(seen.server).c_str());

@@ -65,7 +65,7 @@ TEST_F(SessionTest, FR8ATransactionThatNoFrameCanHoldIsSentInPartsAndIsOneCommit
     peer.author({authored("/B", createPrim())});
     peer.takesParts = false;
     peer.advance();
-    EXPECT_TRUE(peer.sent.empty()) << "the line is behind";
+    EXPECT_TRUE(peer.sent.empty()) << "the connection accepts no more";
     peer.takesParts = true;
     peer.advance(3);
     ASSERT_FALSE(peer.sent.empty());
@@ -174,7 +174,8 @@ TEST_F(SessionTest, SE15TheOrderOfDependentWorkStays) {
     peer.author({authored("/C.x", SetField{"default", {}, doubleValue(8), {}})});
     peer.session.endGesture();
     peer.author({authored("/C.x", SetField{"default", {}, doubleValue(9), {}})});
-    EXPECT_EQ(peer.session.pendingTransactions(), 10u) << "what a gesture ends with stays";
+    EXPECT_EQ(peer.session.pendingTransactions(), 10u)
+        << "a transaction that ends a gesture is not replaced";
     EXPECT_TRUE(peer.agrees());
 }
 
@@ -531,11 +532,11 @@ TEST_F(SessionTest, StaleWorkGetsNewAddresses) {
     peer.commitAndTell(peer.foreign({edit("/A", moveTo("/", "B"))}));
     peer.deliver(RefusalFrame{old.id.sequence, 0, {ErrorCode::StaleBase, "too old"}});
     peer.advance();
-    const Transaction anew = peer.takeTransaction();
-    EXPECT_EQ(anew.id.sequence, old.id.sequence);
-    EXPECT_EQ(anew.base, 2u);
-    EXPECT_EQ(anew.edits[0].address.path, "/B");
-    peer.commitAndTell(anew);
+    const Transaction again = peer.takeTransaction();
+    EXPECT_EQ(again.id.sequence, old.id.sequence);
+    EXPECT_EQ(again.base, 2u);
+    EXPECT_EQ(again.edits[0].address.path, "/B");
+    peer.commitAndTell(again);
     peer.advance();
     EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
     EXPECT_TRUE(peer.agrees());
@@ -906,7 +907,7 @@ TEST_F(SessionTest, RequestsOnTheirWayAreSentAgain) {
     peer.deliver(CommitFrame{stray});
     peer.advance();
     EXPECT_FALSE(peer.session.isConnected());
-    EXPECT_FALSE(peer.session.isJoined(kShot)) << "as of a revision that nothing follows";
+    EXPECT_FALSE(peer.session.isJoined(kShot)) << "no valid commit follows the snapshot";
     peer.session.disconnected({ErrorCode::NotConnected, "it was closed"});
     peer.connect();
     peer.advance();
@@ -1266,7 +1267,7 @@ TEST_F(SessionTest, B3APreviewFollowsItsBigValuesAndOnlyTheLastOnesAreStored) {
         }
     }
     EXPECT_FALSE(shown.empty());
-    EXPECT_LT(shown.size(), values.size()) << "some are passed over";
+    EXPECT_LT(shown.size(), values.size()) << "some previews are skipped";
     peer.session.endGesture();
     for (int frame = 0; frame < 5; ++frame) peer.advance();
     for (const Frame& frame : peer.sent)
@@ -1375,7 +1376,7 @@ TEST_F(SessionTest, B5AFailedDownloadIsRequestedAgainAsLongAsItIsNeeded) {
     const int second = framesUntilAsked();
     EXPECT_GT(first, 1);
     EXPECT_GT(second, first);
-    EXPECT_EQ(peer.eventsOf<event::ServerError>().size(), 1u) << "said once";
+    EXPECT_EQ(peer.eventsOf<event::ServerError>().size(), 1u) << "the error is reported once";
     fail();
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
     peer.connect();
@@ -1403,7 +1404,7 @@ TEST_F(SessionTest, B1WorkThatBuildsOnARefusedValueComesAfterIt) {
     std::vector<Transaction> first;
     for (auto frame = peer.take<SubmitFrame>(); frame; frame = peer.take<SubmitFrame>())
         first.push_back(frame->transaction);
-    ASSERT_EQ(first.size(), 2u) << "what builds on it waits";
+    ASSERT_EQ(first.size(), 2u) << "dependent work waits";
     std::ranges::sort(first, {}, [](const Transaction& one) { return one.id.sequence; });
     peer.deliver(RefusalFrame{first[0].id.sequence, 2, {ErrorCode::BlobNotFound, "collected"}});
     peer.commitAndTell(first[1]);
@@ -1411,7 +1412,7 @@ TEST_F(SessionTest, B1WorkThatBuildsOnARefusedValueComesAfterIt) {
     upload();
     const Transaction again = peer.takeTransaction();
     EXPECT_EQ(again.id, first[0].id)
-        << "M9: with another number the server forgets those that wait";
+        << "M9: with new numbers the server would forget the waiting ones";
     peer.commitAndTell(again);
     peer.advance();
     const Commit built = peer.commitAndTell(peer.takeTransaction());

@@ -108,7 +108,7 @@ TEST_F(CommitOrderTest, DD7RequestsMissingCommitsAfterAWhile) {
     EXPECT_EQ(asked->from, 5u);
     EXPECT_EQ(asked->to, 7u);
     EXPECT_FALSE(order_.toAsk(kStart + 150ms));
-    EXPECT_TRUE(order_.toAsk(kStart + 200ms)) << "asked again when it does not come";
+    EXPECT_TRUE(order_.toAsk(kStart + 200ms)) << "a missing commit is requested again";
     for (const Revision revision : {7, 6, 5}) commit(revision);
     EXPECT_EQ(taken(order_), (Texts{"c5", "c6", "c7", "c8"}));
     EXPECT_EQ(order_.deadline(), std::nullopt);
@@ -127,7 +127,7 @@ TEST_F(CommitOrderTest, DD7TheLastCommitIsMissedToo) {
 TEST_F(CommitOrderTest, BoundsWhatItKeeps) {
     for (Revision revision = 1; revision <= 3'000; ++revision) commit(revision);
     reply("live", {0, false, 2'990});
-    EXPECT_EQ(taken(order_).size(), 12u) << "before it is live the oldest go";
+    EXPECT_EQ(taken(order_).size(), 12u) << "before it is live, the oldest are dropped";
     for (Revision revision = 3'002; revision <= 6'000; ++revision) commit(revision);
     commit(3'001);
     EXPECT_EQ(taken(order_).size(), CommitOrder::kHeldCommits) << "then the newest";
@@ -162,7 +162,7 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
         std::vector<std::string> expected, got;
         std::map<Revision, std::uint64_t> positions;
         Revision head = random() % 10, last = 0;
-        bool live = false, told = false;
+        bool live = false, notified = false;
         std::uint64_t position = 0;
         int replies = 0;
         const auto push = [&](const std::string& text, StreamMark mark) {
@@ -187,7 +187,7 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
                         for (Revision past = heldSince + 1; past <= head; ++past)
                             push("p" + std::to_string(past), {last});
                         live = true;
-                        told = false;
+                        notified = false;
                     }
                     break;
                 case 3:
@@ -197,8 +197,8 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
                 default:
                     ++head;
                     if (live) {
-                        if (!told) sender.push(nullptr, {last, false, head});
-                        told = true;
+                        if (!notified) sender.push(nullptr, {last, false, head});
+                        notified = true;
                         last = head;
                         expected.push_back("c" + std::to_string(head));
                     }

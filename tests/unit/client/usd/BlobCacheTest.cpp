@@ -206,7 +206,7 @@ TEST(BlobCache, FilesOfAKilledProcessAreRemoved) {
     ASSERT_TRUE(living);
     std::ofstream(living.path() / "value") << "x";
     BlobCache(folder.path, 0, 1'000'000);
-    EXPECT_TRUE(fs::exists(living.path() / "value")) << "of a process that lives";
+    EXPECT_TRUE(fs::exists(living.path() / "value")) << "its process is running";
     EXPECT_EQ(std::distance(fs::directory_iterator(folder.path), {}), 2);
 }
 

@@ -314,10 +314,10 @@ TEST_F(ClientTest, M12WorkFromBeforeALayerWasLiveIsKept) {
 TEST_F(ClientTest, WorkDoneOfflineArrivesLater) {
     const auto ada = connect("ada"), bo = connect("bo");
     const auto hers = open(*ada, kRoot), his = open(*bo, kRoot);
-    std::vector<std::string> told;
+    std::vector<std::string> events;
     ada->setEventHandler([&](const client::Event& event) {
-        if (std::holds_alternative<event::Disconnected>(event)) told.push_back("gone");
-        if (std::holds_alternative<event::Connected>(event)) told.push_back("back");
+        if (std::holds_alternative<event::Disconnected>(event)) events.push_back("gone");
+        if (std::holds_alternative<event::Connected>(event)) events.push_back("back");
     });
     server.setReachable(false);
     tick({ada.get(), bo.get()});
@@ -333,7 +333,7 @@ TEST_F(ClientTest, WorkDoneOfflineArrivesLater) {
     tick({ada.get(), bo.get()});
     EXPECT_EQ(exportedText(hers), exportedText(his));
     EXPECT_EQ(exportedText(hers), serverText(kRoot));
-    EXPECT_EQ(told, (std::vector<std::string>{"gone", "back"}));
+    EXPECT_EQ(events, (std::vector<std::string>{"gone", "back"}));
 }
 
 TEST_F(ClientTest, AValueThatCannotBeSharedIsReportedAndUndone) {
@@ -460,8 +460,8 @@ TEST_F(ClientTest, B3AGestureOnABigValueIsSeenAndLeavesEverybodyEqual) {
         if (seen() != 0) intermediate.insert(seen());
         std::this_thread::sleep_for(std::chrono::milliseconds(2));
     }
-    EXPECT_EQ(intermediate.size(), 2u) << "what is dragged is seen";
-    EXPECT_TRUE(server.blobs.empty()) << "and nobody stores it";
+    EXPECT_EQ(intermediate.size(), 2u) << "the dragged value is shown";
+    EXPECT_TRUE(server.blobs.empty()) << "the dragged value is not stored";
     ada->endGesture();
     EXPECT_TRUE(ada->flush(5000));
     tick({ada.get(), bo.get()}, 40);
@@ -615,14 +615,14 @@ TEST_F(ClientTest, SavesOnTheServer) {
     const auto ada = connect("ada");
     open(*ada, kRoot)->SetComment("to be saved");
     EXPECT_TRUE(ada->flush(1000));
-    bool told = false;
+    bool isSaved = false;
     ada->setEventHandler([&](const client::Event& event) {
         if (const auto* saved = std::get_if<event::Saved>(&event))
-            told = saved->outcome.saved == std::vector{kRoot};
+            isSaved = saved->outcome.saved == std::vector{kRoot};
     });
     ada->save({kRoot});
     tick({ada.get()});
-    EXPECT_TRUE(told);
+    EXPECT_TRUE(isSaved);
     EXPECT_EQ(server.saved, std::vector{kRoot});
 }
 

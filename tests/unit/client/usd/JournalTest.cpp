@@ -60,7 +60,7 @@ TEST_F(JournalTest, KeepsUnansweredWork) {
         Journal journal(folder, kClient, blobs);
         write(journal, 1, 10);
         journal.flush();
-        EXPECT_TRUE(left().empty()) << "a journal that is in use is nobody else's";
+        EXPECT_TRUE(left().empty()) << "a journal in use belongs to its process";
         for (std::uint64_t number = 1; number < 9; ++number) journal.answered(number);
         const auto sum = journal.summary();
         ASSERT_TRUE(sum);
@@ -177,7 +177,7 @@ TEST_F(JournalTest, B7ValuesWithoutTheirJournalAreRemoved) {
     fs::last_write_time(old, fs::file_time_type::clock::now() - std::chrono::hours(2));
     EXPECT_TRUE(left().empty());
     EXPECT_FALSE(fs::exists(old));
-    EXPECT_TRUE(fs::exists(fresh)) << "somebody may be at it";
+    EXPECT_TRUE(fs::exists(fresh)) << "another process may use it";
 }
 
 TEST_F(JournalTest, SaysOnceThatItCannotBeWritten) {

@@ -62,7 +62,7 @@ TEST(SegmentSender, DD4StopsAtTheWindow) {
     EXPECT_EQ(sender.queuedBytes(), 40 * kSegmentBytes);
     EXPECT_TRUE(sender.acknowledged(3, kStart));
     EXPECT_FALSE(sender.acknowledged(3, kStart));
-    EXPECT_FALSE(sender.acknowledged(1'000, kStart)) << "nothing of the kind was sent";
+    EXPECT_FALSE(sender.acknowledged(1'000, kStart)) << "no such message was sent";
     EXPECT_EQ(sender.take(kStart).size(), 3u);
 }
 

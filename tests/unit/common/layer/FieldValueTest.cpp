@@ -323,6 +323,6 @@ TEST(FieldValue, V10MutatedBytesAreRefusedOrEncodeToThemselves) {
             ASSERT_EQ(encodeFieldValue(*decoded), bytes);
         }
     }
-    EXPECT_GT(accepted, 1000) << "mutations all refused test nothing";
+    EXPECT_GT(accepted, 1000) << "all mutations were refused, so nothing was tested";
     EXPECT_GT(refused, 1000);
 }

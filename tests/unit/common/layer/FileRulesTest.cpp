@@ -81,12 +81,12 @@ TEST_F(FileRules, ED9AValueOfAnotherTypeThanTheAttributesIsDropped) {
     const Drops one{ErrorCode::SpecKindConflict};
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(kString))}), one);
     EXPECT_EQ(dropped({edit("/A.x", sample(1, kString)), edit("/A.x", sample(2, kDouble))}), one);
-    EXPECT_EQ(dropped({edit("/A.x", defaultIs(kInt))}), Drops()) << "written alike";
+    EXPECT_EQ(dropped({edit("/A.x", defaultIs(kInt))}), Drops()) << "the texts are equal";
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(Value(ValueType::Block, Bytes{})))}), Drops());
     // The order of the edits of one frame does not matter.
     EXPECT_EQ(dropped({edit("/A.x", defaultIs(kString)), edit("/A.x", typeIs("string"))}), Drops());
     EXPECT_EQ(*field("default"), FieldValue(kString));
-    EXPECT_EQ(dropped({edit("/A.x", defaultIs(kDouble))}), one) << "by one who saw a double";
+    EXPECT_EQ(dropped({edit("/A.x", defaultIs(kDouble))}), one) << "its author saw a double";
 }
 
 TEST_F(FileRules, ED9AValueIsErasedWhenItsTypeChanges) {

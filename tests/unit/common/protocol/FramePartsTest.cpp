@@ -86,7 +86,8 @@ TEST(FrameParts, FR8PartsOutOfOrderAreRefused) {
     CommitFrame stub = frameOf<CommitFrame>(parts[0]);
     stub.commit.conflated = 1;
     stub.hashAfter = Hash{};
-    EXPECT_FALSE(decodeFrame(encodedOf(encodeFrame(stub)))) << "what stands for many has none";
+    EXPECT_FALSE(decodeFrame(encodedOf(encodeFrame(stub))))
+        << "a commit in parts is never conflated";
 }
 
 // 2 GiB cannot be built as one frame; only the parts that are requested are built.

@@ -56,13 +56,13 @@ public:
         add("sample " + TfStringify(time) + " of", path);
     }
 
-    std::vector<std::string> take() { return std::exchange(told_, {}); }
+    std::vector<std::string> take() { return std::exchange(reported_, {}); }
 
 private:
     void add(const std::string& what, const SdfPath& path) {
-        told_.push_back(what + " " + path.GetString());
+        reported_.push_back(what + " " + path.GetString());
     }
-    std::vector<std::string> told_;
+    std::vector<std::string> reported_;
 };
 
 // Collects the notices that Sdf sends to everybody.
@@ -146,13 +146,13 @@ TEST_F(SdfLayerStoreTest, ReportsListOpsButNotTheirTargets) {
     log.take();
     relationship->GetTargetPathList().Prepend(SdfPath("/B"));
     relationship->GetTargetPathList().Remove(SdfPath("/B"));
-    for (const auto& told : log.take()) EXPECT_EQ(told, "targetPaths of /A.r");
+    for (const auto& reported : log.take()) EXPECT_EQ(reported, "targetPaths of /A.r");
 }
 
 TEST_F(SdfLayerStoreTest, ReportsSubLayerOffsetsAsSubLayers) {
     layer->InsertSubLayerPath("a.usda");
     layer->SetSubLayerOffset(SdfLayerOffset(2, 3), 0);
-    for (const auto& told : log.take()) EXPECT_EQ(told, "subLayers of /");
+    for (const auto& reported : log.take()) EXPECT_EQ(reported, "subLayers of /");
     const auto read = *store.read(SdfPath("/"), SdfFieldKeys->SubLayers, blobs);
     ASSERT_TRUE(read);
     const auto& items = (*read->as<ListOp>())[ListName::Explicit];

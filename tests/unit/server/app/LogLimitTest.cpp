@@ -8,7 +8,7 @@ TEST(LogLimit, SaysHowManyLinesItLeftOut) {
     LogLimit limit;
     for (std::uint64_t i = 0; i < LogLimit::kLines; ++i) EXPECT_EQ(limit.take("ada", 5), 0u);
     for (int i = 0; i < 7; ++i) EXPECT_FALSE(limit.take("ada", 6));
-    EXPECT_EQ(limit.take("bob", 6), 0u) << "each key by itself";
+    EXPECT_EQ(limit.take("bob", 6), 0u) << "each key has its own limit";
     EXPECT_EQ(limit.take("ada", 5 + LogLimit::kWindowMs), 7u);
     EXPECT_EQ(limit.take("ada", 6 + LogLimit::kWindowMs), 0u);
 }

@@ -181,7 +181,7 @@ TEST_F(LayerFilesTest, FI5FollowsLinksInsideTheProject) {
         const auto saved = files->save(LayerId{name}, someDoc());
         ASSERT_TRUE(saved) << saved.error().message;
     }
-    EXPECT_TRUE(fs::is_symlink(folder / "link.usda")) << "what it leads to is written";
+    EXPECT_TRUE(fs::is_symlink(folder / "link.usda")) << "the target of the link is written";
     EXPECT_EQ(contentOf(folder / "b.usda"), contentOf(folder / "v3/hall.usda"));
     EXPECT_NE(contentOf(folder / "b.usda"), kText);
 }

@@ -50,7 +50,7 @@ TEST_F(SlowReader, CF1GetsOneCommitForMany) {
     EXPECT_TRUE(world.silent(2));
     write(51);
     EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.revision, 51u) << "it is live again";
-    EXPECT_EQ(world.host.sent[1].size(), 51u) << "and nobody else noticed";
+    EXPECT_EQ(world.host.sent[1].size(), 51u) << "other sessions are not affected";
 }
 
 // A client that wants to learn the results of its own work begins at the revision of the welcome.
@@ -131,7 +131,8 @@ TEST_F(SlowReader, CF1NoConflationWhileTheSessionMayHaveLaterCommits) {
     write(6);
     write(7);
     read();
-    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.conflated, 1u) << "it was live since";
+    EXPECT_EQ(world.nextFrame<CommitFrame>(2).commit.conflated, 1u)
+        << "the session was live since then";
 }
 
 TEST_F(SlowReader, CF1ASessionWithoutTheFeatureGetsAllCommits) {

@@ -44,9 +44,9 @@ protected:
         world.project->fileChecked(kLayer, std::optional(FileStamp{trace(time), hashOf(content)}));
     }
     LayerState state(SessionId session = 2) {
-        const auto told = world.nextControl<LayerStates>(session);
-        EXPECT_EQ(told.layers.size(), 1u);
-        return told.layers.at(0);
+        const auto received = world.nextControl<LayerStates>(session);
+        EXPECT_EQ(received.layers.size(), 1u);
+        return received.layers.at(0);
     }
     void changeBehind() {
         look(2);
@@ -78,15 +78,15 @@ protected:
 TEST_F(FilesTest, FI1AFileWithOtherContentIsOutdated) {
     look(2);
     check(2, "two");
-    const LayerState told = state();
-    EXPECT_TRUE(told.outdated);
-    EXPECT_FALSE(told.dirty);
-    EXPECT_EQ(told.owner, "ada");
+    const LayerState received = state();
+    EXPECT_TRUE(received.outdated);
+    EXPECT_FALSE(received.dirty);
+    EXPECT_EQ(received.owner, "ada");
     look(2);
-    EXPECT_TRUE(world.host.checking.empty()) << "it was looked into already";
+    EXPECT_TRUE(world.host.checking.empty()) << "the file was compared already";
     look(3);
     check(3, "one");
-    EXPECT_FALSE(state().outdated) << "somebody put it back";
+    EXPECT_FALSE(state().outdated) << "the file was restored";
 }
 
 TEST_F(FilesTest, FI1ATouchedFileIsNotOutdated) {
@@ -101,9 +101,9 @@ TEST_F(FilesTest, FI1AMissingFileMakesTheLayerDirtyAndReadOnlyIsReported) {
     look(1, false);
     EXPECT_FALSE(state().writable);
     world.project->setFiles({{kLayer, {}, true, ""}, {{"b.usda"}, trace(1)}});
-    const LayerState told = state();
-    EXPECT_TRUE(told.dirty);
-    EXPECT_FALSE(told.outdated);
+    const LayerState received = state();
+    EXPECT_TRUE(received.dirty);
+    EXPECT_FALSE(received.outdated);
     world.receive(1, ControlMessage(SaveLayers{5, {}, {}}));
     ASSERT_EQ(world.host.saves.size(), 1u);
     world.project->layersSaved(1, 5, {0, {{kLayer, FileStamp{trace(4), hashOf("one")}}}, {}});
@@ -130,9 +130,9 @@ TEST_F(FilesTest, FI1AFileThatASaveWasAboutToWriteIsOurs) {
     const FileStamp stamp{trace(2), hashOf("ours")};
     restarted.project->fileChecked(kLayer, std::optional(stamp));
     EXPECT_EQ(restarted.host.savedStates.at(kLayer), (SavedState{0, stamp}));
-    const LayerState told = restarted.nextControl<LayerStates>(1).layers.at(0);
-    EXPECT_TRUE(told.dirty);
-    EXPECT_FALSE(told.outdated);
+    const LayerState received = restarted.nextControl<LayerStates>(1).layers.at(0);
+    EXPECT_TRUE(received.dirty);
+    EXPECT_FALSE(received.outdated);
     restarted.host.sent.clear();
     restarted.receive(1, ControlMessage(SaveLayers{5, {kLayer}, {}}));
     EXPECT_EQ(restarted.host.saves.at(0).jobs.at(0).saved.file, stamp);
@@ -157,7 +157,7 @@ TEST_F(FilesTest, FI3AReloadIsACommitOfItsRequester) {
     ASSERT_EQ(world.host.reloading.size(), 1u);
     read(other());
     EXPECT_TRUE(*world.project->layer(kLayer) == other());
-    EXPECT_TRUE(world.silent(2)) << "nothing is told before it is durable";
+    EXPECT_TRUE(world.silent(2)) << "nothing is received before it is durable";
     ASSERT_EQ(world.host.appending.size(), 1u);
     const CommitRecord& record = world.host.appending.front();
     EXPECT_EQ(record.id, TransactionId());
@@ -169,10 +169,10 @@ TEST_F(FilesTest, FI3AReloadIsACommitOfItsRequester) {
     LayerDoc doc = World::sample();
     for (const Edit& edit : commit.edits) ASSERT_TRUE(doc.apply(edit.address.path, edit.action));
     EXPECT_TRUE(doc == other());
-    const LayerState told = state();
-    EXPECT_FALSE(told.outdated);
-    EXPECT_FALSE(told.dirty);
-    EXPECT_EQ(told.saved, 1u);
+    const LayerState received = state();
+    EXPECT_FALSE(received.outdated);
+    EXPECT_FALSE(received.dirty);
+    EXPECT_EQ(received.saved, 1u);
     world.nextFrame<CommitFrame>(1);
     EXPECT_EQ(world.nextControl<LayersReloaded>(1), (LayersReloaded{5, 1, {kLayer}, {}}));
 }
@@ -198,7 +198,7 @@ TEST_F(FilesTest, FI3EditsMadeMeanwhileAreReplacedByTheFile) {
         world.submit(2, edit, {create("/E" + std::to_string(edit))});
         read(other());
     }
-    EXPECT_TRUE(world.host.reloading.empty()) << "it does not go on for ever";
+    EXPECT_TRUE(world.host.reloading.empty()) << "the reload does not repeat for ever";
     EXPECT_TRUE(*world.project->layer(kLayer) == other());
     EXPECT_EQ(world.host.appending.size(), 4u);
     world.store();
@@ -244,11 +244,11 @@ TEST_F(FilesTest, MU1EverybodyIsNotifiedOfTheMutesOfARootLayer) {
              globalMuteEdits(kLayer, *world.project->layer(kLayer), {"b.usda"}, muted))
             edits.push_back({kLayer, {"/", {}}, std::move(action)});
         world.submit(1, muted ? 1 : 2, edits, world.project->durableRevision());
-        EXPECT_TRUE(world.silent(2)) << "nothing is told before it is durable";
+        EXPECT_TRUE(world.silent(2)) << "nothing is received before it is durable";
         world.store();
         world.nextFrame<CommitFrame>(2);
-        for (const LayerState& told : world.nextControl<LayerStates>(2).layers)
-            if (told.layer == LayerId{"b.usda"}) return told.globallyMuted;
+        for (const LayerState& received : world.nextControl<LayerStates>(2).layers)
+            if (received.layer == LayerId{"b.usda"}) return received.globallyMuted;
         return !muted;
     };
     EXPECT_TRUE(mute(true));

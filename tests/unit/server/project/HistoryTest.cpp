@@ -72,7 +72,7 @@ TEST_F(HistoryTest, CH4CompactionsRunOneAfterTheOther) {
     world->project->compacted(fail(ErrorCode::StorageFull, "full"));
     EXPECT_EQ(error(2).code, "storageFull");
     world->receive(1, ControlMessage(OpenLayer{2, {"a.usda"}, 1}));
-    EXPECT_EQ(world->host.readingHistory.size(), 1u) << "all is there as before";
+    EXPECT_EQ(world->host.readingHistory.size(), 1u) << "everything is unchanged";
 }
 
 TEST_F(HistoryTest, CH4KeepsCommitsThatAConnectedClientNeeds) {
@@ -107,7 +107,7 @@ TEST_F(HistoryTest, CH4OlderRevisionsAreRefusedAsSoonAsTheBaseIsChosen) {
     }
     world->receive(1, ControlMessage(RequestLog{3, 0, 6}));
     (void)world->nextControl<LogBegin>(1);
-    EXPECT_EQ(world->nextFrame<CommitFrame>(1).commit.revision, 6u) << "the oldest there is";
+    EXPECT_EQ(world->nextFrame<CommitFrame>(1).commit.revision, 6u) << "the oldest revision";
 }
 
 TEST_F(HistoryTest, CH4AClientBeforeTheBaseJoinsAgain) {
@@ -140,7 +140,7 @@ TEST_F(HistoryTest, CH4DaysAndAdministrators) {
     EXPECT_EQ(error().code, "invalidArgument");
     EXPECT_TRUE(world->host.findingBase.empty());
     world->project->boundHistory();
-    EXPECT_TRUE(world->host.findingBase.empty()) << "nobody has said how old";
+    EXPECT_TRUE(world->host.findingBase.empty()) << "no age is configured";
     ask(~std::uint64_t(0));
     EXPECT_EQ(error().code, "invalidArgument");
 
@@ -158,7 +158,7 @@ TEST_F(HistoryTest, CH4DaysAndAdministrators) {
         EXPECT_EQ(world->host.findingBase.back().first, world->host.nowMs - 2 * kDayMs);
         world->project->baseFound(BaseLimit{});
     }
-    EXPECT_EQ(world->host.findingBase.size(), 2u) << "once for both that nobody asked for";
+    EXPECT_EQ(world->host.findingBase.size(), 2u) << "one compaction for both";
     EXPECT_EQ(world->nextControl<HistoryCompacted>(1).base, 0u);
 }
 

@@ -315,11 +315,11 @@ TEST(ProjectPreviews, B3TheirBigValuesAreInMemoryUntilTheGestureEnds) {
         return came;
     };
     part(0, 200'000);
-    EXPECT_EQ(answer(), 0u) << "not whole";
+    EXPECT_EQ(answer(), 0u) << "the value is incomplete";
     part(200'000, 100'000);
     EXPECT_EQ(answer(), bytes.size());
-    EXPECT_TRUE(world.host.blobParts.empty()) << "the store has nothing of it";
-    EXPECT_TRUE(world.host.sent[1].empty()) << "nobody waits for an answer";
+    EXPECT_TRUE(world.host.blobParts.empty()) << "the value is not stored";
+    EXPECT_TRUE(world.host.sent[1].empty()) << "there is no answer to send";
     world.receive(1, Frame(PreviewFrame{{}, 7, 0, {}}));
     EXPECT_EQ(answer(), 0u) << "the gesture is over";
     part(0, 200'000);
@@ -329,7 +329,7 @@ TEST(ProjectPreviews, B3TheirBigValuesAreInMemoryUntilTheGestureEnds) {
     part(0, 200'000);
     part(200'000, 100'000);
     world.project->disconnected(1);
-    EXPECT_EQ(answer(), 0u) << "its author is gone";
+    EXPECT_EQ(answer(), 0u) << "its author has left";
 }
 
 TEST(ProjectPreviews, M11TooManyAtOncePushOutTheOldest) {
@@ -472,7 +472,7 @@ TEST(ProjectLayers, NoSnapshotIsTakenOfLostCommits) {
     world.load();
     world.submit(1, 6, {set("/A.x", 6)});
     world.store();
-    ASSERT_EQ(world.host.kept.size(), 1u) << "it is not taken for one that is on its way";
+    ASSERT_EQ(world.host.kept.size(), 1u) << "a finished snapshot does not count as pending";
     EXPECT_EQ(*world.host.kept[0].second.field("/A.x", "default"), FieldValue(doubleValue(6)));
 }
 

@@ -171,10 +171,10 @@ TEST(LayerStates, LS1PlainLayersHaveNoState) {
         hello.features = {"states"};
         world.connect(session, hello);
         world.nextControl<Welcome>(session);
-        const auto told = world.nextControl<usdlive::LayerStates>(session);
-        ASSERT_EQ(told.layers.size(), 1u);
-        EXPECT_EQ(told.layers[0].layer, LayerId{"b.usda"});
-        EXPECT_TRUE(told.layers[0].dirty) << "as it was when the server started";
+        const auto received = world.nextControl<usdlive::LayerStates>(session);
+        ASSERT_EQ(received.layers.size(), 1u);
+        EXPECT_EQ(received.layers[0].layer, LayerId{"b.usda"});
+        EXPECT_TRUE(received.layers[0].dirty) << "the state at the start of the server";
         EXPECT_TRUE(world.silent(session));
     }
 }
@@ -224,12 +224,12 @@ TEST_F(ProjectPresence, PS1IsSentInSweeps) {
     EXPECT_TRUE(world.project->hasPresence());
     EXPECT_TRUE(world.silent(5));
     world.project->sweep(1'000);
-    const auto told = world.nextControl<Presences>(5);
-    EXPECT_EQ(world.nextControl<Presences>(4), told);
-    ASSERT_EQ(told.shown.size(), 2u);
-    EXPECT_EQ(told.shown[0].client, world.client(4));
-    EXPECT_EQ(told.shown[0].user, UserName{"user4"});
-    EXPECT_EQ(told.shown[0].selection, (std::vector<std::string>{"/B"}));
+    const auto received = world.nextControl<Presences>(5);
+    EXPECT_EQ(world.nextControl<Presences>(4), received);
+    ASSERT_EQ(received.shown.size(), 2u);
+    EXPECT_EQ(received.shown[0].client, world.client(4));
+    EXPECT_EQ(received.shown[0].user, UserName{"user4"});
+    EXPECT_EQ(received.shown[0].selection, (std::vector<std::string>{"/B"}));
     world.project->sweep(1'050);
     EXPECT_TRUE(world.silent(5));
     EXPECT_TRUE(world.silent(1));  // does not have the feature

@@ -86,7 +86,7 @@ TEST_F(NewLayers, PG1TheRequesterIsNotifiedOfTheProgress) {
         world.project->layersBeingSaved(session, 10, {"a.usda"}, 3, 7);
     EXPECT_EQ(world.nextControl<RequestProgress>(3),
               (RequestProgress{10, "save", {"a.usda"}, 3, 7}));
-    EXPECT_TRUE(world.silent(1)) << "it did not ask for the feature";
+    EXPECT_TRUE(world.silent(1)) << "the session does not have the feature";
     world.project->disconnected(3);
     world.project->layersBeingSaved(3, 10, {"a.usda"}, 4, 7);
     world.project->layerBeingImported({"not.usda"});

@@ -124,9 +124,9 @@ TEST_F(ProjectParts, FR8AClientWithoutPartsOpensItsLayersAgain) {
     submit(1, 1);
     world.load();
     world.store();
-    const auto told = world.nextControl<ErrorMessage>(2);
-    EXPECT_EQ(told.code, "staleBase");
-    EXPECT_TRUE(told.closing);
+    const auto received = world.nextControl<ErrorMessage>(2);
+    EXPECT_EQ(received.code, "staleBase");
+    EXPECT_TRUE(received.closing);
     EXPECT_TRUE(world.host.closed.contains(2));
     world.project->disconnected(2);
     Hello hello = world.hello(2);
@@ -151,7 +151,7 @@ TEST_F(ProjectParts, FR8ATooLargeTransactionIsRefusedOnceWithTheLimit) {
     EXPECT_FALSE(world.host.closed.contains(1));
     world.submit(1, 2, {create("/C")});
     world.load();
-    EXPECT_EQ(world.host.appending.size(), 1u) << "the session goes on";
+    EXPECT_EQ(world.host.appending.size(), 1u) << "the session continues";
 }
 
 TEST_F(ProjectParts, FR8ACommitThatIsLargerThanItsTransactionIsUndone) {

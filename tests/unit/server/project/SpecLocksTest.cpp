@@ -53,7 +53,7 @@ protected:
         const auto* refused = std::get_if<RefusalFrame>(&frame);
         if (!refused) return "";
         EXPECT_EQ(refused->error.code, ErrorCode::Locked);
-        EXPECT_TRUE(*world.project->layer(kSub) == before) << "nothing of it is left";
+        EXPECT_TRUE(*world.project->layer(kSub) == before) << "the refused edit left nothing";
         refusedEdit = refused->edit;
         return refused->error.message;
     }
@@ -120,7 +120,7 @@ TEST_F(ProjectSpecLocks, LK5HoldsForSpecsThatTheEditItselfCreates) {
                 inCreated(next, 1, "", SetField{"default", {}, doubleValue(1), {}}, kSub)}),
         "/A.x is locked by user1");
     EXPECT_EQ(refusedEdit, 2u);
-    EXPECT_EQ(refusal(2, {create("/A", kSub)}), "") << "an over says nothing";
+    EXPECT_EQ(refusal(2, {create("/A", kSub)}), "") << "an over has no content";
 }
 
 TEST_F(ProjectSpecLocks, LK5OnlyANewOverIsAllowed) {
@@ -136,7 +136,8 @@ TEST_F(ProjectSpecLocks, LK5OnlyANewOverIsAllowed) {
         return std::vector{create("/A", kSub),
                            inCreated(sequences[2] + 1, 0, "", specifier(number), kSub)};
     };
-    EXPECT_EQ(refusal(2, with(kOver)), "") << "as the parent of something that was made meanwhile";
+    EXPECT_EQ(refusal(2, with(kOver)), "")
+        << "it is the parent of a spec that was created meanwhile";
     EXPECT_EQ(*world.project->layer(kSub)->field("/A", "specifier"),
               FieldValue(Value(ValueType::Specifier, Bytes{kDef})));
     EXPECT_EQ(refusal(1, {erase("/A", kSub)}), "");

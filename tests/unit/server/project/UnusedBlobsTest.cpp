@@ -103,7 +103,7 @@ TEST_F(UnusedBlobs, B6ValuesOfACommitThatTheStoreDoesNotReportYetStay) {
     ASSERT_EQ(world.host.appending.size(), 1u);
     EXPECT_EQ(round(9 * kKeepMs, {1}, before), Hashes()) << "on its way";
     world.store();
-    EXPECT_EQ(round(10 * kKeepMs, {1}, before), Hashes()) << "the store was looked through before";
+    EXPECT_EQ(round(10 * kKeepMs, {1}, before), Hashes()) << "the store was read before";
     // From now on the store names it.
     EXPECT_EQ(round(11 * kKeepMs, {}), Hashes());
     EXPECT_EQ(round(12 * kKeepMs, {1}), Hashes()) << "its history was replaced";
@@ -187,10 +187,10 @@ TEST_F(UnusedBlobs, B6NothingIsRemovedBecauseOfAnEarlierProjectsReading) {
     world.restart();
     world.host.blobs.insert(hashOf(1));
     EXPECT_EQ(round(0, {1}, 0), Hashes());
-    EXPECT_EQ(round(5 * kKeepMs, {1}, 0), Hashes()) << "looked through before the restart";
+    EXPECT_EQ(round(5 * kKeepMs, {1}, 0), Hashes()) << "the store was read before the restart";
     EXPECT_EQ(round(6 * kKeepMs, {1}, 1), Hashes());
     world.project->storeClosed();
-    EXPECT_EQ(round(9 * kKeepMs, {1}, 1), Hashes()) << "nobody knows what is in it";
+    EXPECT_EQ(round(9 * kKeepMs, {1}, 1), Hashes()) << "its content is unknown";
 }
 
 // Otherwise the store's answer could be wrong when it arrives.
@@ -202,7 +202,7 @@ TEST_F(UnusedBlobs, B6ValuesThatTheStoreChecksOrWritesStay) {
     EXPECT_EQ(round(5 * kKeepMs, {1}), Hashes());
     world.answerQuestions();
     EXPECT_EQ(world.host.blobsSent.size(), 1u);
-    EXPECT_EQ(round(6 * kKeepMs, {1}), Hashes()) << "it was of use";
+    EXPECT_EQ(round(6 * kKeepMs, {1}), Hashes()) << "the value was used meanwhile";
     EXPECT_EQ(round(7 * kKeepMs, {1}), Hashes{hashOf(1)});
 
     const Bytes raw{1};

@@ -103,7 +103,7 @@ testing::AssertionResult openIsEqualOrCorrupt(const fs::path& folder, const Test
     const auto doc = (*store)->loadLayer(kLayer);
     if (!doc) return corrupt(doc.error());
     if (!*doc || (*doc)->dump() != commits.layers.at(kLayer).dump())
-        return testing::AssertionFailure() << "the layer is another";
+        return testing::AssertionFailure() << "the layer differs";
     return testing::AssertionSuccess();
 }
 
@@ -224,8 +224,8 @@ TEST(RocksCommitStore, AMissingFileIsFound) {
 
 void writeFormat(const fs::path& folder, std::uint8_t number) {
     Bytes format{number, 0, 0, 0};
-    const Hash seal = sha256({format});
-    format.insert(format.end(), seal.bytes.begin(), seal.bytes.end());
+    const Hash checksum = sha256({format});
+    format.insert(format.end(), checksum.bytes.begin(), checksum.bytes.end());
     std::ofstream(folder / "format", std::ios::binary)
         .write(reinterpret_cast<const char*>(format.data()), std::streamsize(format.size()));
 }
@@ -375,11 +375,12 @@ TEST(RocksCommitStore, CommitsThatABaseReplacedAreRemoved) {
     ASSERT_TRUE(store->compact(1'000, always));
     EXPECT_TRUE(fs::exists(folder.path / "snapshots" / "2")) << "it is newer";
     ASSERT_TRUE(store->compact(2'001, always));
-    EXPECT_FALSE(fs::exists(folder.path / "base" / "2-1000")) << "another one has its place";
-    EXPECT_TRUE(fs::exists(folder.path / "base" / "1-1000")) << "that layer is as it was";
+    EXPECT_FALSE(fs::exists(folder.path / "base" / "2-1000")) << "a newer base replaced it";
+    EXPECT_TRUE(fs::exists(folder.path / "base" / "1-1000")) << "the other layer is unchanged";
     append(*store, someCommits(commits, 1'000, 2));
     ASSERT_TRUE(store->compact(3'000, always));
-    EXPECT_FALSE(fs::exists(folder.path / "snapshots" / "2")) << "it says less than the base";
+    EXPECT_FALSE(fs::exists(folder.path / "snapshots" / "2"))
+        << "the snapshot is older than the base";
     const auto after = store->space();
     EXPECT_LT(after->log, before->log / 2);
     ASSERT_EQ(after->layers.size(), 2u);
@@ -415,14 +416,14 @@ TEST(RocksCommitStore, AnOldRevisionBeginsWithTheNearestSnapshot) {
         EXPECT_TRUE(store->layerAt(kLayer, revision, &replayed));
         return replayed.cost;
     };
-    std::map<Revision, std::string> stood;
+    std::map<Revision, std::string> contents;
     for (int part = 0; part < 40; ++part) {
         append(*store, someCommits(commits, 20, unsigned(part)));
-        stood[commits.head.revision] = commits.layers[kLayer].dump();
+        contents[commits.head.revision] = commits.layers[kLayer].dump();
         ASSERT_TRUE(keep(*store, commits));
     }
     const auto checkAll = [&](Revision from) {
-        for (const auto& [revision, dump] : stood) {
+        for (const auto& [revision, dump] : contents) {
             if (revision < from) continue;
             EXPECT_EQ(store->layerAt(kLayer, revision).value()->dump(), dump);
             // Seven snapshots of 800 commits; executing a commit costs some 500.
@@ -510,7 +511,7 @@ TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
             found = *commit.frame;
             return true;
         }));
-        EXPECT_TRUE(found == *import.frame) << "what was acknowledged, byte for byte";
+        EXPECT_TRUE(found == *import.frame) << "the acknowledged commits, byte for byte";
     }
     {
         RawRecords raw(folder.path);
@@ -782,7 +783,7 @@ TEST(RocksCommitStore, AFullDiskRefusesAndRecovers) {
         }
         EXPECT_FALSE(store->hasSpace());
         EXPECT_EQ(store->append({}).has_value(), true);
-        EXPECT_TRUE(store->loadLayer(kLayer)) << "reading goes on";
+        EXPECT_TRUE(store->loadLayer(kLayer)) << "reading continues";
 
         if (round % 2) {
             store.reset();  // closing the store needs no space
@@ -827,7 +828,7 @@ TEST(RocksCommitStore, FillsADiskToItsLimit) {
         EXPECT_EQ((*opened)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
         fs::remove(ballast);
     }
-    EXPECT_GT(commits.head.revision, 300u) << "most of the disk was of use";
+    EXPECT_GT(commits.head.revision, 300u) << "most of the disk was used";
     EXPECT_EQ(createRocksCommitStore(folder, tight).value()->head().revision,
               commits.head.revision);
 }

@@ -181,7 +181,7 @@ TEST_F(RecorderTest, NothingWrittenIsAnEmptyRecord) {
     EXPECT_TRUE(recorder.finish().isEmpty());
     EXPECT_TRUE(Record().isEmpty());
     setDefault(layer, x, 1);
-    EXPECT_TRUE(recorder.finish().isEmpty()) << "finish() begins anew";
+    EXPECT_TRUE(recorder.finish().isEmpty()) << "finish() starts a new record";
 }
 
 TEST_F(RecorderTest, ASampleOfSomebodyElseIsKept) {
@@ -235,7 +235,7 @@ TEST_F(RecorderTest, ACreatedPrimThatSomebodyElseFilledStays) {
     EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/New/Mine")));
     EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/Alone")));
     record.undo(kMine);
-    EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/New"))) << "whatever others have done";
+    EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/New"))) << "whatever others wrote";
 }
 
 TEST_F(RecorderTest, ADeletedPrimThatSomebodyElseCreatedAgainStays) {

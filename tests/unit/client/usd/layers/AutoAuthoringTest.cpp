@@ -115,7 +115,7 @@ TEST_F(AutoAuthoringTest, ADefaultBesideSamplesDoesNotHideThem) {
     EXPECT_FALSE(delegate->HasField(SdfPath("/A.x"), pxr::SdfFieldKeys->Default));
     delegate->SetField(SdfPath("/A.x"), pxr::SdfFieldKeys->Default, pxr::SdfValueBlock());
     frame();
-    EXPECT_EQ(weak->GetNumTimeSamplesForPath(SdfPath("/A.x")), 0u) << "blocked is blocked";
+    EXPECT_EQ(weak->GetNumTimeSamplesForPath(SdfPath("/A.x")), 0u) << "a block stays a block";
 }
 
 TEST_F(AutoAuthoringTest, KeysOfOneDictionaryGoToTheirOwnLayers) {
@@ -260,7 +260,7 @@ TEST_F(AutoAuthoringTest, AClosedLayerGetsNoEditsAndTheReasonIsReported) {
     root->SetPermissionToEdit(false);
     define(delegate, "/New");
     const auto went = layers().distribute();
-    ASSERT_EQ(went.size(), 1u) << "and of this call alone";
+    ASSERT_EQ(went.size(), 1u) << "only of this call";
     EXPECT_EQ(went.front().path, SdfPath("/New"));
     EXPECT_EQ(went.front().type, LayerErrorType::ReadOnly);
     EXPECT_EQ(layers().refusedEdits().size(), 2u + 0u);
@@ -296,7 +296,7 @@ TEST_F(AutoAuthoringTest, AFrameIsOneChangeOfTheLayers) {
     frame();
     EXPECT_EQ(counter.count, 1);
     frame();
-    EXPECT_EQ(counter.count, 1) << "and then there is rest";
+    EXPECT_EQ(counter.count, 1) << "afterwards nothing changes";
     auto copy = key;
     pxr::TfNotice::Revoke(copy);
 }

@@ -160,11 +160,12 @@ TEST(LayersStateFiles, FilesAreWatched) {
     EXPECT_TRUE(has(look(), LayerEventType::DirtyStateChanged));
     EXPECT_EQ(state.dirtyLayerIdentifiers(), std::vector{id});
     ASSERT_TRUE(sub->Save());
-    EXPECT_FALSE(has(look(), LayerEventType::OutdateStateChanged)) << "our own saving";
+    EXPECT_FALSE(has(look(), LayerEventType::OutdateStateChanged))
+        << "the file was saved by this process";
 
     fs::last_write_time(folder / "sub.usda",
                         fs::file_time_type::clock::now() + std::chrono::hours(1));
-    EXPECT_FALSE(has(look(), LayerEventType::OutdateStateChanged)) << "touched, and the same";
+    EXPECT_FALSE(has(look(), LayerEventType::OutdateStateChanged)) << "touched without a change";
     std::ofstream(folder / "sub.usda") << "#usda 1.0\n(\n    \"edited elsewhere\"\n)\n";
     EXPECT_TRUE(has(look(), LayerEventType::OutdateStateChanged));
     EXPECT_TRUE(state.isLayerOutdated(id));

@@ -130,7 +130,7 @@ TEST_F(LayersTest, AnotherThreadGetsAClearErrorAndChangesNothing) {
     EXPECT_EQ(all.editMode(), LayerEditMode::AutoAuthoring);
     EXPECT_TRUE(all.refusedEdits().empty());
     frame();
-    EXPECT_EQ(get(weak, "/A.x"), 2) << "and here it goes on";
+    EXPECT_EQ(get(weak, "/A.x"), 2) << "this thread continues";
 }
 
 TEST(LayersWithoutSession, HaveNoPlaceForTheDelegate) {

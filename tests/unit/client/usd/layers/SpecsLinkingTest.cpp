@@ -64,7 +64,7 @@ TEST_F(SpecsLinkingTest, EditsGoToAllLinkedLayersAndAPropertysOwnLinksCount) {
     EXPECT_EQ(get(strong, "/A.x"), 5);
     EXPECT_EQ(get(weak, "/A.x"), 1);
     EXPECT_EQ(get(strong, "/A.added"), 6) << "as its prim";
-    EXPECT_EQ(get(weak, "/A/B.y"), 7) << "not linked: the strongest opinion";
+    EXPECT_EQ(get(weak, "/A/B.y"), 7) << "without a link the strongest opinion decides";
     EXPECT_EQ(links().unlinkSpecFromAllLayers(SdfPath("/A.x"), false), Paths{SdfPath("/A.x")});
     EXPECT_EQ(links().linkSpec(SdfPath("/A.x"), root->GetIdentifier(), false),
               Paths{SdfPath("/A.x")});

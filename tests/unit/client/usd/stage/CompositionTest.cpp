@@ -211,11 +211,11 @@ TEST_F(CompositionTest, ItEqualsANewComposition) {
                     root->InsertSubLayerPath(sub->GetIdentifier());
         }
         if (pick(3) == 0) continue;
-        std::string kept, anew;
+        std::string kept, expected;
         dump(stage.composition, SdfPath::AbsoluteRootPath(), kept);
         Composition fresh(root, session, {}, Composition::Payloads::All);
-        dump(fresh, SdfPath::AbsoluteRootPath(), anew);
-        ASSERT_EQ(kept, anew) << "after step " << step;
+        dump(fresh, SdfPath::AbsoluteRootPath(), expected);
+        ASSERT_EQ(kept, expected) << "after step " << step;
     }
 }
 
