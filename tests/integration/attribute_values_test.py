@@ -1,4 +1,4 @@
-"""Values of attributes as the C++ client resolves them, compared with those of pxr.Usd on random stages."""
+"""Compares the values of attributes that the C++ client resolves with those of pxr.Usd, on random stages."""
 
 import os
 import pathlib
@@ -19,7 +19,7 @@ SOURCES = {
     Usd.ResolveInfoSourceSpline: "spline",
 }
 NAMES = Sdf.ValueTypeNames
-# name of the attribute -> type; Sphere has fallbacks for the last ones
+# The type of each attribute name; Sphere has fallback values for the last ones.
 ATTRIBUTES = {
     "d": NAMES.Double, "f": NAMES.Float, "h": NAMES.Half, "i": NAMES.Int, "s": NAMES.String, "b": NAMES.Bool,
     "t": NAMES.TimeCode, "ts": NAMES.TimeCodeArray, "v": NAMES.Vector3f, "ds": NAMES.DoubleArray,
@@ -151,7 +151,7 @@ class RandomStage:
 
 
 def in_full(value):
-    """Text has only the authored part of an asset path."""
+    """Returns all parts of asset paths: the text of a path contains only the authored one."""
     paths = [value] if isinstance(value, Sdf.AssetPath) else value
     if not isinstance(value, (Sdf.AssetPath, Sdf.AssetPathArray)):
         return value

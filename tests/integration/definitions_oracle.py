@@ -1,7 +1,8 @@
-"""Compares prim definitions of the C++ registry with those of pxr.Usd, in a process whose plug-in path is chosen.
+"""Compares prim definitions of the C++ registry with those of pxr.Usd, in a process with a chosen plug-in
+path.
 
 usage: definitions_oracle.py PROBE OUTPUT SEED COUNT. Prints a line for each difference, then the number of
-definitions. COUNT definitions are of random types with random API schemas; all schemas are compared in any case.
+definitions. COUNT definitions are of random types with random API schemas; all schemas are always compared.
 """
 
 import random
@@ -21,7 +22,7 @@ def schemas_of_kind(kind):
 
 
 def requests(seed, count):
-    """(type or "-", API schemas) of a prim; ("=NAME", []) of a schema itself."""
+    """The requests: (type or "-", API schemas) for a prim; ("=NAME", []) for a schema itself."""
     concrete = schemas_of_kind(KIND.ConcreteTyped)
     single, multiple = schemas_of_kind(KIND.SingleApplyAPI), schemas_of_kind(KIND.MultipleApplyAPI)
     yield from ((name, []) for name in concrete)
@@ -43,13 +44,13 @@ def theirs(kind, applied):
         name = kind[1:]
         return REGISTRY.FindAppliedAPIPrimDefinition(name) or REGISTRY.FindAbstractPrimDefinition(name)
     if applied:
-        # A prim has nothing from an abstract type, which this function would take.
+        # A prim gets nothing from an abstract type, but this function would accept one.
         return REGISTRY.BuildComposedPrimDefinition("" if kind in ("-", "Imageable") else kind, applied)
     return REGISTRY.FindConcretePrimDefinition(kind)
 
 
 def said_of_prim(stage, path, kind, applied):
-    """Names in their order, of a prim without opinions of its own."""
+    """The names of properties and API schemas, in order, of a prim without opinions of its own."""
     prim = stage.DefinePrim(path, "" if kind == "-" else kind)
     if applied:
         prim.SetMetadata("apiSchemas", Sdf.TokenListOp.CreateExplicit(applied))
@@ -61,7 +62,7 @@ def plain(value):
 
 
 def said_by(definition):
-    """{(property or "", field): value} of a Usd.PrimDefinition."""
+    """Returns {(property or "", field): value} of a Usd.PrimDefinition."""
     fields = {("", field): plain(definition.GetMetadata(field)) for field in definition.ListMetadataFields()}
     for name in definition.GetPropertyNames():
         for field in definition.ListPropertyMetadataFields(name):
@@ -73,7 +74,7 @@ def said_by(definition):
 
 
 def written_in(prim):
-    """The same of what the probe wrote."""
+    """Returns the same for the definition that the probe wrote."""
     fields = {("", field): plain(prim.GetInfo(field)) for field in prim.ListInfoKeys()}
     for spec in prim.properties:
         for field in spec.ListInfoKeys():
@@ -86,7 +87,7 @@ def written_in(prim):
 
 
 def without_defaults(fields):
-    """Specs do not tell these from nothing."""
+    """Removes values that a spec cannot distinguish from absent ones."""
     return {key: value for key, value in fields.items()
             if not (key[1] == "custom" and value is False)
             and not (key[1] == "variability" and value == Sdf.VariabilityVarying)}

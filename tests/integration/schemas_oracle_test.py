@@ -1,4 +1,4 @@
-"""Prim definitions of the C++ schema registry, compared with those of pxr.Usd for the same plug-ins."""
+"""Compares the prim definitions of the C++ schema registry with those of pxr.Usd for the same plug-ins."""
 
 import json
 import os
@@ -28,7 +28,7 @@ def multiple(identifier, **more):
     return schema("multipleApplyAPI", "UsdAPISchemaBase", identifier, **more)
 
 
-# Each of the rules that schemas of the field use seldom.
+# These schemas cover the rules that real schemas use rarely.
 TYPES = {
     "OddLamp": schema("concreteTyped", "UsdGeomSphere", "OddLamp"),
     "OddLamp_2": schema("concreteTyped", "UsdGeomSphere", "OddLamp_2"),
@@ -264,7 +264,7 @@ def test_malformed_plug_ins_are_reported_and_passed_over(tmp_path, odd_schemas):
                  "'apiSchemaInstances' is no dictionary", "schema 'OddLamp': plug-in 'odd' declares it, too",
                  "unknown schema 'UsdGeomMesh'", "of plug-in 'text' are without properties", "they include each other"]:
         assert part in problems
-    # What is not broken works.
+    # The valid parts work.
     from pxr import Sdf
     lamp = Sdf.Layer.FindOrOpen(str(tmp_path / "ours.usda")).GetPrimAtPath("/_0")
     assert lamp is not None

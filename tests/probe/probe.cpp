@@ -1,5 +1,5 @@
-// Asks the stage's parts and writes the answers as layers, which a test compares with those of
-// pxr.Usd: values of all types keep their type so.
+// Queries the parts of a stage in C++ and writes the answers as layers, so that values of all types
+// keep their type. Tests compare them with the answers of pxr.Usd.
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
@@ -45,8 +45,8 @@ void writeDefinition(const schema::PrimDefinition& definition, const pxr::SdfLay
     }
 }
 
-// Each line of the input: a type, or "-", and API schemas. The prim of line 3 is "_3". A line
-// "=NAME" asks for the schema NAME itself.
+// Each line of the input is a type, or "-", and API schemas. The prim of line 3 is "_3". A line
+// "=NAME" queries the schema NAME itself.
 int definitions(const std::string& output) {
     const schema::SchemaRegistry registry;
     for (const auto& problem : registry.problems()) std::cout << problem << '\n';
@@ -71,7 +71,7 @@ int definitions(const std::string& output) {
     return layer->Save() ? 0 : 1;
 }
 
-// Each line of the input: an API schema and a type. Prints yes or no.
+// Each line of the input is an API schema and a type. Prints yes or no.
 int applying() {
     const schema::SchemaRegistry registry;
     std::string name, type;
@@ -89,7 +89,7 @@ const char* nameOf(stage::ValueSource source) {
     return kNames[int(source)];
 }
 
-// Text has only the authored part of an asset path.
+// A text contains only the authored part of an asset path.
 template <class Strings>
 void addParts(const pxr::SdfAssetPath& path, Strings& parts) {
     for (const auto& part :
@@ -124,8 +124,9 @@ void writeValues(const stage::AttributeQuery& query, const pxr::SdfLayerHandle& 
     for (const auto& [time, value] : samples) layer->SetTimeSample(path, time, value);
 }
 
-// Each line of the input: prim, attribute, type or "-", API schemas. The values of line 3 are those
-// of /_3.value; prints source, whether it is blocked, might be varying, and times of its samples.
+// Each line of the input is a prim, an attribute, a type or "-", and API schemas. The values of
+// line 3 are those of /_3.value. Prints the source, whether the value is blocked, whether it might
+// vary, and the times of its samples.
 int values(const std::string& root, const std::string& output, const std::vector<double>& times) {
     const schema::SchemaRegistry registry;
     const auto rootLayer = pxr::SdfLayer::FindOrOpen(root);
