@@ -1,3 +1,4 @@
+// The broadcaster of bare Beast that the benchmarks compare the server with.
 #include "Broadcaster.h"
 
 #include <fcntl.h>

@@ -1,3 +1,4 @@
+// Starts, pins and kills the programs that the benchmarks measure.
 #include "ChildProcess.h"
 
 #include <sched.h>

@@ -1,3 +1,4 @@
+// Keeps all prim indexes of a stage up to date, like a UsdStage.
 #include "ComposedPrims.h"
 
 #include <pxr/base/tf/weakPtr.h>

@@ -1,3 +1,4 @@
+// Puts load on a server over DDS, and runs Cyclone's ddsperf for comparison.
 #include "DdsLoad.h"
 
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+// Runs the measurements of `fanout` and `saturate`, and prints them.
 #include "Fanout.h"
 
 #include <fcntl.h>

@@ -1,3 +1,4 @@
+// Parses the arguments of the benchmarks and prints their figures.
 #include "Figures.h"
 
 #include <algorithm>

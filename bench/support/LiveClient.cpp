@@ -1,3 +1,4 @@
+// Joins a served layer as a client.
 #include "LiveClient.h"
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// Puts load on a server over WebSockets.
 #include "Load.h"
 
 #include <algorithm>

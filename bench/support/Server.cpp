@@ -1,3 +1,4 @@
+// Writes a layer to a folder and runs the real server for it.
 #include "Server.h"
 
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+// Writes the seeds of a fuzz target to files.
 #include "Fuzz.h"
 
 #include <filesystem>

@@ -1,3 +1,4 @@
+// The actions of the model, their results, and the rules that hold in each world.
 #include "Model.h"
 
 #include "usdlive/common/protocol/Control.h"

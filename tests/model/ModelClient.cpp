@@ -1,3 +1,4 @@
+// The real Session with a simulated editor, as a machine of the model.
 #include "ModelClient.h"
 
 #include <bit>

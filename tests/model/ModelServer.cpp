@@ -1,3 +1,4 @@
+// The real Project with a simulated process and disk, as a machine of the model.
 #include "ModelServer.h"
 
 #include "ProjectImpl.h"

@@ -1,3 +1,4 @@
+// The scenarios that the model searches.
 #include "Scenario.h"
 
 #include "usdlive/common/core/ByteStream.h"

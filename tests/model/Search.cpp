@@ -1,3 +1,4 @@
+// Searches all reachable worlds of a scenario, the nearest first.
 #include "Search.h"
 
 #include <algorithm>

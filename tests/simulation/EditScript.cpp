@@ -1,3 +1,4 @@
+// Makes random edits for the simulated editors.
 #include "EditScript.h"
 
 #include <array>

@@ -1,3 +1,4 @@
+// The real Session with a simulated editor.
 #include "SimClient.h"
 
 #include <algorithm>

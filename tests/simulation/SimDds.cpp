@@ -1,3 +1,4 @@
+// A session over DDS with a bad network between its ends.
 #include "SimDds.h"
 
 #include <algorithm>

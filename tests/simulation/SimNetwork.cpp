@@ -1,3 +1,4 @@
+// The connections between simulated editors and the server.
 #include "SimNetwork.h"
 
 #include "usdlive/server/project/CommitContent.h"

@@ -1,3 +1,4 @@
+// The real Project with a simulated process around it.
 #include "SimServer.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Writes a layer as text with USD, and reads it back.
 #include "SimText.h"
 
 #include "SimClock.h"

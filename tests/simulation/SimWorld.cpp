@@ -1,3 +1,4 @@
+// Runs one seed of the simulation and checks its end.
 #include "SimWorld.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Measures the memory and processor time of a call.
 #include "Cost.h"
 
 #include <malloc.h>

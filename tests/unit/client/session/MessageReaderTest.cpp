@@ -1,3 +1,4 @@
+// Tests MessageReader: decoding commits, snapshots and big values beside the session.
 #include "usdlive/client/session/MessageReader.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests CommitOrder: commits of the topic and the stream of a session, in one order.
 #include "usdlive/client/transport/CommitOrder.h"
 
 #include <gtest/gtest.h>

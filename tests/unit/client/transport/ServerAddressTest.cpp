@@ -1,3 +1,4 @@
+// Tests the parsing of server addresses.
 #include <gtest/gtest.h>
 
 #include "usdlive/client/transport/Connection.h"

@@ -1,3 +1,4 @@
+// Tests a client's WebSocket connection against a small server.
 #include <gtest/gtest.h>
 
 #include <boost/asio/io_context.hpp>

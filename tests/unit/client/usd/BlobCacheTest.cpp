@@ -1,3 +1,4 @@
+// Tests BlobCache: big values in memory and in a bounded, shared folder.
 #include "usdlive/client/usd/BlobCache.h"
 
 #include <gtest/gtest.h>

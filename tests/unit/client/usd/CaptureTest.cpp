@@ -1,3 +1,4 @@
+// Tests Capture: the edits that it makes of an editor's writes to an SdfLayer.
 #include "usdlive/client/usd/Capture.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests the moves that turn one order of children into another.
 #include "usdlive/client/usd/ChildOrder.h"
 
 #include <gtest/gtest.h>

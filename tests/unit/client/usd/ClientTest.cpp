@@ -1,3 +1,4 @@
+// Tests Client: several editors with real layers, and the real project in one process.
 #include "usdlive/client/usd/Client.h"
 
 #include <gtest/gtest.h>

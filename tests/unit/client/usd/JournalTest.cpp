@@ -1,3 +1,4 @@
+// Tests Journal: unsent work on the disk, also after a crash.
 #include "usdlive/client/usd/Journal.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests LiveLayer: filling an SdfLayer while its snapshot arrives.
 #include "usdlive/client/usd/LiveLayer.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests LostEvents: reports of lost work.
 #include "usdlive/client/usd/LostEvents.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Edits a layer at random through Sdf's API.
 #include "RandomEditor.h"
 
 #include <pxr/base/gf/matrix4d.h>

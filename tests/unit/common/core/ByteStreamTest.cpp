@@ -1,3 +1,4 @@
+// Tests reading and writing of little-endian bytes.
 #include "usdlive/common/core/ByteStream.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests Hash and SHA-256.
 #include "usdlive/common/core/Hash.h"
 
 #include <gtest/gtest.h>

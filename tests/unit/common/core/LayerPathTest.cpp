@@ -1,3 +1,4 @@
+// Tests the names of layers (LN1).
 #include "usdlive/common/core/LayerPath.h"
 
 #include <gtest/gtest.h>

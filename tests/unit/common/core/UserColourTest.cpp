@@ -1,3 +1,4 @@
+// Tests the colours of users (PS3).
 #include "usdlive/common/core/UserColour.h"
 
 #include <gtest/gtest.h>

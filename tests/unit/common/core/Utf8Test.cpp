@@ -1,3 +1,4 @@
+// Tests the validation of UTF-8.
 #include "usdlive/common/core/Utf8.h"
 
 #include <gtest/gtest.h>

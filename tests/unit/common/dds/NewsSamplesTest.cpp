@@ -1,3 +1,4 @@
+// Tests the samples of layer states and presences (DD11-DD13).
 #include "usdlive/common/dds/NewsSamples.h"
 
 #include <gtest/gtest.h>

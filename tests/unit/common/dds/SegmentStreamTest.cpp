@@ -1,3 +1,4 @@
+// Tests streams of segments over a bad network (DD4).
 #include <gtest/gtest.h>
 
 #include <map>

@@ -1,3 +1,4 @@
+// Tests the conflation of commits (CF1).
 #include "usdlive/common/layer/Conflation.h"
 
 #include <gtest/gtest.h>

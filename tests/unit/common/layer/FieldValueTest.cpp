@@ -1,3 +1,4 @@
+// Tests contents of fields and their encoding (V9, V10).
 #include "usdlive/common/layer/FieldValue.h"
 
 #include <gtest/gtest.h>

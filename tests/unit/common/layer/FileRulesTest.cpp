@@ -1,3 +1,4 @@
+// Tests the rules for content that a file can hold (ED8-ED11).
 #include "usdlive/common/layer/FileRules.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests global mutes in a root layer (MU1).
 #include "usdlive/common/layer/GlobalMuteness.h"
 
 #include <gtest/gtest.h>

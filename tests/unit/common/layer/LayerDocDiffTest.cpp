@@ -1,3 +1,4 @@
+// Tests difference(): the edits that turn one LayerDoc into another.
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Tests LayerDoc: the edits ED1-ED7, also against a simple model.
 #include "usdlive/common/layer/LayerDoc.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests the lock of a layer in its own data (LK1).
 #include "usdlive/common/layer/LayerLock.h"
 
 #include <gtest/gtest.h>

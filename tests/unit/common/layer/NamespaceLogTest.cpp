@@ -1,3 +1,4 @@
+// Tests NamespaceLog: carrying paths forward through moves and deletes (M3, M4).
 #include <gtest/gtest.h>
 
 #include <array>

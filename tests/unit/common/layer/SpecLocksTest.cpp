@@ -1,3 +1,4 @@
+// Tests locks of specs in a root layer (LK5).
 #include "usdlive/common/layer/SpecLocks.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests paths of specs (PA1-PA3).
 #include "usdlive/common/layer/SpecPath.h"
 
 #include <gtest/gtest.h>

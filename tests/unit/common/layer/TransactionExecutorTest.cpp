@@ -1,3 +1,4 @@
+// Tests execute(), which decides the result of a transaction (M2-M6, M13).
 #include "usdlive/common/layer/TransactionExecutor.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests values and their encoding (V1-V9).
 #include "usdlive/common/layer/Value.h"
 
 #include <gtest/gtest.h>

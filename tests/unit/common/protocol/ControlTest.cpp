@@ -1,3 +1,4 @@
+// Tests the encoding of control messages.
 #include "usdlive/common/protocol/Control.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests transactions and commits in parts (FR8).
 #include "usdlive/common/protocol/FrameParts.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests the encoding of frames, and the refusal of malformed ones.
 #include "usdlive/common/protocol/Frame.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests the encoding of snapshots (SN1, SN4).
 #include "usdlive/common/protocol/Snapshot.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests filling an SdfLayer from a LayerDoc, and exporting it.
 #include "usdlive/common/usd/LayerFill.h"
 
 #include <gmock/gmock.h>

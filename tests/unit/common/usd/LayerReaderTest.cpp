@@ -1,3 +1,4 @@
+// Tests reading an SdfLayer into a LayerDoc.
 #include <dlfcn.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests SdfLayerStore: edits of a real layer, and the writes that it reports.
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 #include <gmock/gmock.h>

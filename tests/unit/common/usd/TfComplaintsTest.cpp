@@ -1,3 +1,4 @@
+// Tests the collection of errors and warnings of Tf.
 #include "usdlive/common/usd/TfComplaints.h"
 
 #include <gtest/gtest.h>

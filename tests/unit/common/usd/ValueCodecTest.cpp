@@ -1,3 +1,4 @@
+// Tests the conversion of USD values to bytes and back.
 #include "usdlive/common/usd/ValueCodec.h"
 
 #include <gmock/gmock.h>

@@ -1,3 +1,4 @@
+// Tests the limit of log lines for each key.
 #include "usdlive/server/app/LogLimit.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests the groups in which the storage thread appends commits.
 #include "usdlive/server/app/StorageThread.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests importing, saving and listing the files of a folder.
 #include "usdlive/server/files/LayerFiles.h"
 
 #include <gmock/gmock.h>

@@ -1,3 +1,4 @@
+// Tests opening layers, snapshots, saves, big values and previews in a project.
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"

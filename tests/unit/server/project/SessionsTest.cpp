@@ -1,3 +1,4 @@
+// Tests sessions of a project: hello, resuming, and the log.
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"

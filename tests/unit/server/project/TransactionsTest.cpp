@@ -1,3 +1,4 @@
+// Tests transactions in a project: order, execution, refusals and a failing store.
 #include <gtest/gtest.h>
 
 #include <random>

@@ -1,3 +1,4 @@
+// Tests unloading layers that nobody has open.
 #include <gtest/gtest.h>
 
 #include "FakeHost.h"

@@ -1,3 +1,4 @@
+// Tests the store over RocksDB: damage, crashes, full disks and bases.
 #include "usdlive/server/storage/RocksCommitStore.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests the HTTP and WebSocket server over real sockets.
 #include "usdlive/server/transport/HttpServer.h"
 
 #include <gmock/gmock.h>

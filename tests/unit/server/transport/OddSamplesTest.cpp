@@ -1,3 +1,4 @@
+// Tests the counting and reporting of invalid DDS samples (DD13).
 #include "usdlive/server/transport/OddSamples.h"
 
 #include <gtest/gtest.h>

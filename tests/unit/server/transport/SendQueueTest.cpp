@@ -1,3 +1,4 @@
+// Tests the queue of frames for a session.
 #include "usdlive/server/transport/SendQueue.h"
 
 #include <gmock/gmock.h>

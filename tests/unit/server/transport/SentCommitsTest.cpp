@@ -1,3 +1,4 @@
+// Tests the commits that are kept to be sent again (DD7).
 #include "usdlive/server/transport/SentCommits.h"
 
 #include <gtest/gtest.h>

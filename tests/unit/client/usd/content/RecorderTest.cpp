@@ -1,3 +1,4 @@
+// Tests Recorder: recording the edits of a command, and undoing them in a shared layer.
 #include "usdlive/client/usd/content/Recorder.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Tests auto authoring: each edit of the delegate goes to the layer where it belongs.
 #include "usdlive/client/usd/layers/AutoAuthoring.h"
 
 #include <pxr/base/vt/dictionary.h>

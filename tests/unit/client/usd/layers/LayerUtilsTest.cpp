@@ -1,3 +1,4 @@
+// Tests the operations on layers and sublayers.
 #include "usdlive/client/usd/layers/LayerUtils.h"
 
 #include <pxr/usd/sdf/assetPath.h>

@@ -1,3 +1,4 @@
+// Tests the states of layers: muted, locked, dirty, outdated, names.
 #include "usdlive/client/usd/layers/LayersState.h"
 
 #include <pxr/base/vt/dictionary.h>

@@ -1,3 +1,4 @@
+// Tests Layers: edit modes, events and threads.
 #include "usdlive/client/usd/layers/Layers.h"
 
 #include <pxr/usd/sdf/changeBlock.h>

@@ -1,3 +1,4 @@
+// Tests LocalStack: the order of layers, their offsets and composed names.
 #include "usdlive/client/usd/layers/LocalStack.h"
 
 #include "LayersFixture.h"

@@ -1,3 +1,4 @@
+// Tests links of specs to layers.
 #include "usdlive/client/usd/layers/SpecsLinking.h"
 
 #include "LayersFixture.h"

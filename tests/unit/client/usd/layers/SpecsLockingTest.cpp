@@ -1,3 +1,4 @@
+// Tests locks of specs: edits of locked specs are reverted.
 #include "usdlive/client/usd/layers/SpecsLocking.h"
 
 #include <pxr/usd/sdf/reference.h>
