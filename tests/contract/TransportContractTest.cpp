@@ -337,8 +337,7 @@ TEST_P(TransportContract, NewsReachSessionsThatGotTheFirst) {
         return inbox.readUntil(*one, [&] { return newsIn(inbox.texts).ends_with(end); });
     };
     world.call([&] {
-        // A state that changed before a session was notified: the session gets it with its first
-        // states.
+        // No session listens yet: sessions get this later, with their first states.
         world.transport().tell({}, LayerStates{{stateOf("a.usda", 1)}});
         world.transport().tell({}, Presences{{presenceOf("ada", 1)}, {}});
     });

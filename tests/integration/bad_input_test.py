@@ -186,8 +186,8 @@ def test_two_servers_of_one_project(served):
 
 
 def test_fr7_a_commit_that_nobody_could_decode_is_refused(project, serve, tmp_path):
-    """The names in the transaction are repeated, so its bounds allow them; the commit would contain each name
-    only once."""
+    """The transaction repeats the names, so the bounds of its size allow them. The commit would contain each name
+    only once, and would exceed its bounds."""
     (project / "root.usda").write_text(ROOT)
     server = serve(project)
     path = [f"{part:02}" + "k" * 126 for part in range(64)]

@@ -84,7 +84,7 @@ def test_kits_checkpoints(served, tmp_path):
         done, failed = await LayerUtils.create_checkpoint_async([root.identifier, outside.identifier, "none.usda"],
                                                                 "before lunch")
         assert (done, failed) == ([root.identifier], [outside.identifier, "none.usda"])
-        # The revision has a name already. Kit's function accepts this, unless another name is requested.
+        # The revision has a checkpoint already: the call succeeds without a new one. `force` creates another.
         assert await LayerUtils.create_checkpoint_async(root.identifier, "again") == ([root.identifier], [])
         assert await LayerUtils.create_checkpoint_async(root.identifier, "before lunch", force=True) == (
             [root.identifier], [])

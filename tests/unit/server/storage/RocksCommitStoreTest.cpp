@@ -707,7 +707,7 @@ TEST(RocksCommitStore, M14RecordsOfAHundredThousandClientsAreBounded) {
         const auto record = store->clientRecord(id(number));
         ASSERT_TRUE(record);
         if (record->last() == 0) {
-            // The client's commits are not newer than the revision that clients receive.
+            // The commits of a forgotten client are not newer than forgottenUpTo().
             ASSERT_LE(2 * number, store->forgottenUpTo());
             continue;
         }
