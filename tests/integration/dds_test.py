@@ -218,7 +218,7 @@ def test_a_wrong_setting_is_said_in_a_line(tmp_path, project, options, what):
 def test_a_missing_server_is_reported(domain):
     ended = usdlive("ls", "dds://nobody")
     assert ended.returncode == 1
-    assert ended.stderr == (f"usdlive: no server of dds://nobody is heard of in DDS domain {domain} on lo\n")
+    assert ended.stderr == (f"usdlive: no server of dds://nobody was found in DDS domain {domain} on lo\n")
 
 
 def test_without_dds_nothing_is_served(tmp_path, project, serve, domain):

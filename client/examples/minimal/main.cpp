@@ -1,5 +1,5 @@
-// An editor in thirty lines: opens a layer of a served project, adds a prim of its own and follows
-// what others do for a while.
+// A minimal editor: opens a layer of a served project, adds a prim and receives the edits of others
+// for a while.
 //     minimal ws://127.0.0.1:7447 shot.usda ada
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/primSpec.h>
@@ -23,13 +23,13 @@ int main(int argc, char** argv) {
 
     auto opened = live.openLayer({argv[2]});
     if (!opened) return std::cerr << opened.error().message << "\n", 1;
-    const pxr::SdfLayerRefPtr layer = *opened;  // an ordinary layer: a stage may be opened on it
+    const pxr::SdfLayerRefPtr layer = *opened;  // an ordinary layer on which a stage can be opened
 
     const pxr::SdfPath path("/" + std::string(argv[3]));
     pxr::SdfCreatePrimInLayer(layer, path);
     for (int frame = 0; frame < 120; ++frame) {
         layer->SetField(path, pxr::SdfFieldKeys->Comment, "frame " + std::to_string(frame));
-        live.tick(4.0);  // sends what was written, brings what others wrote
+        live.tick(4.0);  // sends own edits and applies those of others
         std::this_thread::sleep_for(std::chrono::milliseconds(16));
     }
     return live.flush() ? 0 : 1;

@@ -1,3 +1,4 @@
+// Binds usdlive::content for Python.
 #include "ContentBinding.h"
 
 #include <nanobind/stl/pair.h>
@@ -33,8 +34,8 @@ pxr::SdfLayerRefPtr layerOf(const std::string& identifier) {
     return layer;
 }
 
-/// Does `work` without the interpreter's lock, which listeners of Sdf's notices take; raises what
-/// Sdf reports as an error.
+/// Calls `work` without the interpreter's lock, because listeners of Sdf's notices take it. Raises
+/// the errors that Sdf reports.
 template <class Work>
 auto written(const Work& work) {
     std::string error;

@@ -4,7 +4,8 @@
 
 namespace usdlive {
 
-/// Edits of layers and their undo, as the submodule `content`. Layers go by their identifiers.
+/// Adds the submodule `content`: edits of layers and their undo. Layers are named by their
+/// identifiers.
 void bindContent(nanobind::module_& module);
 
 }  // namespace usdlive

@@ -1,4 +1,4 @@
-// Errors of the C++ client as the package's exception.
+// Converts errors of the C++ client to the package's exception.
 #include "Errors.h"
 
 #include <nanobind/stl/string.h>

@@ -8,10 +8,10 @@
 
 namespace usdlive {
 
-/// Sets usdlive.Error(code, message) as the exception of the interpreter.
+/// Sets usdlive.Error(code, message) as the current exception of the interpreter.
 void setError(const Error& error);
 
-/// Raises it.
+/// Raises the error as a Python exception.
 [[noreturn]] inline void raise(const Error& error) {
     setError(error);
     throw nanobind::python_error();

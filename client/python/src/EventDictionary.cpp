@@ -1,3 +1,4 @@
+// Converts events to Python dictionaries.
 #include "EventDictionary.h"
 
 #include <string>
@@ -28,7 +29,7 @@ const char* actionName(const EditAction& action) {
     return names[action.index()];
 }
 
-/// What of a field is meant: nothing for all of it.
+/// Returns the edited part of a field, or None for the whole field.
 nb::object part(const FieldPart& part) {
     if (const auto* key = std::get_if<DictionaryKey>(&part)) {
         std::string joined;
@@ -146,7 +147,7 @@ nb::dict convert(const client::event::PreviewChanged& event) {
     return d;
 }
 
-/// What became of layers' files; `verb`: what the event calls those it worked for.
+/// Returns the result for layers' files. `verb` is the key of the successful layers.
 nb::dict outcome(const char* event, const char* verb, std::uint64_t request, Revision revision,
                  const std::vector<LayerId>& done,
                  const std::vector<LayersSaved::Failure>& failures) {

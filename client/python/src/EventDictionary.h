@@ -6,10 +6,10 @@
 
 namespace usdlive {
 
-// Values as dictionaries whose keys are the members of the dataclasses in usdlive/events.py. They
-// need the interpreter's lock.
+// Converts values to dictionaries with the members of the dataclasses in usdlive/events.py as keys.
+// Call it with the interpreter's lock.
 
-/// With the event's name under "event".
+/// Returns the event with its name under the key "event".
 [[nodiscard]] nanobind::dict toDictionary(const client::Event& event);
 [[nodiscard]] nanobind::dict toDictionary(const client::UnsentWork& work);
 nanobind::dict toDictionary(const LayerState& state);

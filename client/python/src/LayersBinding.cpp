@@ -1,3 +1,4 @@
+// Binds usdlive::layers for Python.
 #include "LayersBinding.h"
 
 #include <nanobind/stl/map.h>
@@ -44,8 +45,8 @@ pxr::SdfLayerHandle find(const std::string& identifier) {
     return identifier.empty() ? pxr::SdfLayerHandle() : pxr::SdfLayer::Find(identifier);
 }
 
-/// A Usd.Stage, by the package's object that stands for it. Its methods must not raise; what they
-/// raise nevertheless is reported as an exception that nobody can catch.
+/// A Usd.Stage, represented by an object of the package. Its methods must not raise: an exception
+/// is only reported as unraisable.
 class PythonHost final : public StageHost {
 public:
     explicit PythonHost(nb::object host)
@@ -103,7 +104,7 @@ private:
     const pxr::SdfLayerRefPtr root_, session_;
 };
 
-/// The layers of a Python client, as long as it is connected.
+/// The layers of a Python client while it is connected.
 class PythonLive final : public LiveLayers {
 public:
     explicit PythonLive(nb::object client) : client_(std::move(client)) {}
@@ -150,7 +151,7 @@ nb::dict toDictionary(const LayerEvent& event) {
     return result;
 }
 
-/// A Layers, and what its last call came to: Kit's API asks for that afterwards.
+/// A Layers with the error of its last call, which Kit's API returns afterwards.
 class PythonLayers {
 public:
     PythonLayers(nb::object host, const std::string& user, nb::object client)
@@ -176,7 +177,7 @@ public:
         return events;
     }
 
-    /// 0 and an empty text: the last call did what was asked.
+    /// Returns the last error; 0 and an empty text if the last call succeeded.
     [[nodiscard]] nb::tuple lastError() const {
         return error_ ? nb::make_tuple(int(error_->type), error_->text) : nb::make_tuple(0, "");
     }
@@ -186,7 +187,7 @@ public:
         note(result ? std::nullopt : std::optional(result.error()));
         return result ? std::move(*result) : T();
     }
-    /// Did it succeed?
+    /// Notes the result. Returns true if it is a success.
     bool noted(const LayerResult<void>& result) {
         note(result ? std::nullopt : std::optional(result.error()));
         return result.has_value();
@@ -195,11 +196,11 @@ public:
         note(std::move(unlocked.refused));
         return std::move(unlocked.specs);
     }
-    /// What went back is noted; otherwise the error stays.
+    /// Notes the last refused edit, if any; otherwise keeps the error.
     void noted(const std::vector<RefusedEdit>& refused) {
         if (!refused.empty()) note(LayerError{refused.back().type, refused.back().reason});
     }
-    /// Calls `function` with the path that the text says.
+    /// Calls `function` with the path of the text.
     template <class Function>
     SpecsLinking::Paths atPath(const std::string& text, Function function) {
         if (const auto path = pathFrom(text)) return noted(function(*path));
@@ -236,7 +237,7 @@ private:
     std::optional<LayerError> error_;
 };
 
-/// (identifier, what keeps the layer until the caller has it), or None.
+/// Returns (identifier, an object that keeps the layer alive), or None.
 nb::object kept(const pxr::SdfLayerRefPtr& layer) {
     if (!layer) return nb::none();
     auto* keeper = new pxr::SdfLayerRefPtr(layer);
@@ -303,7 +304,7 @@ void bindUtils(nb::module_& module) {
                [](const std::string& content, const std::string& from, const std::string& to) {
                    utils::reanchorStates(find(content), from, to);
                });
-    // Whoever watches saves hears of a file that was written by other means than Sdf's.
+    // Reports that a file was written by other means than Sdf, for watchers of saves.
     module.def(
         "file_was_written",
         [](const std::string& id) {

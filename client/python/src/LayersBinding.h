@@ -6,10 +6,11 @@
 
 namespace usdlive {
 
-/// The connection behind a Python client; nullptr when it was closed.
+/// Returns the connection of a Python client, or nullptr if it was closed.
 [[nodiscard]] Client* clientOf(nanobind::handle client);
 
-/// `usdlive::layers` for the package: layers by their identifiers, spec paths as text.
+/// Adds `usdlive::layers` to the package: layers are named by their identifiers, spec paths are
+/// text.
 void bindLayers(nanobind::module_& module);
 
 }  // namespace usdlive

@@ -1,6 +1,6 @@
-// The extension under the package `usdlive`: the C++ client, with layers named by their identifiers
-// (the package looks them up with pxr.Sdf) and events as plain dictionaries (the package makes
-// dataclasses of them).
+// The extension module of the package `usdlive`: the C++ client. Layers are named by their
+// identifiers, and the package finds them with pxr.Sdf. Events are dictionaries, and the package
+// converts them to dataclasses.
 
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/filesystem.h>
@@ -29,8 +29,8 @@ using namespace usdlive;
 
 namespace {
 
-/// The client with the interpreter's lock let go while it works: notices of Sdf reach Python
-/// listeners, which take it themselves.
+/// The client. Releases the interpreter's lock while it works, because notices of Sdf reach Python
+/// listeners, which take it.
 class PythonClient {
 public:
     PythonClient(const std::string& url, const std::string& user, const std::string& application,
@@ -49,15 +49,15 @@ public:
         });
     }
 
-    // On whatever thread the last reference went.
+    // Runs on the thread that dropped the last reference.
     ~PythonClient() {
         auto client = std::move(client_);
         nb::gil_scoped_release release;
         client.reset();
     }
 
-    /// Leaves the project: (what was not sent or None, events). From within a call of this
-    /// connection (a notice handler) it is done when that call ends: None.
+    /// Leaves the project. Returns (unsent work or None, events). Inside a call of this connection
+    /// (a notice handler), returns None and closes when that call ends.
     nb::tuple close(double timeoutMs) {
         if (!client_ || closing_) return nb::make_tuple(nb::none(), nb::list());
         client("close");
@@ -77,7 +77,7 @@ public:
         return names;
     }
 
-    /// The identifier of the live layer; the client keeps the layer alive.
+    /// Returns the identifier of the live layer. The client keeps the layer alive.
     std::string openLayer(const std::string& name, bool payloads) {
         const LayerId layer = orRaise(parseLayerId(name));
         const auto load = payloads ? client::LoadSet::All : client::LoadSet::NoPayloads;
@@ -106,7 +106,7 @@ public:
         work("close_layer", true, [&](Client& live) { live.close(layer); });
     }
 
-    /// (commits applied, is there more, events)
+    /// Returns (applied commits, more to apply, events).
     nb::tuple tick(double budgetMs) {
         const auto result = work("tick", false, [&](Client& live) { return live.tick(budgetMs); });
         return nb::make_tuple(result.applied, result.more, takeEvents());
@@ -117,7 +117,7 @@ public:
         return nb::make_tuple(done, takeEvents());
     }
 
-    /// Raises when the caller may not wait for the server here.
+    /// Raises an error if the caller must not wait for the server here.
     void mayWait(const std::string& function) { client(function.c_str(), true); }
 
     void beginGesture() {
@@ -127,7 +127,7 @@ public:
         work("end_gesture", false, [](Client& live) { live.endGesture(); });
     }
 
-    // These return the number that the event which answers them has.
+    // Return the number of the request, which its result event contains.
     std::uint64_t save(const std::vector<std::string>& names, bool force) {
         const auto layers = layerIds(names);
         return work("save", false, [&](Client& live) { return live.save(layers, force); });
@@ -201,7 +201,7 @@ public:
         for (const auto& one : client("unsent_work").unsentWork()) all.append(toDictionary(one));
         return all;
     }
-    /// (committed now, committed before, lost)
+    /// Returns (committed now, committed before, lost).
     nb::tuple sendUnsent(const std::string& id, double timeoutMs) {
         const auto sent = orRaise(work(
             "send", true, [&](Client& live) { return live.sendUnsent(ClientId{id}, timeoutMs); }));
@@ -226,8 +226,8 @@ public:
 
     Client* clientOrNull() { return client_.get(); }
 
-    /// The client, for a call that is possible now and here; raises otherwise. `blocks`: it waits
-    /// for the server.
+    /// Returns the client for a call. Raises if the call is not possible now. `blocks`: the call
+    /// waits for the server.
     Client& client(const char* function, bool blocks = false) {
         if (isClosed())
             raise({ErrorCode::NotConnected, std::string(function) +
@@ -238,7 +238,8 @@ public:
     }
 
 private:
-    /// Calls `function` with the interpreter's lock let go. A close() within it is done at its end.
+    /// Calls `function` without the interpreter's lock. Finishes a close() that was called inside
+    /// it.
     template <class Function>
     std::invoke_result_t<Function, Client&> work(const char* name, bool blocks, Function function) {
         Client& live = client(name, blocks);
@@ -267,7 +268,7 @@ private:
                               takeEvents());
     }
 
-    // What was not sent is told as an event: whoever called close() has gone on.
+    // Reports unsent work as an event, because the caller of close() has continued.
     void closeDeferred() {
         const nb::tuple closed = closeNow(closeTimeoutMs_);
         for (const nb::handle event : nb::list(closed[1])) events_.append(event);
@@ -293,7 +294,7 @@ private:
     }
 
     std::unique_ptr<Client> client_;
-    int depth_ = 0;  // calls of this connection within one another
+    int depth_ = 0;  // number of nested calls of this connection
     bool closing_ = false;
     double closeTimeoutMs_ = 0;
     nb::list events_;
@@ -307,8 +308,8 @@ Client* usdlive::clientOf(nb::handle client) {
 }
 
 NB_MODULE(_usdlive, module) {
-    // A script that ends by an exception holds objects until the interpreter is gone; nanobind
-    // would blame the binding.
+    // A script that ends with an exception keeps objects until the interpreter ends; nanobind would
+    // report leaks of the binding.
     nb::set_leak_warnings(false);
     module.attr("__version__") = USDLIVE_VERSION;
     nb::register_exception_translator([](const std::exception_ptr& thrown, void*) {

@@ -1,3 +1,4 @@
+// Implements the verbs of `usdlive`.
 #include "Commands.h"
 
 #include <unistd.h>
@@ -64,7 +65,7 @@ Error noSuchLayer(const LayerId& layer) {
             "the project has no layer " + layer.value + "; `usdlive ls` lists its layers"};
 }
 
-/// The layer that a verb is about; empty: none was named.
+/// Returns the layer for the verb; empty if none was named.
 Result<LayerId> chosenLayer(const Link& link, const Common& options) {
     if (options.target.layers.empty()) return LayerId{};
     const LayerId& layer = options.target.layers.front();
@@ -91,7 +92,7 @@ Result<Answer> answer(Link& link) {
     return *std::move(answer);
 }
 
-/// Waits for the answer that `ask` asks for.
+/// Sends a request with `ask` and waits for its answer.
 template <class Answer, class Ask>
 Result<Answer> answerOf(Link& link, Ask ask) {
     std::optional<Result<Answer>> answer;
@@ -137,9 +138,9 @@ Result<Fetched> fetch(const CatOptions& options) {
     return Fetched{std::move(*link), *id, std::move(*layer)};
 }
 
-/// How log and watch show a commit.
+/// Options for printing a commit.
 struct CommitView {
-    LayerId layer;  ///< only its edits; empty: all
+    LayerId layer;  ///< only edits of this layer; empty: all
     std::size_t maxEdits = kEditsShown;
     bool json = false;
     Palette palette = Palette::of(STDOUT_FILENO);
@@ -169,16 +170,18 @@ Result<std::string> shown(const Commit& commit, Link& link, const CommitView& vi
     return view.text(commit, link);
 }
 
-// Commits up to this one are not there any more.
+// Commits up to this revision were removed.
 Revision baseOf(const Link& link) { return link.welcome().base.value_or(0); }
 
 void tellOfBase(Revision base) {
     if (base > 0)
-        std::cerr << "usdlive: the history begins at revision " << base
-                  << ": older commits were replaced by what the layers held then\n";
+        std::cerr
+            << "usdlive: the history begins at revision " << base
+            << ": older commits were replaced by the content of the layers at that revision\n";
 }
 
-// The latest `limit` commits of the layer, oldest first: page by page from the end.
+// Prints the latest `limit` commits of the layer, oldest first. Reads the history in pages from its
+// end.
 Result<void> showLatest(Link& link, std::size_t limit, const CommitView& view) {
     std::deque<std::string> texts;
     const Revision base = baseOf(link);
@@ -219,7 +222,7 @@ Result<void> showFrom(Link& link, Revision first, std::size_t limit, const Commi
     return {};
 }
 
-/// Prints commits in order. With JSON a commit waits for the big values that it names.
+/// Prints commits in order. With JSON, a commit waits for its big values.
 class Watcher {
 public:
     Watcher(Link& link, CommitView view) : link_(link), view_(std::move(view)) {}
@@ -231,7 +234,7 @@ public:
         for (const Edit& edit : commit.edits)
             forEachBlob(edit.action, [&](const Value& blob) { want(blob.hash()); });
     }
-    /// The server does not have it.
+    /// Call when the server does not have a big value.
     void failed(const Hash& hash) {
         for (Waiting& waiting : waiting_) waiting.blobs.erase(hash);
     }
@@ -323,7 +326,8 @@ Result<void> listProjects(const client::ServerAddress& server, const client::Lis
 
 using MakeEdits = std::function<std::vector<EditAction>(const LayerDoc&)>;
 
-/// Opens a layer and commits edits of its pseudo-root. False: there was nothing to commit.
+/// Opens a layer and commits edits of its pseudo-root. Returns false if there was nothing to
+/// commit.
 Result<bool> editRoot(Link& link, const LayerId& layer, const MakeEdits& makeEdits) {
     std::optional<Error> failed;
     const auto ran = [&](const auto& done) {
@@ -350,8 +354,8 @@ Result<bool> editRoot(Link& link, const LayerId& layer, const MakeEdits& makeEdi
     return true;
 }
 
-/// Whatever Kit and ours keep in a layer that stops others: its lock (LK1), the locks of specs
-/// (LK5) and Kit's of layers that a root layer holds, and mutes (MU1).
+/// Everything in a layer that prevents others from editing: its lock (LK1), and in a root layer the
+/// locks of specs (LK5), Kit's locks of layers, and mutes (MU1).
 struct Blockades {
     LayerLock lock;
     std::vector<EditAction> lockMap;
@@ -370,7 +374,7 @@ struct Blockades {
                 edits.push_back(std::move(edit));
         return edits;
     }
-    /// What was ended, in words: "the lock of ada, 2 locks of specs, 1 mute".
+    /// Describes the removed entries: "the lock of ada, 2 locks of specs, 1 mute".
     [[nodiscard]] std::string text() const {
         std::string text;
         const auto add = [&](const std::string& part) {
@@ -380,7 +384,7 @@ struct Blockades {
             return std::to_string(count) + " " + (count == 1 ? one : many);
         };
         if (lock.locked)
-            add(lock.holder.empty() ? "a lock of nobody" : "the lock of " + lock.holder.value);
+            add(lock.holder.empty() ? "a lock without holder" : "the lock of " + lock.holder.value);
         if (!lockMap.empty())
             add(counted(lockMap.size(), "layer lock of Kit", "layer locks of Kit"));
         if (!specs.empty()) add(counted(specs.size(), "lock of a spec", "locks of specs"));
@@ -389,7 +393,8 @@ struct Blockades {
     }
 };
 
-/// What a verb did to each layer: a sentence a line, or one JSON array of {layer, changed, ...}.
+/// Reports the result for each layer: one sentence per line, or one JSON array of {layer, changed,
+/// ...}.
 class Report {
 public:
     explicit Report(bool json) : json_(json) {}
@@ -411,7 +416,7 @@ private:
     Json all_ = Json::array();
 };
 
-/// Asks the server to do something with the files of layers.
+/// Requests an operation on the files of layers.
 template <class Answer, class Ask>
 auto askForFiles(const Common& options, Ask ask) -> Result<decltype(Answer::outcome)> {
     auto link = reach(options);
@@ -444,7 +449,7 @@ Result<void> reportFiles(const std::string& verb, Revision revision,
                                            " layers were not " + verb);
 }
 
-/// FI5
+/// Lists the files that are not served (FI5).
 Result<void> listSkipped(Link& link, bool json) {
     link.session().listSkipped();
     return answer<event::SkippedListed>(link).map([&](const event::SkippedListed& listed) {
@@ -461,7 +466,8 @@ Result<void> listSkipped(Link& link, bool json) {
     });
 }
 
-// The server sends layer states and presences before the answer to whatever is asked.
+// Waits for the layer states and presences, which the server sends before the answer to any
+// request.
 Result<void> waitForStates(Link& link) {
     return readLog(link, link.welcome().revision, link.welcome().revision).map([](const auto&) {});
 }
@@ -481,7 +487,7 @@ Result<void> list(const ListOptions& options) {
     std::vector<LayerId> layers;
     for (const auto& info : (*link)->welcome().layers) layers.push_back(info.layer);
     std::sort(layers.begin(), layers.end());
-    (void)waitForStates(**link);  // without history there are no states: names are enough
+    (void)waitForStates(**link);  // a server without history sends no states; the names are enough
     const auto& known = (*link)->session().layerStates();
     const Palette palette = Palette::of(STDOUT_FILENO);
     Json all = Json::array();
@@ -630,7 +636,7 @@ Result<void> unlockAll(const Common& options) {
     return fail(
         ErrorCode::Locked,
         std::to_string(failed) + " of " + std::to_string(layers.size()) +
-            " layers are as they were. Locks of others are for administrators to end: serve "
+            " layers were not changed. Only administrators can remove the locks of others: serve "
             "with --admin " +
             userOf(options).value);
 }
@@ -725,7 +731,7 @@ Error serve(char** arguments) {
     std::error_code ignored;
     const auto self = std::filesystem::read_symlink("/proc/self/exe", ignored);
     const std::string server = (self.parent_path() / "usdlive-server").string();
-    std::string name = "usdlive serve";  // in its help and errors
+    std::string name = "usdlive serve";  // used in its help and errors
     arguments[0] = name.data();
     execv(server.c_str(), arguments);
     return {ErrorCode::Internal, "cannot start " + server + ": " + std::strerror(errno)};

@@ -1,4 +1,4 @@
-// What each verb of `usdlive` does. The verbs print to standard output; the caller shows errors.
+// The verbs of `usdlive`. They print to standard output; the caller prints errors.
 #pragma once
 
 #include <cstddef>
@@ -12,27 +12,27 @@
 
 namespace usdlive::cli {
 
-/// What every verb has.
+/// The options of every verb.
 struct Common {
     Target target;
-    std::string user;  ///< in whose name; empty: the user of the system
+    std::string user;  ///< acts in the name of this user; empty: the user of the system
     bool json = false;
 };
 struct ListOptions : Common {
-    bool states = false;   ///< beside each layer what is known of it
-    bool skipped = false;  ///< instead of layers, files that are none and why
+    bool states = false;   ///< prints the state of each layer
+    bool skipped = false;  ///< lists files that are not served, with the reasons, instead of layers
 };
 struct CatOptions : Common {
     Revision revision = 0;
-    std::string checkpoint;  ///< instead of a revision
+    std::string checkpoint;  ///< used instead of a revision
 };
 struct LogOptions : Common {
-    Revision from = 0;  ///< 0: the latest
+    Revision from = 0;  ///< 0: the latest commits
     std::size_t limit = 20;
-    bool all = false;  ///< every edit of a commit
+    bool all = false;  ///< prints every edit of a commit
 };
 struct CompactOptions : Common {
-    std::optional<std::uint64_t> days;  ///< nothing: as the server was told
+    std::optional<std::uint64_t> days;  ///< not set: the server's setting
 };
 struct UnlockOptions : Common {
     bool all = false;
@@ -41,35 +41,35 @@ struct SaveOptions : Common {
     bool force = false;
 };
 struct MuteOptions : Common {
-    LayerId root;  ///< of the stages; the target's layers are muted there
+    LayerId root;  ///< root layer of the stages on which the target's layers are muted
 };
 struct CheckpointOptions : Common {
     std::string name;
 };
 
 Result<void> list(const ListOptions& options);
-/// Who is connected, with selection, edit target and time.
+/// Lists the connected users with selection, edit target and time.
 Result<void> who(const Common& options);
 Result<void> cat(const CatOptions& options);
 Result<void> tree(const CatOptions& options);
 Result<void> log(const LogOptions& options);
-/// Prints commits as they come, until SIGINT or SIGTERM.
+/// Prints new commits until SIGINT or SIGTERM.
 Result<void> watch(const Common& options);
-/// Locks or unlocks each layer. An error says who holds the lock.
+/// Locks or unlocks each layer. An error names the holder of the lock.
 Result<void> setLocked(const Common& options, bool locked);
-/// Ends all locks of layers and specs, and all mutes; the server lets administrators.
+/// Removes all locks of layers and specs, and all mutes. Only for administrators.
 Result<void> unlockAll(const Common& options);
 Result<void> save(const SaveOptions& options);
 Result<void> reload(const Common& options);
-/// Names the present revision of the project.
+/// Gives the current revision of the project a name.
 Result<void> createCheckpoint(const CheckpointOptions& options);
 Result<void> listCheckpoints(const Common& options);
-/// Has the server replace old commits by what the layers held then.
+/// Asks the server to replace old commits by a base.
 Result<void> compact(const CompactOptions& options);
-/// What takes the space of the server's disk.
+/// Prints the disk space of the server's store.
 Result<void> stat(const Common& options);
 Result<void> setMuted(const MuteOptions& options, bool muted);
-/// Becomes `usdlive-server`; returns only when that fails.
+/// Replaces this process by `usdlive-server`. Returns only if that fails.
 Error serve(char** arguments);
 
 }  // namespace usdlive::cli

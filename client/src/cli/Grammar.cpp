@@ -1,3 +1,4 @@
+// Builds the parser of the command line, its help and its shell completion.
 #include "Grammar.h"
 
 #include <algorithm>
@@ -11,11 +12,11 @@ namespace usdlive::cli {
 namespace {
 
 constexpr auto kUrl =
-    "URL is ws://HOST:PORT, HOST:PORT or dds://PROJECT; without it USDLIVE_URL, else\n"
-    "ws://127.0.0.1:7447. A server of several projects needs ws://HOST:PORT/PROJECT.\n"
+    "URL is ws://HOST:PORT, HOST:PORT or dds://PROJECT; the default is USDLIVE_URL, or\n"
+    "ws://127.0.0.1:7447. For a server with several projects use ws://HOST:PORT/PROJECT.\n"
     "The URL may name a layer: ws://HOST:PORT/LAYER.";
 
-/// Says in the help which words follow a verb.
+/// Prints the words that follow a verb in the help.
 class VerbFormatter final : public CLI::Formatter {
 public:
     explicit VerbFormatter(std::string words) : words_(std::move(words)) {}
@@ -39,7 +40,7 @@ T orWrongWords(Result<T> result) {
     return std::move(*result);
 }
 
-/// How many layers a verb takes.
+/// The number of layers that a verb accepts.
 struct Layers {
     std::size_t least = 0;
     std::size_t most = std::size_t(-1);
@@ -53,36 +54,35 @@ public:
     void addVerbs() {
         app_.add_subcommand("serve", "Serve the USD files of a folder; see usdlive serve --help");
         addList();
-        addPlain("who", "Who is connected, with selection, edit target and time", "[URL]", kNone,
-                 who);
-        addCat("cat", "A layer as text", cat);
-        addCat("tree", "The prims of a layer with their types", tree);
+        addPlain("who", "List the connected users with selection, edit target and time", "[URL]",
+                 kNone, who);
+        addCat("cat", "Print a layer as text", cat);
+        addCat("tree", "Print the prims of a layer with their types", tree);
         addLog();
-        addPlain("watch", "Commits as they come, until interrupted", "[URL] [LAYER]", kOptional,
-                 watch);
+        addPlain("watch", "Print new commits until interrupted", "[URL] [LAYER]", kOptional, watch);
         addSave();
-        addPlain("reload", "Take what is in the files, on the server, instead of what layers hold",
+        addPlain("reload", "Replace layers by the content of their files on the server",
                  "[URL] [LAYER...]", kAny, reload);
         addCheckpoint();
-        addPlain("checkpoints", "The named revisions of the project", "[URL]", kNone,
+        addPlain("checkpoints", "List the named revisions of the project", "[URL]", kNone,
                  listCheckpoints);
         addCompact();
-        addPlain("stat", "What takes the space on the server's disk, by kind and by layer", "[URL]",
+        addPlain("stat", "Print the used disk space of the server, by kind and by layer", "[URL]",
                  kNone, stat);
         addMute("mute", "Mute layers for everybody on the stages of a root layer", true);
-        addMute("unmute", "End the muting of layers", false);
+        addMute("unmute", "Unmute layers for everybody", false);
         addPlain("lock", "Lock layers: nobody else may edit them", "[URL] LAYER...", kSome,
                  [](const Common& options) { return setLocked(options, true); });
         addUnlock();
-        app_.add_subcommand("completion", "A script that completes these words: bash, zsh or fish");
-        app_.add_subcommand("help", "Help for a verb: usdlive help VERB");
+        app_.add_subcommand("completion", "Print a completion script for bash, zsh or fish");
+        app_.add_subcommand("help", "Print the help of a verb: usdlive help VERB");
     }
 
 private:
     using Words = std::vector<std::string>;
 
-    /// A verb with what all have. When it is chosen, `read` takes the words into the options, and
-    /// throws wrongWords(); then `run` gets the options.
+    /// Adds a verb with the common options. When it is chosen, `read` parses the words into the
+    /// options or throws wrongWords(), and `run` gets the options.
     template <class Options, class Read, class Run>
     CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
                   std::shared_ptr<Options> options, Read read, Run run) {
@@ -91,7 +91,8 @@ private:
         verb->footer(std::string("\n") + kUrl);
         auto words = std::make_shared<Words>();
         verb->add_option("WORDS", *words)->type_name("");
-        verb->add_option("-u,--user", options->user, "In whose name; else the user of the system")
+        verb->add_option("-u,--user", options->user,
+                         "Act in the name of this user; default: the user of the system")
             ->type_name("NAME")
             ->envname("USDLIVE_USER");
         verb->add_flag("--json", options->json, "Print JSON");
@@ -102,7 +103,7 @@ private:
         return verb;
     }
 
-    /// A verb that takes [URL] and layers.
+    /// Adds a verb that takes [URL] and layers.
     template <class Options, class Run>
     CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
                   Layers layers, std::shared_ptr<Options> options, Run run) {
@@ -124,12 +125,12 @@ private:
 
     void addList() {
         auto options = std::make_shared<ListOptions>();
-        auto* ls = add("ls", "The layers of the project; of dds://, the projects", "[URL]", kNone,
-                       options, list);
+        auto* ls = add("ls", "List the layers of the project, or the projects at dds://", "[URL]",
+                       kNone, options, list);
         auto* states = ls->add_flag("-l,--long", options->states,
-                                    "Beside each its state: changed, locked, who has it open");
+                                    "Also print the state of each layer: changed, locked, open");
         ls->add_flag("--skipped", options->skipped,
-                     "Files of the folder that are not served, and why, instead")
+                     "List the files that are not served, with the reasons, instead")
             ->excludes(states);
     }
 
@@ -137,23 +138,25 @@ private:
                 Result<void> (*run)(const CatOptions&)) {
         auto options = std::make_shared<CatOptions>();
         auto* cat = add(name, help, "[URL] LAYER", kOne, options, run);
-        auto* revision =
-            cat->add_option("-r,--revision", options->revision, "As it was then; 0 is now")
-                ->capture_default_str();
-        cat->add_option("-c,--checkpoint", options->checkpoint, "As it was at this checkpoint")
+        auto* revision = cat->add_option("-r,--revision", options->revision,
+                                         "Print the layer at this revision; 0 is the current one")
+                             ->capture_default_str();
+        cat->add_option("-c,--checkpoint", options->checkpoint,
+                        "Print the layer at this checkpoint")
             ->excludes(revision);
     }
 
     void addLog() {
         auto options = std::make_shared<LogOptions>();
-        auto* verb = add("log", "Who changed what when, the latest at the end", "[URL] [LAYER]",
+        auto* verb = add("log", "Print the commits, the latest at the end", "[URL] [LAYER]",
                          kOptional, options, log);
-        verb->add_option("--from", options->from, "From this revision on, instead of the latest")
+        verb->add_option("--from", options->from,
+                         "Start at this revision instead of the latest commits")
             ->check(CLI::Range(std::uint64_t(1), std::uint64_t(1) << 62).description(""));
-        verb->add_option("-n,--limit", options->limit, "At most so many commits")
+        verb->add_option("-n,--limit", options->limit, "The most commits to print")
             ->check(CLI::Range(std::uint64_t(1), std::uint64_t(1'000'000'000)).description(""))
             ->capture_default_str();
-        verb->add_flag("-a,--all", options->all, "Every edit of a commit");
+        verb->add_flag("-a,--all", options->all, "Print every edit of a commit");
     }
 
     void addUnlock() {
@@ -166,12 +169,12 @@ private:
                 wrongWords(
                     "name a layer: usdlive unlock [URL] LAYER...; `usdlive ls` lists the layers");
         };
-        auto* unlock = add("unlock", "End the lock of layers", "[URL] LAYER...", options, read,
+        auto* unlock = add("unlock", "Unlock layers", "[URL] LAYER...", options, read,
                            [](const UnlockOptions& chosen) {
                                return chosen.all ? unlockAll(chosen) : setLocked(chosen, false);
                            });
         unlock->add_flag("--all", options->all,
-                         "For administrators: end all locks of layers and specs, and all mutes");
+                         "Remove all locks of layers and specs, and all mutes; for administrators");
     }
 
     void addSave() {
@@ -179,28 +182,28 @@ private:
         auto* verb = add("save", "Write layers back to their files, on the server",
                          "[URL] [LAYER...]", kAny, options, save);
         verb->add_flag("-f,--force", options->force,
-                       "Also over what somebody else has put into the files");
+                       "Also overwrite changes that others have made to the files");
     }
 
     void addCheckpoint() {
-        // The last word is the name, which may have a colon as a URL has.
+        // The last word is the name, which may contain a colon like a URL.
         const auto read = [](Words words, CheckpointOptions& into) {
             if (words.empty()) wrongWords("name the checkpoint: usdlive checkpoint [URL] NAME");
             into.name = words.back();
             words.pop_back();
             into.target = orWrongWords(parseTarget(words));
         };
-        add("checkpoint", "Name the present revision, to find it again: cat --checkpoint",
-            "[URL] NAME", std::make_shared<CheckpointOptions>(), read, createCheckpoint);
+        add("checkpoint", "Give the current revision a name; see cat --checkpoint", "[URL] NAME",
+            std::make_shared<CheckpointOptions>(), read, createCheckpoint);
     }
 
     void addCompact() {
         auto options = std::make_shared<CompactOptions>();
-        auto* verb = add("compact",
-                         "Replace commits of long ago by what the layers held then, to save space",
-                         "[URL]", kNone, options, compact);
+        auto* verb =
+            add("compact", "Replace old commits by the content of the layers, to save space",
+                "[URL]", kNone, options, compact);
         verb->add_option("--days", options->days,
-                         "Those that are older; 0: all. If not given, as the server was told")
+                         "Replace commits older than this; 0: all; default: the server's setting")
             ->check(CLI::Range(std::uint64_t(0), std::uint64_t(100'000)).description(""));
     }
 
@@ -222,7 +225,7 @@ private:
         auto* mute = add(name, help, "[URL] ROOT LAYER...", std::make_shared<MuteOptions>(), read,
                          [muted](const MuteOptions& chosen) { return setMuted(chosen, muted); });
         mute->add_option("--root", *root,
-                         "The root layer of the stages, instead of the first layer named")
+                         "The root layer of the stages, instead of the first layer")
             ->type_name("LAYER");
     }
 
@@ -230,7 +233,7 @@ private:
     Command& chosen_;
 };
 
-// How many letters have to be inserted, removed, replaced or swapped with the next one.
+// Returns the number of letters to insert, remove, replace or swap with the next one.
 std::size_t distance(std::string_view left, std::string_view right) {
     std::vector<std::vector<std::size_t>> cost(left.size() + 1,
                                                std::vector<std::size_t>(right.size() + 1));
@@ -266,7 +269,7 @@ std::string bashScript(const CLI::App& app) {
     std::string flags;
     for (const std::string& verb : verbs(app))
         flags += "        " + verb + ") flags='" + flagsOf(*app.get_subcommand(verb)) + "' ;;\n";
-    // A URL has colons, at which bash splits words: it is not completed.
+    // URLs are not completed, because bash splits words at colons.
     return "# usdlive completion bash >/etc/bash_completion.d/usdlive\n"
            "_usdlive() {\n"
            "    local word=${COMP_WORDS[COMP_CWORD]} flags=\n"
@@ -329,10 +332,11 @@ std::unique_ptr<CLI::App> createGrammar(Command& chosen) {
     app->require_subcommand(1);
     app->set_version_flag("--version", "usdlive " USDLIVE_VERSION);
     app->footer(
-        "\nThe words after a verb are [URL] [LAYER...]; what has a colon is the URL. Without one:\n"
-        "USDLIVE_URL, else ws://127.0.0.1:7447. USDLIVE_USER is the default of --user.\n"
-        "usdlive help VERB says more.\n\n"
-        "Exit codes: 0 done; 1 it failed, wholly or in part; 2 the words are wrong.\n");
+        "\nThe words after a verb are [URL] [LAYER...]; a word with a colon is the URL. The "
+        "default\n"
+        "is USDLIVE_URL, or ws://127.0.0.1:7447. USDLIVE_USER is the default of --user.\n"
+        "See usdlive help VERB for the options of a verb.\n\n"
+        "Exit codes: 0: success; 1: failed, completely or in part; 2: wrong usage.\n");
     Grammar(*app, chosen).addVerbs();
     return app;
 }

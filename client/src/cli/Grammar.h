@@ -1,4 +1,4 @@
-// The words that `usdlive` understands: its verbs and their options.
+// The command line of `usdlive`: its verbs and their options.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -12,23 +12,23 @@
 
 namespace usdlive::cli {
 
-/// What was chosen on the command line; empty until something was parsed.
+/// The chosen command; empty before parsing.
 using Command = std::function<Result<void>()>;
 
-/// The parser. Parsing sets `chosen`, which has to outlive it.
+/// Returns the parser. Parsing sets `chosen`, which must outlive it.
 [[nodiscard]] std::unique_ptr<CLI::App> createGrammar(Command& chosen);
 
-/// The verbs of the parser, in the order of its help.
+/// Returns the verbs in the order of the help.
 [[nodiscard]] std::vector<std::string> verbs(const CLI::App& app);
 
-/// The verb of that name; nullptr: there is none.
+/// Returns the verb with that name, or nullptr.
 [[nodiscard]] const CLI::App* findVerb(const CLI::App& app, const std::string& name);
 
-/// The verb that `word` was probably meant to be; empty: nothing is like it.
+/// Returns the verb most similar to `word`, or an empty text if none is similar.
 [[nodiscard]] std::string similarVerb(const CLI::App& app, std::string_view word);
 
-/// A script that makes `shell` (bash, zsh, fish) complete verbs, options and layers. Empty: another
-/// shell.
+/// Returns a script for `shell` (bash, zsh, fish) that completes verbs, options and layers. Empty
+/// for other shells.
 [[nodiscard]] std::string completionScript(const CLI::App& app, std::string_view shell);
 
 }  // namespace usdlive::cli

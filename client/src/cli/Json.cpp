@@ -1,3 +1,4 @@
+// Converts layers, commits and states to JSON.
 #include "Json.h"
 
 #include <algorithm>
@@ -13,7 +14,7 @@ namespace usdlive::cli {
 
 namespace {
 
-// 0.1f is 0.1 and not 0.10000000149011612.
+// Prints a float with the fewest digits: 0.1f as 0.1 instead of 0.10000000149011612.
 Json numberToJson(float value) {
     if (!std::isfinite(value)) return number(value);
     return std::strtod(number(value).c_str(), nullptr);
@@ -37,7 +38,7 @@ Json elements(ByteReader& bytes, Element type, int count) {
     return all;
 }
 
-// One scalar that holds numbers: a number, [x, y, z], or a matrix by rows.
+// Converts one scalar: a number, [x, y, z], or a matrix by rows.
 Json numbers(ByteReader& bytes, const Shape& shape) {
     if (shape.count == 1) return element(bytes, shape.element);
     if (shape.row == 0) return elements(bytes, shape.element, shape.count);
@@ -47,7 +48,7 @@ Json numbers(ByteReader& bytes, const Shape& shape) {
     return rows;
 }
 
-// A body inside a leaf (V8), read as the field that it would be.
+// Reads the body inside a leaf (V8) as a field.
 Json body(ByteReader& bytes, ValueType type, usd::BlobSource& blobs) {
     const ByteView rest = bytes.take(bytes.left());
     Bytes field;
@@ -96,7 +97,7 @@ Json array(ByteReader& bytes, const Shape& shape) {
     return all;
 }
 
-// The bytes of a value, also of a big one; `held` keeps those.
+// Returns the bytes of a value. `held` keeps those of a big one alive.
 std::optional<ByteView> bytesOf(const Value& value, usd::BlobSource& blobs, SharedBytes& held) {
     if (!value.isBlob()) return value.bytes();
     held = blobs.blob(value.hash());
@@ -196,7 +197,7 @@ struct Actions {
     void operator()(const PlaceSpec& action) const { json["before"] = action.before; }
     void operator()(const SetField& action) const {
         field(action.field, action.part);
-        if (std::holds_alternative<ListItem>(action.part)) return;  // it is its own value
+        if (std::holds_alternative<ListItem>(action.part)) return;  // it has its own value
         json["type"] = typeText(action.value);
         json["value"] = toJson(action.value, blobs);
     }

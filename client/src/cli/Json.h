@@ -1,4 +1,4 @@
-// What the commands print with --json.
+// The JSON output of the commands.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -13,21 +13,22 @@ namespace usdlive::cli {
 
 using Json = nlohmann::ordered_json;
 
-/// The content of a field: numbers as numbers, vectors and arrays as arrays, matrices as arrays of
-/// rows, quaternions as [i, j, k, real], a block as null, time samples as [[time, value], ...].
-/// Numbers that JSON does not have are the texts "nan", "inf" and "-inf". A big value is taken from
-/// `blobs`; one that is not there is {"blob": hash, "bytes": size}.
+/// Returns the content of a field: numbers as numbers, vectors and arrays as arrays, matrices as
+/// arrays of rows, quaternions as [i, j, k, real], a block as null, time samples as [[time, value],
+/// ...]. Numbers that JSON does not have are the texts "nan", "inf" and "-inf". Big values are read
+/// from `blobs`; a missing one is {"blob": hash, "bytes": size}.
 [[nodiscard]] Json toJson(const FieldValue& value, usd::BlobSource& blobs);
 
-/// The type of a field's content as .usda writes it: `double`, `float3[]`, `dictionary`.
+/// Returns the type of a field's content as in .usda: `double`, `float3[]`, `dictionary`.
 [[nodiscard]] std::string typeText(const FieldValue& value);
 
-/// A commit with the edits of `layer` (all, if it is empty).
+/// Returns a commit with the edits of `layer`, or all edits if it is empty.
 [[nodiscard]] Json toJson(const Commit& commit, const LayerId& layer, usd::BlobSource& blobs);
-/// {"specs": [{"path", "kind", "fields": {name: {"type", "value"}}}]}, each spec before those below
-/// it.
+/// Returns {"specs": [{"path", "kind", "fields": {name: {"type", "value"}}}]}, parents before
+/// children.
 [[nodiscard]] Json toJson(const LayerDoc& doc, usd::BlobSource& blobs);
-/// The prims and variants as a tree: {"name", "path", "type", "specifier", "children": [...]}.
+/// Returns the prims and variants as a tree: {"name", "path", "type", "specifier", "children":
+/// [...]}.
 [[nodiscard]] Json treeToJson(const LayerDoc& doc);
 [[nodiscard]] Json toJson(const LayerState& state);
 [[nodiscard]] Json toJson(const Presence& presence);
@@ -35,7 +36,7 @@ using Json = nlohmann::ordered_json;
 [[nodiscard]] Json toJson(const HistoryCompacted& done);
 [[nodiscard]] Json toJson(const Storage& storage);
 
-/// One line. Bytes that are not UTF-8 are replaced.
+/// Returns the JSON on one line. Replaces bytes that are not UTF-8.
 [[nodiscard]] std::string line(const Json& json);
 
 }  // namespace usdlive::cli

@@ -1,3 +1,4 @@
+// A session of the command line tool with a server.
 #include "Link.h"
 
 #include <chrono>
@@ -23,7 +24,7 @@ client::Session::Options sessionOptions(UserName user) {
     options.client = client::newClientId();
     options.user = std::move(user);
     options.application = "usdlive command line";
-    std::erase(options.features, "conflation");  // every commit is shown
+    std::erase(options.features, "conflation");  // because every commit is printed
     return options;
 }
 
@@ -89,7 +90,7 @@ Result<std::vector<client::Event>> Link::step() {
     while (!session_->advance(kBudgetMs, nowMs())) {
     }
     auto events = session_->takeEvents();
-    // What was said before hanging up tells more than that it happened.
+    // An error that the server sent before closing explains more than the loss itself.
     if (const auto* error = lastWords(events)) lost = toError(*error);
     if (!lost) return events;
     if (std::exchange(open_, false)) {
@@ -140,7 +141,7 @@ Result<void> Link::fetchBlobs(const Commit& commit) {
     return fetchBlobs(std::move(named), false);
 }
 
-// `all`: one that the server does not have is an error.
+// `all`: a value that the server does not have is an error.
 Result<void> Link::fetchBlobs(std::set<Hash> missing, bool all) {
     std::erase_if(missing, [this](const Hash& hash) { return blobs_.contains(hash); });
     if (missing.empty()) return {};

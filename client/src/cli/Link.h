@@ -13,33 +13,33 @@
 
 namespace usdlive::cli {
 
-/// A session without an editor, for commands that ask a server something. One thread.
+/// A session without an editor, for commands that only query a server. One thread.
 class Link final : public client::SessionHost, public client::LayerView, public usd::BlobSource {
 public:
-    /// Connects and greets in the name of `user`. Fails at the first attempt: a person is waiting.
+    /// Connects in the name of `user`. Fails after the first attempt, because a person is waiting.
     static Result<std::unique_ptr<Link>> connect(const client::ServerAddress& server, UserName user,
                                                  double timeoutMs);
 
     [[nodiscard]] client::Session& session() { return *session_; }
     [[nodiscard]] const Welcome& welcome() const { return *session_->welcome(); }
 
-    /// Works for at most about 0.1 s, until something has come. An error: the connection is lost;
-    /// going on is possible, it is tried again.
+    /// Works until something is received, for at most about 0.1 s. An error means that the
+    /// connection is lost; further calls try to connect again.
     Result<std::vector<client::Event>> step();
-    /// From now on run() shows people how far the server is, where isForPeople().
+    /// Makes run() show the server's progress if isForPeople().
     void showProgress() { showsProgress_ = true; }
-    /// Works until `done`, telling it of each event.
+    /// Works until `done` returns true. Calls it with the events.
     Result<void> run(const std::function<bool(const std::vector<client::Event>&)>& done);
 
-    /// A layer at a revision (0: now), and the revision it stands at.
+    /// A layer at a revision (0: the current one), with the actual revision.
     struct Layer {
         LayerDoc doc;
         Revision revision = 0;
     };
     Result<Layer> fetch(const LayerId& layer, Revision revision);
-    /// Fetches the big values that the layer names.
+    /// Fetches the big values of the layer.
     Result<void> fetchBlobs(const LayerDoc& doc);
-    /// Fetches the big values that the commit names, as far as the server still has them.
+    /// Fetches the big values of the commit that the server still has.
     Result<void> fetchBlobs(const Commit& commit);
 
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
@@ -50,7 +50,7 @@ private:
     void send(SharedBytes frames) override;
     [[nodiscard]] SharedBytes localBlob(const Hash& hash) override { return blob(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool) override;
-    // It opens no layers.
+    // Never called, because this session opens no layers.
     void reset(const LayerId&, const LayerDoc&) override {}
     void apply(const LayerId&, const std::string&, const EditAction&) override {}
 

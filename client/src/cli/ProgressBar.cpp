@@ -1,3 +1,4 @@
+// Draws a progress bar on the terminal.
 #include "ProgressBar.h"
 
 #include <unistd.h>

@@ -1,4 +1,4 @@
-// Shows people at a terminal how far something is that takes long.
+// Shows the progress of slow operations on a terminal.
 #pragma once
 
 #include <chrono>
@@ -9,8 +9,8 @@
 
 namespace usdlive::cli {
 
-/// A line that is drawn over itself, from a second after its beginning on, and wiped off at the
-/// end. Everybody's clock is passed in.
+/// A line that is drawn repeatedly, starting one second after the beginning, and erased at the end.
+/// The time is passed in.
 class ProgressBar {
 public:
     using Time = std::chrono::steady_clock::time_point;
@@ -20,7 +20,7 @@ public:
     ProgressBar(const ProgressBar&) = delete;
     ProgressBar& operator=(const ProgressBar&) = delete;
 
-    /// `what` in a few words, without control characters; `total` 0: not known.
+    /// `what` is a short text without control characters; `total` is 0 if unknown.
     void show(std::string_view what, std::uint64_t done, std::uint64_t total, Time now);
     void wipe();
 
@@ -30,7 +30,7 @@ private:
     bool drawn_ = false;
 };
 
-/// Are both outputs terminals? A bar never goes where somebody else reads.
+/// Returns true if both outputs are terminals, so that no program reads the progress bar.
 [[nodiscard]] bool isForPeople();
 
 }  // namespace usdlive::cli

@@ -1,3 +1,4 @@
+// Parses the server and the layers of a command.
 #include "Target.h"
 
 #include <cstdlib>

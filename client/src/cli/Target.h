@@ -1,4 +1,4 @@
-// What the words behind a verb name: a server, and layers of its project.
+// The words after a verb: a server and layers of its project.
 #pragma once
 
 #include <string>
@@ -15,13 +15,13 @@ struct Target {
     std::vector<LayerId> layers;
 };
 
-/// Reads `[URL] [LAYER...]`. The first word is the server if it has a colon, which no layer's name
-/// has; without one the server is USDLIVE_URL, else ws://127.0.0.1:7447. A layer in the URL is the
-/// first layer. A path of several parts in the URL asks the server whether the first names one of
-/// its projects. InvalidArgument says which word is wrong.
+/// Reads `[URL] [LAYER...]`. The first word is the server if it contains a colon, which no layer
+/// name does. The default server is USDLIVE_URL, or ws://127.0.0.1:7447. A layer in the URL becomes
+/// the first layer. If the URL has a path of several parts, asks the server whether the first is
+/// one of its projects. Error: InvalidArgument names the wrong word.
 [[nodiscard]] Result<Target> parseTarget(const std::vector<std::string>& words);
 
-/// The server that is meant where none is named.
+/// Returns the default server.
 [[nodiscard]] std::string defaultServer();
 
 }  // namespace usdlive::cli

@@ -1,3 +1,4 @@
+// Writes colours for terminals.
 #include "Terminal.h"
 
 #include <unistd.h>

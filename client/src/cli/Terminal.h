@@ -1,4 +1,4 @@
-// Colour for people at a terminal; none in files, pipes and where NO_COLOR is set.
+// Colours for terminals. Files, pipes and terminals with NO_COLOR get none.
 #pragma once
 
 #include <string>
@@ -8,11 +8,12 @@ namespace usdlive::cli {
 
 enum class Colour { Bold = 1, Dim = 2, Red = 31, Green = 32, Yellow = 33, Cyan = 36 };
 
-/// A value. What paint() returns is the text alone when there is no colour.
+/// The colours of one output. A value; without colours, paint() returns the text unchanged.
 class Palette {
 public:
     Palette() = default;
-    /// For what is written to this file descriptor: colour if it is a terminal that has it.
+    /// Returns the palette of a file descriptor: with colours if it is a terminal that supports
+    /// them.
     static Palette of(int descriptor);
 
     [[nodiscard]] std::string paint(std::string_view text, Colour colour) const;

@@ -1,3 +1,4 @@
+// Formats edits, commits, states and reports as text.
 #include "Text.h"
 
 #include <algorithm>
@@ -14,7 +15,7 @@ namespace {
 
 constexpr std::size_t kMaxText = 60;  // of one value
 
-// Cuts at a character's beginning.
+// Cuts only between characters.
 std::string shortened(std::string_view text) {
     if (text.size() <= kMaxText) return std::string(text);
     std::size_t end = kMaxText;
@@ -22,7 +23,7 @@ std::string shortened(std::string_view text) {
     return std::string(text.substr(0, end)) + "...";
 }
 
-/// Short enough for a line, and without control characters.
+/// Returns a text that fits on a line, without control characters.
 std::string printable(std::string_view text) { return withoutControls(shortened(text)); }
 
 std::string inQuotes(std::string_view text, char quote) { return quote + printable(text) + quote; }
@@ -36,7 +37,7 @@ std::string tupleText(const Value& value, const Shape& shape) {
     return shape.count == 1 ? text : "(" + text + ")";
 }
 
-// `@asset@</prim>`, as both begin with these two.
+// Returns `@asset@</prim>`, which are the first two parts of both types.
 std::string arcText(const Value& value) {
     ByteReader bytes(value.bytes());
     const auto asset = bytes.text();
@@ -164,7 +165,7 @@ std::string padded(std::string_view text, std::size_t width) {
     return std::string(text) + std::string(text.size() < width ? width - text.size() : 0, ' ');
 }
 
-/// How a line about a revision begins.
+/// Returns the beginning of a line about a revision.
 std::string whoAndWhen(Revision revision, std::uint64_t timeMs, const std::string& user,
                        const Palette& palette) {
     return palette.paint("#" + padded(number(revision), 7), Colour::Yellow) +
@@ -172,7 +173,7 @@ std::string whoAndWhen(Revision revision, std::uint64_t timeMs, const std::strin
            palette.paint(padded(user.empty() ? "-" : user, 10), Colour::Cyan);
 }
 
-/// Bytes, for a person.
+/// Returns a size with a unit.
 std::string sizeText(std::uint64_t bytes) {
     constexpr std::array<const char*, 5> kUnits{"B", "KiB", "MiB", "GiB", "TiB"};
     double size = double(bytes);
@@ -356,7 +357,7 @@ std::string describe(const Storage& storage, const Palette& palette) {
         add(storage.bases, "base: the layers at revision " + std::to_string(storage.base));
     add(storage.snapshots, "snapshots of layers, to load them quickly");
     add(storage.blobBytes, "big values: " + std::to_string(storage.blobs));
-    add(storage.clients, "what clients have sent");
+    add(storage.clients, "transactions of clients");
     add(storage.records, "other records");
     add(storage.free, "free");
     std::vector<LayerStorage> layers = storage.layers;

@@ -1,4 +1,4 @@
-// What the commands print for people.
+// The text output of the commands.
 #pragma once
 
 #include <cstddef>
@@ -13,44 +13,44 @@
 
 namespace usdlive::cli {
 
-/// The text on one line, with control characters escaped.
+/// Returns the text on one line, with escaped control characters.
 [[nodiscard]] std::string withoutControls(std::string_view text);
 
-/// A value in a few words for a person: `(1, 2, 3)`, `"hello"`, `float3[1024]`. One line, no
+/// Returns a value as a short text: `(1, 2, 3)`, `"hello"`, `float3[1024]`. One line without
 /// control characters.
 [[nodiscard]] std::string describe(const FieldValue& value);
 
-/// What an edit does, without its layer: `/World/Ball.radius default = 2`.
+/// Returns an edit without its layer: `/World/Ball.radius default = 2`.
 [[nodiscard]] std::string describe(const Edit& edit);
 
-/// A commit: a line that says who and when, then one for each edit, at most `maxEdits` of them.
-/// With `layer`, only edits of that one.
+/// Returns a commit: a line with author and time, then one line for each edit, at most `maxEdits`.
+/// With `layer`, only edits of that layer.
 [[nodiscard]] std::string describe(const Commit& commit, std::size_t maxEdits, const LayerId& layer,
                                    const Palette& palette);
 
-/// Beside a layer's name: `  changed, locked by ada, open: ada bob`; empty when there is nothing.
+/// Returns the text after a layer's name: `  changed, locked by ada, open: ada bob`; may be empty.
 [[nodiscard]] std::string describe(const LayerState& state, const Palette& palette);
-/// A line: `ada  usdview  /World/Ball  in shot.usda  at 24`.
+/// Returns one line: `ada  usdview  /World/Ball  in shot.usda  at 24`.
 [[nodiscard]] std::string describe(const Presence& presence, const Palette& palette);
 
-/// A line: `#42  2026-01-02 03:04:05  ada  before lunch`.
+/// Returns one line: `#42  2026-01-02 03:04:05  ada  before lunch`.
 [[nodiscard]] std::string describe(const Checkpoint& checkpoint, const Palette& palette);
 
-/// What became of the history, in a line or two.
+/// Returns one or two lines about the result of compacting.
 [[nodiscard]] std::string describe(const HistoryCompacted& done);
-/// What the store takes: a line for each kind, then one for each layer, the largest first.
+/// Returns the used space: a line for each kind, then one for each layer, the largest first.
 [[nodiscard]] std::string describe(const Storage& storage, const Palette& palette);
 
-/// A line: `a:b.usda  the layer name ... holds a colon`.
+/// Returns one line: `a:b.usda  the layer name ... holds a colon`.
 [[nodiscard]] std::string describe(const SkippedFile& file);
 
-/// What is under way: `saving shot.usda`.
+/// Returns the current operation: `saving shot.usda`.
 [[nodiscard]] std::string describe(const client::event::Progress& progress);
 
-/// The prims of a layer as a tree with their types.
+/// Returns the prims of a layer as a tree with their types.
 [[nodiscard]] std::string describeTree(const LayerDoc& doc, const Palette& palette);
 
-/// Does the commit change this layer (empty: any)?
+/// Returns true if the commit changes this layer (empty: any layer).
 [[nodiscard]] bool concerns(const Commit& commit, const LayerId& layer);
 
 }  // namespace usdlive::cli

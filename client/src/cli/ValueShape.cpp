@@ -1,3 +1,4 @@
+// Names the types of values and reads the numbers in them.
 #include "ValueShape.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// What the bytes of a value are made of (V2, V3), and the names that the commands print.
+// The numbers inside the bytes of a value (V2, V3), and the type names that the commands print.
 #pragma once
 
 #include <array>
@@ -12,28 +12,28 @@
 
 namespace usdlive::cli {
 
-/// The names of edits' actions and of the lists of a list op, by index.
+/// The names of edit actions and of the lists of a list op, by index.
 inline constexpr std::array<std::string_view, 6> kActionNames{"create", "delete", "move",
                                                               "place",  "set",    "erase"};
 inline constexpr std::array<std::string_view, kListNames> kListOpNames{
     "explicit", "added", "prepended", "appended", "deleted", "ordered"};
 
-/// What a Specifier, Variability or Permission says, as .usda writes it. Nothing for other types
-/// and for bytes that do not fit.
+/// Returns a Specifier, Variability or Permission as in .usda. Nothing for other types and invalid
+/// bytes.
 [[nodiscard]] std::optional<std::string_view> enumText(ValueType type, ByteView bytes);
 
 /// The type of one number inside a value.
 enum class Element { None, Bool, UChar, Int, UInt, Int64, UInt64, Half, Float, Double };
 
-/// A type as .usda writes it, and the numbers that one value of it holds.
+/// A type's name in .usda, and the numbers of one value.
 struct Shape {
     std::string_view name;
-    Element element = Element::None;  ///< None: it holds no numbers
-    int count = 0;                    ///< of numbers
-    int row = 0;                      ///< of a matrix: numbers in a row; else 0
+    Element element = Element::None;  ///< None: it has no numbers
+    int count = 0;                    ///< of the numbers
+    int row = 0;                      ///< of a matrix: numbers per row; otherwise 0
 };
 
-/// Of a leaf's type without the flags for arrays and array edits.
+/// Returns the shape for a leaf's type without the flags for arrays and array edits.
 [[nodiscard]] Shape shapeOf(ValueType scalar);
 
 [[nodiscard]] constexpr ValueType scalarOf(ValueType type) {
@@ -46,13 +46,13 @@ struct Shape {
     return (std::uint16_t(type) & std::uint16_t(ValueType::ArrayFlag)) != 0;
 }
 
-/// Reads the next number and calls `use` with it as bool, an integer, float or double.
+/// Reads the next number and calls `use` with it as bool, integer, float or double.
 template <class Use>
 auto readElement(ByteReader& bytes, Element element, Use&& use);
 
 [[nodiscard]] float halfToFloat(std::uint16_t half);
 
-/// The shortest text that is this number again.
+/// Return the shortest text that reads back as the same number.
 [[nodiscard]] std::string number(float value);
 [[nodiscard]] std::string number(double value);
 [[nodiscard]] std::string number(std::uint64_t value);

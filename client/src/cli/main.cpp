@@ -59,7 +59,7 @@ int main(int argc, char** argv) {
     cli::Command chosen;
     const auto app = cli::createGrammar(chosen);
     const std::string_view verb = argc > 1 ? argv[1] : "--help";
-    // The server parses its own words, also --help.
+    // The server parses its own options, including --help.
     if (verb == "serve") return failed(cli::serve(argv + 1).message);
     if (verb == "help" && argc == 3 && std::string_view(argv[2]) == "serve") {
         char* words[] = {argv[2], const_cast<char*>("--help"), nullptr};
@@ -78,7 +78,8 @@ int main(int argc, char** argv) {
         return app->exit(asked);
     } catch (const CLI::Error& error) {
         return failed(std::string(error.what()) + ". `usdlive help" +
-                          (verb.starts_with('-') ? "" : " " + std::string(verb)) + "` says more",
+                          (verb.starts_with('-') ? "" : " " + std::string(verb)) +
+                          "` explains the usage",
                       kWrongWords);
     }
     const auto done = chosen();

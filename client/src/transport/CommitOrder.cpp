@@ -1,3 +1,4 @@
+// Orders the commits of the topic with the messages of the stream (DD5-DD7).
 #include "usdlive/client/transport/CommitOrder.h"
 
 #include <algorithm>
@@ -13,8 +14,8 @@ void CommitOrder::commit(Revision revision, std::uint64_t position, SharedBytes 
     const auto [entry, inserted] = held_.try_emplace(revision, Held{position, std::move(frame)});
     if (!inserted) return;
     heldBytes_ += entry->second.frame->size();
-    // Of those to come the last is asked for last; before the stream is live the first are the ones
-    // that the server sends by itself.
+    // Of future commits, the last is needed last. Before the stream is live, the server sends the
+    // first ones itself.
     while (held_.size() > 1 && (held_.size() > kHeldCommits || heldBytes_ > kHeldBytes))
         drop(live_ ? std::prev(held_.end()) : held_.begin());
 }
@@ -56,7 +57,7 @@ std::optional<Message> CommitOrder::takeCommit() {
     return message;
 }
 
-/// The last commit before which all are missing from `next_` on, or 0.
+/// Returns the last commit of the first gap from `next_` on, or 0 if there is no gap.
 Revision CommitOrder::lastMissing() const {
     if (!live_) return 0;
     if (!held_.empty()) return held_.begin()->first > next_ ? held_.begin()->first - 1 : 0;
@@ -85,7 +86,7 @@ std::optional<CommitOrder::Range> CommitOrder::toAsk(dds::TimePoint now) {
 
 std::optional<dds::TimePoint> CommitOrder::deadline() const {
     if (!missingSince_) return std::nullopt;
-    // All that was asked for has come, and there is more to ask for.
+    // All requested commits have arrived, and more are missing.
     const bool answered = asked_ != 0 && asked_ + 1 == next_;
     return answered ? *missingSince_ : *missingSince_ + kPatience;
 }

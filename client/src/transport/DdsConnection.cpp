@@ -1,3 +1,4 @@
+// Connects to a server over DDS.
 #include <algorithm>
 #include <atomic>
 #include <mutex>
@@ -24,18 +25,19 @@ using std::chrono::seconds;
 using std::chrono::steady_clock;
 
 constexpr auto kConnectTimeout = seconds(5);
-// A server says something every 2 s.
+// A server sends a sign of life every 2 s.
 constexpr auto kPeerTime = seconds(14);
 constexpr auto kKeepAlive = seconds(2);
-// Of a server that DDS takes for dead: on a busy machine it may only be late.
+// The grace time for a server that DDS reports as lost. On a busy machine it may only be late.
 constexpr auto kDoubtTime = seconds(3);
-// Until the server answers the first sample, which it may not have heard.
+// The pause between attempts until the server answers the first sample, which it may not have
+// received.
 constexpr auto kAskPause = milliseconds(20);
-// How long a connection that is let go may take to send what is queued and to say goodbye.
+// The time limit for sending the queue and the goodbye of a destroyed connection.
 constexpr auto kGoodbye = milliseconds(500);
-// A message of the server is one or more frames; the slack is for those beside the largest.
+// A message of the server has one or more frames. The extra space is for those beside the largest.
 constexpr std::size_t kMaxMessageBytes = kMaxFrameBytes + 8 * 1024 * 1024;
-// Taken from the mailbox in advance.
+// The limit of data that is taken from the mailbox in advance.
 constexpr std::size_t kWaitingBytes = 1024 * 1024;
 
 std::uint64_t positionOf(const dds::CommitSample& sample, std::uint64_t client) {
@@ -60,7 +62,7 @@ SharedBytes encoded(const ControlMessage& message) {
     return std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)}));
 }
 
-/// What the stream says of presences, alone in its message; none if it is nothing of the kind.
+/// Returns the presences of a message that contains nothing else; none for other messages.
 Presences presencesIn(const SharedBytes& message) {
     const auto frames = message ? splitMessage(*message) : std::vector<ByteView>{};
     if (!frames || frames->empty()) return {};
@@ -74,7 +76,7 @@ Presences presencesIn(const SharedBytes& message) {
 /// One connection from its first sample to its end. Belongs to the connection's thread.
 class Line {
 public:
-    /// `participant`: who speaks for the server. What others say in its name is ignored (DD13).
+    /// `participant` is the server's. Samples of others in its name are ignored (DD13).
     Line(const dds::Domain& domain, dds::WaitSet& waitSet, Mailbox& mailbox, std::uint64_t server,
          const dds::ParticipantId& participant, std::uint64_t client, std::uint64_t connection)
         : mailbox_(mailbox),
@@ -96,20 +98,21 @@ public:
     }
 
     [[nodiscard]] std::uint64_t server() const { return server_; }
-    /// Of the mailbox; 0: the server has not answered.
+    /// The generation in the mailbox; 0: the server has not answered.
     [[nodiscard]] std::uint64_t generation() const { return generation_; }
     [[nodiscard]] const std::optional<Error>& reason() const { return reason_; }
-    /// The first reason given stands.
+    /// Ends the connection. Only the first reason is kept.
     void end(std::string message) {
         if (!reason_) reason_ = Error{ErrorCode::NotConnected, std::move(message)};
     }
 
-    /// DDS says that the server has gone, and there may be another one in its place.
+    /// Call when DDS reports that the server is lost. `replaced`: another server has taken its
+    /// place.
     void doubt(TimePoint now, bool replaced) {
         if (replaced || now - heard_ >= kDoubtTime) end("the server has gone");
     }
 
-    /// From here on only what is queued leaves, then the goodbye.
+    /// Sends only the queued messages from now on, then the goodbye.
     void leave(TimePoint now) {
         if (generation_ == 0) return end("left");
         queue(true);
@@ -117,7 +120,7 @@ public:
         leaveBy_ = now + kGoodbye;
     }
 
-    /// Takes what has come and writes what is due.
+    /// Processes received samples and writes everything that is due.
     void work(TimePoint now) {
         takeReplies(now);
         takeBeside(now);
@@ -125,7 +128,7 @@ public:
         takeNews(now);
         deliver(now);
         if (now - heard_ >= (generation_ == 0 ? seconds(kConnectTimeout) : seconds(kPeerTime)))
-            end("nothing is heard of the server");
+            end("the server does not answer");
         if (leaveBy_ && (out_.isEmpty() || now >= *leaveBy_)) end("left");
         if (reason_) return acknowledgeGoodbye(now);
         if (generation_ == 0) return ask(now);
@@ -133,7 +136,7 @@ public:
         speak(now);
     }
 
-    /// When work() is due again, if nothing comes.
+    /// Returns the time when work() is due even if nothing is received.
     [[nodiscard]] TimePoint deadline() const {
         TimePoint earliest = spoke_ + (generation_ == 0 ? milliseconds(kAskPause) : kKeepAlive);
         for (const auto& due : {out_.deadline(), order_.deadline(), leaveBy_, order_.ackDue(),
@@ -143,7 +146,7 @@ public:
     }
 
 private:
-    // --- What comes
+    // --- Receiving
 
     template <class Sample>
     [[nodiscard]] bool isOurs(const Sample& sample, const dds::SampleInfo& info) const {
@@ -218,11 +221,11 @@ private:
 
     void deliver(const SharedBytes& bytes) {
         if (!bytes || bytes->empty()) return;
-        // The session resumes with what it has not fetched.
-        if (!mailbox_.message(bytes)) end("too much has come that nobody has fetched");
+        // The session resumes later with the messages that were not fetched.
+        if (!mailbox_.message(bytes)) end("too many received messages were not fetched");
     }
 
-    // --- What leaves
+    // --- Sending
 
     void queue(bool all) {
         while (all || out_.waitingBytes() < kWaitingBytes) {
@@ -272,7 +275,7 @@ private:
         write(sample, now);
     }
 
-    // A server that closes the session waits for it.
+    // A server that closes the session waits for this.
     void acknowledgeGoodbye(TimePoint now) {
         if (!order_.ackDue()) return;
         dds::SubmitSample sample{};
@@ -288,7 +291,7 @@ private:
         order_.replies().ackSent();
         besideIn_.ackSent();
         spoke_ = now;
-        // What is not taken is sent again with what is not acknowledged.
+        // A sample that DDS does not accept is sent again like an unacknowledged one.
         static_cast<void>(writer_.write(sample));
     }
 
@@ -306,7 +309,7 @@ private:
     NewsOrder news_;
     dds::SegmentReceiver besideIn_;
     dds::SegmentSender out_;
-    std::size_t unacknowledged_ = 0;  // bytes of the mailbox's in out_
+    std::size_t unacknowledged_ = 0;  // bytes of the mailbox's messages in out_
     std::uint64_t generation_ = 0;
     std::optional<Error> reason_;
     TimePoint heard_ = steady_clock::now();
@@ -366,13 +369,13 @@ private:
         }
     }
 
-    // Connects, and works until the connection is lost.
+    // Connects and works until the connection is lost. Returns the reason.
     Error attempt() {
         try {
             const auto server = findServer();
             if (!server)
                 return {ErrorCode::NotConnected,
-                        "no server of " + where() + " is heard of in DDS domain " +
+                        "no server of " + where() + " was found in DDS domain " +
                             std::to_string(settings_.domain) + " on " + settings_.interface};
             Line line(*domain_, waitSet_, mailbox_, *server, projects_.participantOf(*server),
                       client_, ++connections_);

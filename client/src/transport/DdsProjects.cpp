@@ -1,3 +1,4 @@
+// Finds the projects that are served over DDS.
 #include "DdsProjects.h"
 
 #include <algorithm>
@@ -11,7 +12,7 @@ namespace {
 
 using std::chrono::steady_clock;
 
-// More servers than these are not looked at.
+// The limit for servers; further ones are ignored.
 constexpr std::size_t kMostServers = 10'000;
 
 std::string fromEnvironment(const char* name) {
@@ -23,7 +24,7 @@ std::string fromEnvironment(const char* name) {
 
 void DdsProjects::update() {
     reader_.take([this](const dds::ProjectSample& sample, const dds::SampleInfo& info) {
-        // A server's number is its own until it has gone (DD13).
+        // The number of a server belongs to its participant until the server is gone (DD13).
         const auto known = servers_.find(sample.server);
         if (known != servers_.end() && !info.isOf(known->second.participant)) return;
         if (!info.alive)
@@ -70,7 +71,7 @@ Result<dds::DomainSettings> ddsSettings() {
         const auto [end, error] = std::from_chars(text.data(), last, settings.domain);
         if (error != std::errc{} || end != last)
             return fail(ErrorCode::InvalidConfiguration,
-                        "USDLIVE_DDS_DOMAIN is '" + text + "', which is no number");
+                        "USDLIVE_DDS_DOMAIN is '" + text + "', which is not a number");
     }
     return settings;
 }

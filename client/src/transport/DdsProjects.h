@@ -9,17 +9,17 @@
 
 namespace usdlive::client {
 
-/// The projects that are served in a domain, as far as they have been heard of (DD1).
+/// The projects announced in a domain (DD1).
 class DdsProjects {
 public:
     explicit DdsProjects(const dds::Domain& domain) : reader_(domain, "") {}
 
     [[nodiscard]] dds_entity_t reader() const { return reader_.get(); }
-    /// Takes what has come.
+    /// Processes received announcements.
     void update();
-    /// The server of the project that was started last, and speaks our protocol.
+    /// Returns the server of the project that started last and has our protocol version.
     [[nodiscard]] std::optional<std::uint64_t> serverOf(const std::string& project) const;
-    /// Who speaks for the server; zeros: it is not heard of.
+    /// Returns the participant of the server, or zeros if the server is unknown.
     [[nodiscard]] dds::ParticipantId participantOf(std::uint64_t server) const;
     [[nodiscard]] bool isAlive(std::uint64_t server) const { return servers_.contains(server); }
     [[nodiscard]] std::vector<DdsProject> all() const;

@@ -1,4 +1,4 @@
-// Asks a server over HTTP which projects it has.
+// Requests the projects of a server over HTTP.
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/core/flat_buffer.hpp>

@@ -16,17 +16,18 @@
 
 namespace usdlive::client {
 
-/// What a connection's thread and its owner share, with the mutex that guards it.
+/// Messages and state shared by a connection's thread and its owner, with their mutex.
 class Mailbox {
 public:
     using Happening = Connection::Happening;
 
-    // What leaves in one message, unless a single buffer is larger.
+    // The size limit of one sent message, unless a single buffer is larger.
     static constexpr std::size_t kBatchBytes = 1024 * 1024;
-    // Not fetched by poll(): above it reading pauses, the server hears of it, and in the end one of
-    // the two gives the connection up; the session resumes.
+    // The limit for messages not fetched by poll(). Above it reading pauses, which the server
+    // notices. In the end one side drops the connection, and the session resumes later.
     static constexpr std::size_t kMaxInboxBytes = 1024 * 1024 * 1024;
-    // Not taken by the server: above it the connection is given up; the session resumes.
+    // The limit for messages not taken by the server. Above it the connection is dropped, and the
+    // session resumes later.
     static constexpr std::size_t kMaxOutboxBytes = 1024 * 1024 * 1024;
 
     explicit Mailbox(Connection::Brings brings) : brings_(brings) {}
@@ -46,13 +47,13 @@ public:
         const std::lock_guard lock(mutex_);
         clearOutbox();
         open_.reset();
-        // Failed attempts that nobody looks at do not pile up: the latest says enough.
+        // Of failed attempts that were not fetched, only the latest is kept.
         if (!inbox_.empty() && std::holds_alternative<Connection::Lost>(inbox_.back().happening))
             inbox_.pop_back();
         inbox_.push_back({Connection::Lost{std::move(reason)}, generation_});
         arrived_.notify_all();
     }
-    // False: full, wait before reading on.
+    // Returns false if the inbox is full; wait before reading more.
     [[nodiscard]] bool message(SharedBytes bytes) {
         std::size_t size = bytes->size();
         Connection::Message message;
@@ -73,7 +74,7 @@ public:
         const std::lock_guard lock(mutex_);
         return inboxBytes_ < kMaxInboxBytes / 2;
     }
-    // What leaves in the next message; counted as queued until written().
+    // Returns the buffers of the next message. They count as queued until written().
     [[nodiscard]] std::vector<SharedBytes> takeBatch() {
         const std::lock_guard lock(mutex_);
         std::vector<SharedBytes> batch;
@@ -94,8 +95,8 @@ public:
     // --- the owner's thread ---
 
     enum class Queued { Dropped, Yes, Full };
-    // Frames are for the connection whose Opened the owner has fetched, never for a newer one: it
-    // would get them before its hello.
+    // Queues frames for the connection whose Opened the owner has fetched. A newer connection would
+    // receive them before its hello, so they are dropped then.
     [[nodiscard]] Queued queue(SharedBytes frames) {
         const std::lock_guard lock(mutex_);
         if (!open_ || *open_ != seen_) return Queued::Dropped;
@@ -126,7 +127,7 @@ public:
         const std::lock_guard lock(mutex_);
         return outboxBytes_;
     }
-    // The generation the owner takes for open.
+    // The generation of the connection that the owner considers open.
     [[nodiscard]] std::uint64_t seen() const {
         const std::lock_guard lock(mutex_);
         return seen_;
@@ -136,10 +137,10 @@ private:
     struct Entry {
         Happening happening;
         std::uint64_t generation;
-        std::size_t bytes = 0;  // about what it takes in memory
+        std::size_t bytes = 0;  // estimated memory
     };
 
-    // What is thrown here would end the connection's thread and tell nobody.
+    // Turns exceptions into errors, because they would end the connection's thread silently.
     ReceivedMessage read(ByteView message) {
         try {
             return reader_->read(message);
@@ -156,16 +157,16 @@ private:
         outboxBytes_ = 0;
     }
 
-    // The network's thread's.
+    // Used by the network thread only.
     const Connection::Brings brings_;
-    std::optional<MessageReader> reader_{std::in_place};  // of the present connection
+    std::optional<MessageReader> reader_{std::in_place};  // for the current connection
 
     mutable std::mutex mutex_;
     std::condition_variable arrived_;
     std::deque<Entry> inbox_;
     std::size_t inboxBytes_ = 0;
     std::deque<SharedBytes> outbox_;
-    std::size_t outboxBytes_ = 0;  // with the batch that is being written
+    std::size_t outboxBytes_ = 0;  // includes the batch that is being written
     std::uint64_t generation_ = 0;
     std::optional<std::uint64_t> open_;
     std::uint64_t seen_ = 0;

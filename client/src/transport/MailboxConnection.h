@@ -5,7 +5,7 @@
 
 namespace usdlive::client {
 
-/// The owner's side of a connection whose thread it shares a mailbox with.
+/// The owner's side of a connection. It shares a mailbox with the connection's thread.
 class MailboxConnection : public Connection {
 public:
     void send(SharedBytes frames) final {
@@ -14,7 +14,7 @@ public:
             case Mailbox::Queued::Yes:
                 return queued();
             case Mailbox::Queued::Full:
-                return drop(mailbox_.seen(), "it takes nothing any more");
+                return drop(mailbox_.seen(), "too many messages wait to be sent");
             case Mailbox::Queued::Dropped:
                 return;
         }
@@ -35,10 +35,10 @@ protected:
     MailboxConnection(ServerAddress address, Brings brings)
         : address_(std::move(address)), mailbox_(brings) {}
 
-    // On the owner's thread: there is something to write; there is room to read on.
+    // Called on the owner's thread when there is something to write, or room for reading.
     virtual void queued() = 0;
     virtual void madeRoom() = 0;
-    /// A connection that is newer than the one meant is left alone.
+    /// Drops this connection, but not a newer one.
     virtual void drop(std::uint64_t generation, std::string why) = 0;
 
     [[nodiscard]] std::string where() const {
@@ -46,7 +46,7 @@ protected:
         server.layer.clear();
         return server.url();
     }
-    /// What is told of a connection that was open.
+    /// Returns the error for the loss of an open connection.
     [[nodiscard]] Error lost(const std::string& why) const {
         return {ErrorCode::NotConnected, "lost the connection to " + where() + ": " + why};
     }

@@ -1,3 +1,4 @@
+// Holds back samples of layer states and presences until the session may use them.
 #include "usdlive/client/transport/NewsOrder.h"
 
 #include <algorithm>
@@ -63,7 +64,7 @@ void NewsOrder::presencesFrom(std::uint64_t number, const Presences& first, dds:
 Presences NewsOrder::takePresences(dds::TimePoint now) {
     Presences told;
     if (presencesFrom_ == 0) return told;
-    // It was this process that hung, and not they who fell silent.
+    // This process was suspended; the users were not silent.
     if (now - std::exchange(looked_, now) >= kPresenceTime)
         for (auto& [client, person] : people_) person.heard = now;
     for (auto entry = people_.begin(); entry != people_.end();) {

@@ -6,16 +6,16 @@
 
 namespace usdlive::client {
 
-/// How long to rest between attempts to connect: growing, with full jitter, so that the clients of
-/// a server that comes back do not all come at once.
+/// Computes the delay before the next attempt to connect. It increases, with full jitter, so that
+/// the clients of a restarted server do not all connect at once.
 class RetryDelay {
 public:
     static constexpr std::chrono::milliseconds kFirst{100};
     static constexpr std::chrono::milliseconds kLongest{5'000};
-    /// A connection that lasted this long was a good one: the next delay is a short one again.
+    /// After a connection that lasted this long, the delay is short again.
     static constexpr std::chrono::seconds kStableAfter{5};
 
-    /// After an attempt, or the connection it made, has lasted so long.
+    /// `lasted` is the duration of the last attempt, including its connection.
     [[nodiscard]] std::chrono::milliseconds next(std::chrono::steady_clock::duration lasted) {
         failures_ = lasted > kStableAfter ? 0 : failures_ + 1;
         const auto doubled = kFirst * (1 << std::min(std::max(failures_ - 1, 0), 10));

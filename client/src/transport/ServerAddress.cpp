@@ -1,3 +1,4 @@
+// Parses the addresses of servers, projects and layers.
 #include <array>
 #include <charconv>
 #include <optional>
@@ -38,7 +39,8 @@ struct HostAndPort {
     std::optional<std::string_view> port;
 };
 
-// `host`, `host:port`, `[::1]`, `[::1]:port`; nothing when the brackets do not match.
+// Splits `host`, `host:port`, `[::1]` and `[::1]:port`. Returns nothing if the brackets do not
+// match.
 std::optional<HostAndPort> splitAuthority(std::string_view text) {
     HostAndPort split;
     std::string_view rest;
@@ -61,7 +63,7 @@ bool isHost(std::string_view host) {
     return !host.empty() && host.find_first_of(" \t\r\n/@[]?#\\") == std::string_view::npos;
 }
 
-// What follows the slash of `rest`, if there is one.
+// Reads the layer after the slash in `rest`, if there is one.
 Result<ServerAddress> withLayer(ServerAddress address, std::string_view rest, std::size_t slash,
                                 const std::string& text) {
     if (slash == std::string_view::npos || slash + 1 == rest.size()) return address;
@@ -73,8 +75,8 @@ Result<ServerAddress> withLayer(ServerAddress address, std::string_view rest, st
     return address;
 }
 
-/// Reads the path of a WebSocket's URL: a project, a layer, or both. The first of several parts is
-/// read as part of the layer; see findProject().
+/// Reads the path of a WebSocket URL: a project, a layer, or both. Reads the first of several parts
+/// as a part of the layer; see findProject().
 Result<ServerAddress> withPath(ServerAddress address, std::string_view rest, std::size_t slash,
                                const std::string& text) {
     std::string_view path = slash == std::string_view::npos ? "" : rest.substr(slash + 1);
@@ -84,7 +86,7 @@ Result<ServerAddress> withPath(ServerAddress address, std::string_view rest, std
     if (path.empty() || path.find('/') != std::string_view::npos || parseLayerId(*decoded))
         return withLayer(std::move(address), rest, slash, text);
     if (*decoded == "." || *decoded == ".." || decoded->find('/') != std::string::npos)
-        return badAddress(text, "it names no project");
+        return badAddress(text, "it does not name a project");
     address.project = *decoded;
     return address;
 }
@@ -98,7 +100,7 @@ Result<ServerAddress> parseDds(const std::string& text) {
     address.dds = true;
     address.project = *project;
     if (project->empty() && slash != std::string_view::npos)
-        return badAddress(text, "it names no project");
+        return badAddress(text, "it does not name a project");
     return withLayer(std::move(address), rest, slash, text);
 }
 
@@ -120,17 +122,17 @@ Result<ServerAddress> parseServerAddress(const std::string& text) {
     if (text.starts_with(kDds)) return parseDds(text);
     auto rest = withoutScheme(text);
     if (!rest && text.find("://") == std::string::npos) rest = text;  // HOST:PORT
-    if (!rest) return badAddress(text, "it has to begin with ws://, usdlive:// or dds://");
+    if (!rest) return badAddress(text, "it must begin with ws://, usdlive:// or dds://");
 
     const auto slash = rest->find('/');
     const auto authority = splitAuthority(rest->substr(0, slash));
-    if (!authority || !isHost(authority->host)) return badAddress(text, "the host is not usable");
+    if (!authority || !isHost(authority->host)) return badAddress(text, "the host is invalid");
 
     ServerAddress address;
     address.host = authority->host;
     if (authority->port) {
         const auto port = parsePort(*authority->port);
-        if (!port) return badAddress(text, "the port has to be a number from 1 to 65535");
+        if (!port) return badAddress(text, "the port must be a number from 1 to 65535");
         address.port = *port;
     }
     return withPath(std::move(address), *rest, slash, text);

@@ -1,3 +1,4 @@
+// Finds the name of the current user.
 #include "usdlive/client/transport/SystemUser.h"
 
 #include <pwd.h>

@@ -1,3 +1,4 @@
+// Connects to a server over WebSocket.
 #include <algorithm>
 #include <boost/asio/as_tuple.hpp>
 #include <boost/asio/awaitable.hpp>
@@ -33,25 +34,25 @@ using std::chrono::seconds;
 using std::chrono::steady_clock;
 
 constexpr auto kConnectTimeout = seconds(10);
-// Beast pings after half of it without a byte from the peer, and gives up after all of it.
+// Beast pings after half of this time without data from the peer, and gives up after all of it.
 constexpr auto kIdleTimeout = seconds(10);
-// How long a connection that is let go may take to send what is queued and to say goodbye.
+// The time limit for sending the queue and the goodbye of a destroyed connection.
 constexpr auto kGoodbye = milliseconds(500);
 
-// A message of the server is one or more frames; the slack is for those beside the largest.
+// A message of the server has one or more frames. The extra space is for those beside the largest.
 constexpr std::size_t kMaxMessageBytes = kMaxFrameBytes + 8 * 1024 * 1024;
 
 constexpr auto kTuple = asio::as_tuple(asio::use_awaitable);
 
 using Stream = websocket::stream<beast::tcp_stream>;
 
-// One connection from its handshake to its end. Belongs to the network's thread; each coroutine
-// that uses it keeps it alive.
+// One connection from its handshake to its end. Belongs to the network thread; each coroutine that
+// uses it keeps it alive.
 struct Line {
     explicit Line(Stream stream) : stream(std::move(stream)), work(this->stream.get_executor()) {
         work.expires_at(steady_clock::time_point::max());
     }
-    // The first reason given stands.
+    // Ends the connection. Only the first reason is kept.
     void end(Error why) {
         if (!reason) reason = std::move(why);
         wake();
@@ -61,7 +62,7 @@ struct Line {
 
     Stream stream;
     asio::steady_timer
-        work;  // never expires: cancelled when there is something to write or to read for
+        work;  // never expires; cancelled when there is something to write or room for reading
     std::uint64_t generation = 0;
     std::optional<Error> reason;
 };
@@ -123,7 +124,7 @@ private:
         co_await pause_.async_wait(kTuple);
     }
 
-    // Connects, and reads until the connection is lost.
+    // Connects and reads until the connection is lost. Returns the reason.
     asio::awaitable<Error> attempt() {
         asio::ip::tcp::resolver resolver(context_);
         const auto [resolveError, endpoints] =
@@ -136,7 +137,8 @@ private:
         tcp.expires_after(kConnectTimeout);
         const auto [connectError, endpoint] = co_await tcp.async_connect(endpoints, kTuple);
         if (connectError) co_return finish(*line, describe("cannot reach", connectError));
-        // Without it Nagle and delayed acknowledgements hold small messages back for 40 ms.
+        // Without this, Nagle's algorithm and delayed acknowledgements delay small messages by 40
+        // ms.
         error_code noDelayError;
         tcp.socket().set_option(asio::ip::tcp::no_delay(true), noDelayError);
         if (noDelayError) co_return finish(*line, describe("cannot reach", noDelayError));
@@ -221,14 +223,14 @@ private:
                 line->end(lost(error.message()));
                 co_return;
             }
-            // Of a line that has ended meanwhile the mailbox has forgotten everything.
+            // After the end of this connection the mailbox has dropped everything.
             if (!line->reason) mailbox_.written(asio::buffer_size(buffers));
         }
         if (leaving_ && !line->reason)
             co_await line->stream.async_close(websocket::close_code::normal, kTuple);
     }
 
-    // From here on nobody listens: what is queued is sent, the peer is told, and the thread ends.
+    // The connection has no owner any more: sends the queue and the goodbye, then ends the thread.
     void sayGoodbye() {
         leaving_ = true;
         pause_.cancel();
@@ -247,10 +249,10 @@ private:
         context_.stop();
     }
 
-    // Of the network's thread.
+    // Used by the network thread only.
     asio::io_context context_{1};
     asio::steady_timer pause_;
-    std::shared_ptr<Line> line_;  // the present one, also while it is being made
+    std::shared_ptr<Line> line_;  // the current connection, also while it is being opened
     bool leaving_ = false;
 
     std::thread thread_;

@@ -1,3 +1,4 @@
+// Computes SHA-256 hashes and converts them to and from hexadecimal text.
 #include "usdlive/common/core/Hash.h"
 
 #include <cstring>
@@ -42,7 +43,7 @@ Hash sha256(std::initializer_list<ByteView> parts) {
 }  // namespace usdlive
 
 std::size_t std::hash<usdlive::Hash>::operator()(const usdlive::Hash& hash) const noexcept {
-    std::size_t first = 0;  // any part of a SHA-256 is as good as the whole
+    std::size_t first = 0;  // any part of a SHA-256 is equally well distributed
     std::memcpy(&first, hash.bytes.data(), sizeof first);
     return first;
 }

@@ -1,3 +1,4 @@
+// Checks the names of layers (LN1).
 #include "usdlive/common/core/LayerPath.h"
 
 #include <algorithm>
@@ -29,12 +30,12 @@ bool endsIn(std::string_view file, std::string_view ending) {
            std::ranges::equal(file.substr(file.size() - ending.size()), ending, {}, lowerCase);
 }
 
-// OpenUSD finds a file's format by its ending, whatever its case.
+// OpenUSD recognizes a file's format by its extension, in any case.
 bool isUsdFile(std::string_view file) {
     return endsIn(file, ".usd") || endsIn(file, ".usda") || endsIn(file, ".usdc");
 }
 
-// What speaks against the name, or nullptr.
+// Returns the reason why the name is invalid, or nullptr if it is valid.
 const char* problemOf(std::string_view text) {
     if (text.empty()) return "is empty";
     if (text.size() > kMaxLayerPathBytes) return "is longer than 1,024 bytes";

@@ -1,3 +1,4 @@
+// Encodes and decodes the path of a URL.
 #include "usdlive/common/core/PercentEncoding.h"
 
 namespace usdlive {

@@ -1,3 +1,4 @@
+// Computes a SHA-256 with OpenSSL.
 #include "usdlive/common/core/Sha256.h"
 
 #include <openssl/evp.h>
@@ -8,7 +9,7 @@ namespace usdlive {
 
 namespace {
 
-// Looked up once: EVP_sha256() is searched for anew at every use.
+// Fetched once, because EVP_sha256() searches for the implementation at every use.
 const EVP_MD* algorithm() {
     static const EVP_MD* const found = EVP_MD_fetch(nullptr, "SHA256", nullptr);
     return found;

@@ -1,3 +1,4 @@
+// Derives the colour of a user from a hash of the name (PS3).
 #include "usdlive/common/core/UserColour.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Validates UTF-8, reads code points and quotes text for messages.
 #include "usdlive/common/core/Utf8.h"
 
 #include <cstddef>
@@ -7,7 +8,7 @@ namespace usdlive {
 
 namespace {
 
-// Length of the well-formed sequence at `at`, 0 if there is none (Unicode, table 3-7).
+// Returns the length of the well-formed sequence at `at`, or 0 (Unicode, table 3-7).
 std::size_t sequenceLength(const unsigned char* at, std::size_t left) {
     const auto continues = [&](std::size_t index) { return (at[index] & 0xC0) == 0x80; };
     const unsigned char lead = at[0];
@@ -33,7 +34,7 @@ bool isUtf8(std::string_view text) {
     std::size_t left = text.size();
     while (left > 0) {
         std::uint64_t eight = 0;
-        if (left >= sizeof eight) {  // most text is ASCII: eight at a time
+        if (left >= sizeof eight) {  // most text is ASCII: check eight bytes at a time
             std::memcpy(&eight, at, sizeof eight);
             if ((eight & 0x8080808080808080U) == 0) {
                 at += sizeof eight;

@@ -1,3 +1,4 @@
+// Creates participants of Cyclone DDS, with a generated configuration or one from a file.
 #include "usdlive/common/dds/Domain.h"
 
 #include <dds/dds.h>
@@ -23,12 +24,12 @@ namespace usdlive::dds {
 
 namespace {
 
-// --- What Cyclone says
+// --- Messages of Cyclone DDS
 
 struct LogState {
     std::mutex mutex;
     DomainLog log;
-    std::string* capture = nullptr;  ///< while a domain is created: its errors
+    std::string* capture = nullptr;  ///< collects the errors while a domain is created
 };
 
 LogState& logState() {
@@ -54,7 +55,7 @@ void onLog(void*, const dds_log_data_t* data) {
     }
 }
 
-/// The errors said meanwhile; one at a time.
+/// Collects errors while it lives; one at a time.
 class Capture {
 public:
     Capture() {
@@ -102,15 +103,15 @@ bool isPlain(const std::string& name) {
                                 "0123456789._:@-") == std::string::npos;
 }
 
-/// Fast repair: by default Cyclone waits 100 ms before it asks for what is missing. A writer goes
-/// without waiting for readers that hang. Loopback has no MULTICAST flag but does it, and takes
-/// large packets.
+/// Repairs losses fast, because Cyclone DDS waits 100 ms by default before it requests missing
+/// samples. A writer closes without waiting for readers that do not respond. The loopback interface
+/// has no MULTICAST flag but supports it, and takes large packets.
 Result<std::string> ownConfig(const DomainSettings& settings) {
     const Interface found = findInterface(settings.interface);
     if (!isPlain(settings.interface) || !found.exists)
-        return fail(
-            ErrorCode::InvalidConfiguration,
-            "DDS: there is no network interface '" + settings.interface + "', but " + found.others);
+        return fail(ErrorCode::InvalidConfiguration, "DDS: there is no network interface '" +
+                                                         settings.interface +
+                                                         "'. Use one of: " + found.others);
     std::string security;
     if (!settings.securityFolder.empty()) {
         auto made = securityConfig(settings.securityFolder);
@@ -134,8 +135,8 @@ Result<std::string> ownConfig(const DomainSettings& settings) {
     return xml.str();
 }
 
-/// Cyclone takes XML that is cut short as far as it goes, and what is missing from its defaults:
-/// that is the machine's network.
+/// Cyclone DDS accepts truncated XML and uses defaults for the missing rest, which means the
+/// machine's default network. So this checks that the file is complete.
 Result<std::string> configOf(const std::string& path) {
     const auto wrong = [&](const std::string& what) {
         return fail(ErrorCode::InvalidConfiguration, "DDS: " + path + " " + what);
@@ -147,21 +148,21 @@ Result<std::string> configOf(const std::string& path) {
     text.erase(0, std::min(text.find_first_not_of(kSpace), text.size()));
     text.erase(text.find_last_not_of(kSpace) + 1);
     if (!text.starts_with("<") || !text.ends_with("</CycloneDDS>"))
-        return wrong("is no configuration of Cyclone DDS: it has to end with </CycloneDDS>");
+        return wrong("is not a configuration of Cyclone DDS: it must end with </CycloneDDS>");
     if (text.find("<NetworkInterface") == std::string::npos)
-        return wrong("does not say which NetworkInterface to use");
+        return wrong("does not name a NetworkInterface to use");
     return text;
 }
 
 // --- The domain
 
-// They are created, found and deleted one at a time.
+// Domains are created, found and deleted one at a time.
 std::mutex& domainsMutex() {
     static std::mutex mutex;
     return mutex;
 }
 
-/// A domain of Cyclone's, of which a process has one for each number.
+/// A domain of Cyclone DDS. A process has at most one for each number.
 class CycloneDomain {
 public:
     CycloneDomain(dds_entity_t domain, std::string config)
@@ -189,16 +190,17 @@ private:
     const dds_entity_t participant_;
 };
 
-/// A number that only this process sees: each domain object has its own, beside those of a host
-/// application, and tells the others by ExternalDomainId. But what others wrote, a configuration or
-/// permissions, names the real one, which all in the process then share.
+/// Returns a domain number that only this process uses. Each domain object has its own one, apart
+/// from those of a host application, and ExternalDomainId tells other processes the real one. A
+/// configuration file or permissions name the real number, which all objects of the process then
+/// share.
 dds_domainid_t localId(const DomainSettings& settings) {
     static std::atomic<dds_domainid_t> last{0x75736400};
     const bool isNamed = !settings.configFile.empty() || !settings.securityFolder.empty();
     return isNamed ? settings.domain : ++last;
 }
 
-/// Of each number the one that is there. The mutex is held.
+/// Returns the existing domain with this number. The caller holds the mutex.
 std::weak_ptr<CycloneDomain>& domainOf(dds_domainid_t id) {
     static std::map<dds_domainid_t, std::weak_ptr<CycloneDomain>> domains;
     std::erase_if(domains,
@@ -218,19 +220,20 @@ Result<std::string> cycloneConfig(const DomainSettings& settings) {
     if (settings.configFile.empty()) return ownConfig(settings);
     if (!settings.securityFolder.empty())
         return fail(ErrorCode::InvalidConfiguration,
-                    "DDS: with a configuration of its own, Cyclone DDS takes security from that");
+                    "DDS: use either a configuration file or a security folder. A configuration "
+                    "file has to contain the security settings");
     return configOf(settings.configFile);
 }
 
 Result<std::unique_ptr<Domain>> createDomain(const DomainSettings& settings) {
     if (settings.domain > kMaxDomain)
         return fail(ErrorCode::InvalidConfiguration,
-                    "DDS: a domain is a number up to " + std::to_string(kMaxDomain));
+                    "DDS: the domain must be a number up to " + std::to_string(kMaxDomain));
     const bool own = settings.configFile.empty();
     const auto config = cycloneConfig(settings);
     if (!config) return tl::unexpected(config.error());
 
-    std::shared_ptr<CycloneDomain> domain;  // let go when the mutex is free again
+    std::shared_ptr<CycloneDomain> domain;  // released after the mutex is unlocked
     const std::lock_guard lock(domainsMutex());
     const Capture said;
     const auto failed = [&](const std::string& what, const std::string& why) {
@@ -243,10 +246,12 @@ Result<std::unique_ptr<Domain>> createDomain(const DomainSettings& settings) {
     const dds_domainid_t id = localId(settings);
     domain = domainOf(id).lock();
     if (domain && domain->config() != *config)
-        return failed("cannot use", "this process is in the domain already, otherwise configured");
+        return failed("cannot use",
+                      "this process uses the domain already with another configuration");
     if (!domain) {
         const dds_entity_t made = dds_create_domain(id, config->c_str());
-        // Going on would make a domain with Cyclone's defaults, which is the machine's network.
+        // Continuing would create a domain with the defaults of Cyclone DDS, which means the
+        // machine's default network.
         if (made < 0) return failed("cannot use", dds_strretcode(-made));
         domain = std::make_shared<CycloneDomain>(made, *config);
         domainOf(id) = domain;

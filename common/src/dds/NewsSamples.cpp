@@ -1,3 +1,4 @@
+// Converts layer states and presences to DDS samples and back.
 #include "usdlive/common/dds/NewsSamples.h"
 
 #include <cmath>
@@ -11,11 +12,11 @@ namespace usdlive::dds {
 
 namespace {
 
-// As in control messages.
+// The limits are those of control messages.
 constexpr std::size_t kMaxName = 256, kMaxText = 64 * 1024, kMaxTexts = 64 * 1024;
 constexpr std::size_t kMatrix = 16;
 
-// A sample that is written is only read.
+// DDS does not change a sample that it writes.
 char* out(const std::string& text) { return const_cast<char*>(text.c_str()); }
 
 template <class Texts>
@@ -43,7 +44,7 @@ std::string hexOf(const std::array<float, 3>& colour) {
     return text;
 }
 
-/// Reads texts, of which none may be too long.
+/// Reads texts and notes whether one is too long.
 class TextReader {
 public:
     std::string operator()(const char* text, std::size_t most) {

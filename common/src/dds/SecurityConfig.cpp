@@ -1,3 +1,4 @@
+// Checks the files of DDS Security and writes the configuration that uses them.
 #include "SecurityConfig.h"
 
 #include <dds/dds.h>
@@ -17,8 +18,8 @@ namespace usdlive::dds {
 
 namespace {
 
-/// Where Cyclone's plug-ins for DDS Security are: beside its library, or in the folder that Debian
-/// gives them.
+/// Returns the folder with Cyclone's plug-ins for DDS Security: beside its library, or in Debian's
+/// folder.
 Result<std::string> securityPlugins() {
     Dl_info library{};
     if (::dladdr(reinterpret_cast<const void*>(&dds_create_domain), &library) != 0) {
@@ -47,7 +48,8 @@ std::string escaped(const std::string& text) {
     return xml;
 }
 
-/// What a file has to hold, as far as Cyclone would say it in no name or in many lines.
+/// Checks the content of a file, because the errors of Cyclone DDS do not name the file or are many
+/// lines long.
 Result<void> checkSecurityFile(const std::filesystem::path& path) {
     const auto wrong = [&](const std::string& what) {
         return fail(ErrorCode::InvalidConfiguration, "DDS: " + path.string() + " " + what);
@@ -58,12 +60,14 @@ Result<void> checkSecurityFile(const std::filesystem::path& path) {
     const auto needs = [&](const char* name, const char* element) {
         return path.filename() == name && text.find(element) == std::string::npos;
     };
-    if (needs("governance.p7s", "<domain_access_rules>")) return wrong("holds no governance");
-    if (needs("permissions.p7s", "<permissions>")) return wrong("holds no permissions");
+    if (needs("governance.p7s", "<domain_access_rules>"))
+        return wrong("contains no governance document");
+    if (needs("permissions.p7s", "<permissions>")) return wrong("contains no permissions document");
     return {};
 }
 
-/// Cyclone begins with any key, and then nobody trusts it.
+/// Checks that key and certificate match. Cyclone DDS starts with any key, but then no participant
+/// trusts it.
 Result<void> checkIdentity(const std::filesystem::path& folder) {
     const auto open = [&](const char* name) {
         return std::unique_ptr<FILE, int (*)(FILE*)>(std::fopen((folder / name).c_str(), "r"),
@@ -77,12 +81,12 @@ Result<void> checkIdentity(const std::filesystem::path& folder) {
     const std::unique_ptr<X509, void (*)(X509*)> certificate(
         certificateFile ? PEM_read_X509(certificateFile.get(), nullptr, nullptr, nullptr) : nullptr,
         X509_free);
-    if (!certificate) return wrong("identity.pem", "is no certificate");
+    if (!certificate) return wrong("identity.pem", "is not a certificate");
     const auto noPassword = [](char*, int, int, void*) { return 0; };
     const std::unique_ptr<EVP_PKEY, void (*)(EVP_PKEY*)> key(
         keyFile ? PEM_read_PrivateKey(keyFile.get(), nullptr, noPassword, nullptr) : nullptr,
         EVP_PKEY_free);
-    if (!key) return wrong("identity.key", "is no private key, or needs a password");
+    if (!key) return wrong("identity.key", "is not a private key, or needs a password");
     if (X509_check_private_key(certificate.get(), key.get()) != 1)
         return wrong("identity.key", "is not the key of identity.pem");
     return {};

@@ -6,9 +6,9 @@
 
 namespace usdlive::dds {
 
-/// The element Security of a configuration of Cyclone DDS, for a folder with kSecurityFiles.
-/// InvalidConfiguration: which of them is missing or wrong, as far as it can be told before they
-/// are used.
+/// Returns the Security element of a Cyclone DDS configuration, for a folder with kSecurityFiles.
+/// Error: InvalidConfiguration names the file that is missing or wrong, as far as it can be checked
+/// before use.
 [[nodiscard]] Result<std::string> securityConfig(const std::string& folder);
 
 }  // namespace usdlive::dds

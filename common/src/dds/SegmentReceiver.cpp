@@ -1,3 +1,4 @@
+// Receives a stream over DDS: orders segments, joins messages, schedules acknowledgements (DD4).
 #include "usdlive/common/dds/SegmentReceiver.h"
 
 #include <algorithm>
@@ -7,7 +8,7 @@ namespace usdlive::dds {
 
 bool SegmentReceiver::received(Segment segment, TimePoint now) {
     if (segment.sequence < next_ || held_.contains(segment.sequence)) {
-        ackDue_ = now;  // the sender does not know that it has arrived
+        ackDue_ = now;  // the sender missed the acknowledgement: send it again
         return true;
     }
     const std::size_t size = segment.bytes.size();
@@ -48,7 +49,8 @@ void SegmentReceiver::noteTaken(std::size_t bytes, TimePoint now) {
     bytesTaken_ += bytes;
     ++unackedSegments_;
     unackedBytes_ += bytes;
-    // The first one at once: the sender waits to hear whether anybody listens.
+    // The first segment is acknowledged at once, because the sender waits to learn whether anybody
+    // receives.
     const bool soon = next_ == 1 || unackedSegments_ >= kAckSegments || unackedBytes_ >= kAckBytes;
     const TimePoint due = soon ? now : now + kAckDelay;
     ackDue_ = ackDue_ ? std::min(*ackDue_, due) : due;

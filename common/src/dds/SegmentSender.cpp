@@ -1,3 +1,4 @@
+// Sends a stream over DDS: cuts segments, keeps the window, resends (DD4).
 #include "usdlive/common/dds/SegmentSender.h"
 
 #include <algorithm>
@@ -6,7 +7,7 @@ namespace usdlive::dds {
 
 namespace {
 
-// Small messages leave together up to this: a sample costs about as much as copying it.
+// Small messages are joined up to this size, because a sample costs about as much as copying this.
 constexpr std::size_t kJoinedBytes = 64 * 1024;
 
 }  // namespace
@@ -66,7 +67,7 @@ bool SegmentSender::acknowledged(std::uint64_t upTo, TimePoint now) {
 }
 
 void SegmentSender::dropWaiting() {
-    // A message of which a piece was sent has to be whole at the other end.
+    // A message that was partly sent must be completed.
     const bool begun = !waiting_.empty() && waiting_.front().offset > 0;
     waiting_.erase(waiting_.begin() + (begun ? 1 : 0), waiting_.end());
     waitingBytes_ = begun ? waiting_.front().left() : 0;
@@ -110,8 +111,9 @@ Segment SegmentSender::piece() {
     return segment;
 }
 
-/// How many of the messages that wait fit one segment: those behind the same commit, up to one
-/// after which commits come again. With what begins the news comes nothing else.
+/// Returns the number of waiting messages that fit into one segment. They belong to the same
+/// commit, up to one after which commits come again. A mark that starts states or presences gets a
+/// segment of its own.
 std::size_t SegmentSender::countThatJoin() const {
     std::size_t count = 1, bytes = waiting_.front().left();
     while (count < waiting_.size()) {

@@ -1,3 +1,4 @@
+// Creates topics, writers and readers of Cyclone DDS with the QoS of each kind.
 #include "usdlive/common/dds/Topics.h"
 
 #include <algorithm>
@@ -11,9 +12,9 @@ namespace usdlive::dds {
 
 namespace {
 
-// A server that dies is missed after this, a client by its silence.
+// A server that died is noticed after this time; a client is noticed by its silence.
 constexpr dds_duration_t kLiveliness = DDS_SECS(2);
-// What was said once and not again since is over.
+// A sample that is not repeated expires after this time.
 constexpr dds_duration_t kLifespan = DDS_MSECS(kPresenceTimeMs);
 
 using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
@@ -22,7 +23,7 @@ Qos newQos() { return Qos(dds_create_qos(), dds_delete_qos); }
 
 Qos qosOf(TopicKind kind, bool writer) {
     Qos qos = newQos();
-    // Nothing waits for a reader: what it has not acknowledged makes room for what is newer.
+    // Writers never wait for readers: a newer sample replaces an unacknowledged one.
     dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, 0);
     if (hasInstances(kind)) {
         dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, 1);
@@ -50,7 +51,7 @@ Qos qosOf(const std::string& partition) {
     return qos;
 }
 
-// Readers and writers keep what they need of it.
+// Creates a topic. Readers and writers hold references to it.
 Entity topicOf(const Domain& domain, const dds_topic_descriptor_t* descriptor, const char* name) {
     return Entity(dds_create_topic(domain.participant(), descriptor, name, nullptr, nullptr));
 }
@@ -134,7 +135,7 @@ void WaitSet::wait(std::chrono::nanoseconds time) {
 void WaitSet::wake() { dds_set_guardcondition(guard_.get(), true); }
 
 dds_sequence_octet octets(ByteView bytes) {
-    // A sample that is written is only read.
+    // DDS does not change a sample that it writes.
     auto* data = const_cast<std::uint8_t*>(bytes.data());
     const auto size = std::uint32_t(bytes.size());
     return {size, size, data, false};

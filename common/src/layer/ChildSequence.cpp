@@ -1,3 +1,5 @@
+// The children of a spec as copy-on-write blocks: one block for short lists, chunks with an index
+// for long ones.
 #include "usdlive/common/layer/ChildSequence.h"
 
 #include <algorithm>
@@ -9,15 +11,15 @@ namespace usdlive {
 
 namespace {
 
-constexpr std::size_t kSmall = 16;         // up to here names are found by looking at each
-constexpr std::size_t kChunkEntries = 64;  // of a long list
+constexpr std::size_t kSmall = 16;         // up to here names are searched one by one
+constexpr std::size_t kChunkEntries = 64;  // in a chunk of a long list
 constexpr std::size_t kShardEntries = 64;  // on average, before the shards are split
 
 std::size_t hashOf(std::string_view name) { return std::hash<std::string_view>{}(name); }
 
 bool orderBelow(const ChildEntry& entry, std::uint64_t order) { return entry.order < order; }
 
-// Grows by halves and not by doubling: most lists stay short, and there are many.
+// Grows by half instead of doubling, because there are many lists and most stay short.
 void makeRoom(std::vector<ChildEntry>& entries) {
     if (entries.size() == entries.capacity())
         entries.reserve(entries.size() + 1 + entries.size() / 2);
@@ -46,11 +48,12 @@ struct ChildSequence::Chunk : Shared {
     }
 };
 
-// Chunks in order, and an index from a name's hash to the order number. Both are cut into pieces
-// that copies share, so that a change copies one piece of each and the tables of references.
+// Holds chunks in order, and an index from a name's hash to the order number. Both are split into
+// blocks that copies share, so that a change copies one block of each and the tables of references.
 struct ChildSequence::Large : Shared {
     struct Slot {
-        // Orders from here on, up to the next slot's; the first slot has all below that.
+        // The slot holds the orders from `from` up to the next slot's. The first slot also holds
+        // all lower ones.
         std::uint64_t from;
         Ref<Chunk> chunk;
     };
@@ -63,7 +66,7 @@ struct ChildSequence::Large : Shared {
     };
 
     std::vector<Slot> slots;
-    std::vector<Ref<Shard>> shards;  // a power of two of them, by the hash's low bits
+    std::vector<Ref<Shard>> shards;  // a power of two, selected by the low bits of the hash
     std::size_t size = 0;
 
     [[nodiscard]] std::size_t slotOf(std::uint64_t order) const {
@@ -115,7 +118,7 @@ struct ChildSequence::Large : Shared {
         slots[at].chunk.editable().insert(std::move(entry));
     }
 
-    // Cuts a full chunk in two, or begins a new one behind the last; returns the slot for `order`.
+    // Splits a full chunk, or adds one after the last. Returns the index of the slot for `order`.
     std::size_t makeRoomIn(std::size_t at, std::uint64_t order) {
         const bool append = at + 1 == slots.size() && slots[at].chunk->entries.back().order < order;
         Ref<Chunk> upper(new Chunk);
@@ -217,7 +220,7 @@ std::vector<const ChildEntry*> ChildSequence::entriesNotSharedWith(
 
 bool ChildSequence::isInOrderOf(const ChildSequence& wanted) const {
     std::size_t theirBlock = 0;
-    std::size_t theirs = 0;  // in their block
+    std::size_t theirs = 0;  // index in the block of `other`
     for (std::size_t i = 0; i < blocks(); ++i) {
         if (theirBlock == wanted.blocks()) return true;
         if (theirs == 0 && &wanted.block(theirBlock) == &block(i)) {

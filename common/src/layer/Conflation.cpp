@@ -1,3 +1,4 @@
+// Drops edits whose register a later edit writes again (CF1).
 #include "usdlive/common/layer/Conflation.h"
 
 #include <algorithm>
@@ -10,14 +11,14 @@ namespace usdlive {
 
 namespace {
 
-/// What later edits write of one field whatever it held before.
+/// The parts of a field that later edits write, whatever it held before.
 struct Written {
     bool whole = false;
     std::set<std::vector<std::string>> keys;
     std::set<double> times;
 };
 
-// By path and field.
+// Keyed by path and field.
 using WrittenFields = std::map<std::pair<std::string, std::string>, Written>;
 
 bool isCovered(const Written& written, const FieldPart& part) {
@@ -28,8 +29,9 @@ bool isCovered(const Written& written, const FieldPart& part) {
     return sample && written.times.contains(sample->time);
 }
 
-/// Items of lists and maps have a place that depends on what was there, so they cover nothing; nor
-/// does erasing a part, which does nothing to a field of another form.
+/// Marks a part as overwritten. Items of lists and maps cover nothing, because their place depends
+/// on the earlier content. Erasing a part covers nothing either, because it does not change a field
+/// of another form.
 void cover(Written& written, const FieldPart& part, bool sets) {
     if (std::holds_alternative<std::monostate>(part)) written.whole = true;
     if (!sets) return;

@@ -1,3 +1,4 @@
+// Names the kinds of specs and finds the blobs of an edit.
 #include "usdlive/common/layer/Edit.h"
 
 namespace usdlive {

@@ -1,3 +1,4 @@
+// Computes the edits of one field's parts that turn one content into another.
 #include <map>
 #include <set>
 
@@ -13,11 +14,11 @@ struct ValueLess {
     bool operator()(const Value& left, const Value& right) const { return left < right; }
 };
 
-// An author sends so many parts where the whole would be shorter. Everybody applies them one by
-// one, and each may cost the size of the whole.
+// An author sends up to this many parts even if the whole is shorter. Every replica applies them
+// one by one, and each may cost as much as the whole.
 constexpr std::size_t kMostParts = 1000;
 
-// Gathers the parts by which one field differs, and what the whole would cost instead.
+// Collects the parts in which one field differs, and the size of the whole for comparison.
 class Difference {
 public:
     Difference(std::string_view field, bool authored) : field_(field), authored_(authored) {}
@@ -46,7 +47,7 @@ public:
     void run(const ListOp& from, const ListOp& to) {
         const bool sameForm = from.itemType == to.itemType && from.isExplicit == to.isExplicit;
         whole_ = !sameForm && !authored_;
-        const ListOp none;  // what the first item of another form leaves
+        const ListOp none;  // the content after the first item of another form
         for (std::size_t i = 0; i < kListNames && !whole_; ++i) {
             wholeSize_ += to.lists[i].size();
             compare(ListName(i), (sameForm ? from : none).lists[i], to.lists[i], to.itemType);
@@ -69,7 +70,7 @@ public:
 
     void run(const Value&, const Value&) { whole_ = true; }
 
-    // Sets first: what is erased last leaves nothing empty on the way.
+    // Sets come first, so that no erase leaves an empty field in between.
     std::vector<EditAction> take(const FieldValue& from, const FieldValue& to) {
         const std::size_t parts = sets_.size() + erases_.size();
         if (!whole_ && (parts <= (authored_ ? kMostParts : 1) || parts < wholeSize_)) {
@@ -120,8 +121,8 @@ private:
         }
     }
 
-    // The longest run of items that keep their order stays; the others are put in, from the back,
-    // so that the one they stand before is there.
+    // Keeps the longest run of items in order and inserts the others from the back, so that the
+    // next item is always in place.
     void compare(ListName list, const std::vector<Value>& from, const std::vector<Value>& to,
                  ValueType form) {
         if (from == to) return;
@@ -160,7 +161,8 @@ private:
     }
     void erase(FieldPart part) { erases_.push_back(EraseField{field_, std::move(part)}); }
 
-    // Tries the parts on a copy. Samples and dictionaries need no trial: they have but one order.
+    // Tries the parts on a copy. Samples and dictionaries need no trial, because they have only one
+    // order.
     [[nodiscard]] bool isExact(const FieldValue& from, const FieldValue& to) const {
         if (!from.as<ListOp>() && !from.as<Map>()) return true;
         FieldValue trial = from;
@@ -223,7 +225,7 @@ std::vector<EditAction> authoredParts(std::string_view field, const FieldValue* 
                                       const FieldValue* to) {
     if (!to) return fieldDifference(field, from, to);
     if (from && from->type() == to->type()) return compareContents(field, *from, *to, true);
-    // The first part makes the field one of the part's form.
+    // The first part changes the field to the part's form.
     const FieldValue none = to->visit(EmptyOf{});
     if (none == *to) return {SetField{std::string(field), {}, *to, ValueType::None}};
     return compareContents(field, none, *to, true);

@@ -1,3 +1,4 @@
+// Checks and applies edits of one field's parts (ED5, ED6).
 #include "usdlive/common/layer/FieldParts.h"
 
 #include <algorithm>
@@ -20,7 +21,8 @@ tl::unexpected<Error> misfit(const std::string& field, const char* problem) {
     return fail(ErrorCode::InvalidEdit, "the edit of the field " + inQuotes(field) + " " + problem);
 }
 
-// The fields of Sdf that list the children of a spec: they follow from the specs.
+// Returns true for the fields of Sdf that list a spec's children. The model derives them from the
+// specs.
 bool isChildrenField(std::string_view name) {
     constexpr std::string_view kNames[] = {
         "primChildren",    "properties",         "variantSetChildren",
@@ -35,41 +37,42 @@ bool isLeaf(const FieldValue& value) {
 }
 
 const char* problemOf(const DictionaryKey& part, const SetField& set) {
-    if (part.path.empty()) return "names no dictionary key";
+    if (part.path.empty()) return "has no dictionary key";
     const auto* dictionary = set.value.as<Dictionary>();
-    if (!dictionary && !isLeaf(set.value)) return "gives a dictionary key a value it cannot hold";
+    if (!dictionary && !isLeaf(set.value))
+        return "sets a dictionary key to a value that it cannot hold";
     const std::size_t depth = part.path.size() + (dictionary ? nesting(*dictionary) : 0);
-    return depth > kMaxNesting ? "nests dictionaries too deep" : nullptr;
+    return depth > kMaxNesting ? "nests dictionaries too deeply" : nullptr;
 }
 const char* problemOf(const SampleTime& part, const SetField& set) {
     if (!std::isfinite(part.time)) return "has a time that is not finite";
-    return isLeaf(set.value) ? nullptr : "gives a time sample a value it cannot hold";
+    return isLeaf(set.value) ? nullptr : "sets a time sample to a value that it cannot hold";
 }
 const char* problemOf(const ListItem& part, const SetField& set) {
     if (std::size_t(part.list) >= kListNames) return "names a list that does not exist";
     if (set.form == ValueType::None || part.item.type() != set.form)
-        return "puts an item of another type into a list";
+        return "inserts an item of another type into a list";
     return nullptr;
 }
 const char* problemOf(const MapKey& part, const SetField& set) {
     if (set.form == ValueType::None || part.key.type() != set.form)
         return "has a map key of another type";
-    return isLeaf(set.value) ? nullptr : "gives a map key a value it cannot hold";
+    return isLeaf(set.value) ? nullptr : "sets a map key to a value that it cannot hold";
 }
 const char* problemOf(std::monostate, const SetField& set) {
     return set.value.as<Value>() && !isLeaf(set.value) ? "has no value" : nullptr;
 }
 
-// D1: composition hangs on it.
+// D1: composition depends on it.
 Result<void> checkTimeCodes(const SetField& set) {
     const auto* value = set.value.as<Value>();
     if (!std::holds_alternative<std::monostate>(set.part) || !value ||
         value->type() != ValueType::Double || value->bytes().size() != sizeof(double))
-        return fail(ErrorCode::InvalidValue, "timeCodesPerSecond has to be a double");
+        return fail(ErrorCode::InvalidValue, "timeCodesPerSecond must be a double");
     double number = 0;
     std::memcpy(&number, value->bytes().data(), sizeof number);
     if (!std::isfinite(number) || number <= 0)
-        return fail(ErrorCode::ForbiddenValue, "timeCodesPerSecond has to be above 0");
+        return fail(ErrorCode::ForbiddenValue, "timeCodesPerSecond must be greater than 0");
     return {};
 }
 
@@ -93,7 +96,7 @@ Dictionary::Entry entryOf(const FieldValue& value) {
     return *value.as<Value>();
 }
 
-// As VtDictionary::EraseValueAtPath: dictionaries that get empty on the way go, too.
+// Erases dictionaries that become empty, too, as VtDictionary::EraseValueAtPath.
 void eraseKey(Dictionary& dictionary, const std::string* key, const std::string* end) {
     const auto found = dictionary.entries.find(*key);
     if (key + 1 != end) {
@@ -210,8 +213,9 @@ bool sameItem(const Value& left, const Value& right) {
 }
 
 Result<void> checkSet(bool pseudoRoot, const SetField& set) {
-    if (set.field.empty()) return misfit(set.field, "names no field");
-    if (isChildrenField(set.field)) return misfit(set.field, "sets what follows from the specs");
+    if (set.field.empty()) return misfit(set.field, "has no field name");
+    if (isChildrenField(set.field))
+        return misfit(set.field, "sets a list of children, which follows from the specs");
     if (pseudoRoot && set.field == "timeCodesPerSecond") return checkTimeCodes(set);
     const char* problem =
         std::visit([&](const auto& part) { return problemOf(part, set); }, set.part);
@@ -232,9 +236,9 @@ Result<void> checkAuthored(const SetField& set) {
 }
 
 Result<void> checkErase(const EraseField& erase) {
-    if (erase.field.empty()) return misfit(erase.field, "names no field");
+    if (erase.field.empty()) return misfit(erase.field, "has no field name");
     const auto* key = std::get_if<DictionaryKey>(&erase.part);
-    if (key && key->path.empty()) return misfit(erase.field, "names no dictionary key");
+    if (key && key->path.empty()) return misfit(erase.field, "has no dictionary key");
     const auto* item = std::get_if<ListItem>(&erase.part);
     if (item && std::size_t(item->list) >= kListNames)
         return misfit(erase.field, "names a list that does not exist");

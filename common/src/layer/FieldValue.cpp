@@ -1,3 +1,4 @@
+// Encodes and decodes the content of a field (V10), and finds the blobs in it.
 #include "usdlive/common/layer/FieldValue.h"
 
 #include <algorithm>
@@ -30,7 +31,7 @@ void appendBody(Bytes& out, const TimeSamples& samples);
 void appendBody(Bytes& out, const ListOp& listOp);
 void appendBody(Bytes& out, const Map& map);
 
-// A composite, whose size is known only when it is written.
+// Appends a composite value. Its size is patched in afterwards.
 template <class T>
 void append(Bytes& out, ValueType type, const T& composite) {
     appendHeader(out, type, Form::Inline, 0);
@@ -78,7 +79,7 @@ void appendBody(Bytes& out, const Map& map) {
     }
 }
 
-// ---- Reading what problemOfField() has nothing against
+// ---- Reading bytes that problemOfField() has accepted
 
 struct Header {
     ValueType type;

@@ -1,3 +1,4 @@
+// Checks that edits of authors can be saved as files and read back (ED8-ED11).
 #include "usdlive/common/layer/FileRules.h"
 
 #include <algorithm>
@@ -13,7 +14,7 @@ namespace usdlive {
 
 namespace {
 
-// The names of Sdf's value types, the old ones too. A unit test holds them to Sdf's own.
+// The names of Sdf's value types, including the old ones. A unit test compares them with Sdf.
 const std::unordered_map<std::string_view, ValueType>& scalarTypes() {
     using enum ValueType;
     static const std::unordered_map<std::string_view, ValueType> kTypes{
@@ -108,7 +109,7 @@ const std::unordered_map<std::string_view, ValueType>& scalarTypes() {
     return kTypes;
 }
 
-// Words that mean something else where a text has a type name.
+// Words with another meaning in the place of a type name in the text format.
 bool isKeyword(std::string_view name) {
     static constexpr std::string_view kWords[] = {"None",
                                                   "add",
@@ -155,7 +156,7 @@ bool isKeyword(std::string_view name) {
     return std::ranges::find(kWords, name) != std::end(kWords);
 }
 
-// `name` is identifiers with `separator` between them.
+// Returns true if `name` consists of identifiers with `separator` between them.
 bool isTypeName(std::string_view name, std::string_view separator) {
     if (isKeyword(name)) return false;
     for (;;) {
@@ -172,7 +173,8 @@ bool canBeWritten(SpecKind kind, std::string_view name) {
     return isTypeName(name, "::");
 }
 
-// Of numbers of one shape, those that are written alike: each can hold all of the ones before it.
+// Returns true if the text format writes both number types alike and `type` can hold every `value`.
+// In a family each type can hold all types before it.
 bool isWidened(ValueType value, ValueType type) {
     using enum ValueType;
     static constexpr std::array kFamilies{
@@ -205,7 +207,7 @@ bool isFloatingPoint(ValueType type) {
     return type == Half || type == Float || type == Double || type == TimeCode;
 }
 
-// Sdf reads no samples of a type that it does not know, and a default as its text.
+// For an unknown type, Sdf reads no samples and reads a default as its text.
 bool fitsDefault(std::optional<ValueType> type, ValueType value) {
     if (value == ValueType::AnimationBlock) return true;
     return fits(value, type.value_or(ValueType::Unregistered));
@@ -214,7 +216,7 @@ bool fitsSample(std::optional<ValueType> type, ValueType value) {
     return value == ValueType::Block || (type && fits(value, *type));
 }
 
-// The types of values that a dictionary has in a text.
+// Returns true for the value types of dictionaries in the text format.
 bool isInDictionaries(ValueType type) {
     using enum ValueType;
     constexpr auto kArray = std::uint16_t(ArrayFlag);
@@ -222,7 +224,7 @@ bool isInDictionaries(ValueType type) {
     return (element >= Bool && element <= Asset) || (element >= Matrix2d && element <= Double4);
 }
 
-// The key of what a dictionary cannot have; nullptr when it can have all.
+// Returns the key of a value that a dictionary cannot hold, or nullptr if there is none.
 const std::string* misplacedIn(const Dictionary& dictionary) {
     for (const auto& [key, entry] : dictionary.entries) {
         if (const auto* inner = std::get_if<Dictionary>(&entry)) {

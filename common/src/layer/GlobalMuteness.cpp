@@ -1,3 +1,5 @@
+// Reads and edits the layers that Kit mutes for everybody, in
+// `customLayerData:omni_layer:muteness`.
 #include "usdlive/common/layer/GlobalMuteness.h"
 
 #include <filesystem>

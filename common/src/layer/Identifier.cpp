@@ -1,3 +1,4 @@
+// Recognizes identifiers as OpenUSD defines them, with tables of Unicode.
 #include "Identifier.h"
 
 #include <algorithm>
@@ -33,7 +34,8 @@ bool isIn(const CodePointRange (&ranges)[N], char32_t point) {
     return after != std::begin(ranges) && point <= std::prev(after)->last;
 }
 
-// Takes one character of the class off the text; false if the text does not begin with one.
+// Removes one character of the class from the text. Returns false if the text does not begin with
+// one.
 bool take(std::string_view& text, std::uint8_t wanted) {
     if (text.empty()) return false;
     const auto first = static_cast<unsigned char>(text.front());
@@ -47,8 +49,8 @@ bool take(std::string_view& text, std::uint8_t wanted) {
            (wanted == kStart ? isIn(kIdentifierStart, *point) : isIn(kIdentifierContinue, *point));
 }
 
-// Is all the text of the class? Names are ASCII nearly always: those bytes are told by the table
-// alone.
+// Returns true if the whole text is of the class. Names are nearly always ASCII, for which the
+// table is enough.
 bool isAll(std::string_view text, std::uint8_t wanted) {
     while (!text.empty()) {
         std::size_t ascii = 0;

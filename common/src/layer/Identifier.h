@@ -4,11 +4,13 @@
 
 namespace usdlive {
 
-/// The names of PA1, as OpenUSD takes them, so that no replica fails at a spec the server accepted.
+/// PA1: returns true for names that OpenUSD accepts, so that no replica fails on a spec that the
+/// server accepted.
 [[nodiscard]] bool isIdentifier(std::string_view text);
-/// Identifiers with `:` between them.
+/// Returns true for identifiers separated by `:`.
 [[nodiscard]] bool isPropertyName(std::string_view text);
-/// What an identifier may go on with, `|` and `-` in any order, after a `.` or not; not empty.
+/// Returns true for a non-empty text of characters that can follow the first in an identifier, `|`
+/// and `-`, with an optional leading `.`.
 [[nodiscard]] bool isVariantName(std::string_view text);
 
 }  // namespace usdlive

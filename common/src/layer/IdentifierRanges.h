@@ -8,7 +8,7 @@ struct CodePointRange {
     char32_t last;
 };
 
-// Above U+007F, sorted: XID_Start and XID_Continue of Unicode, as OpenUSD has them.
+// XID_Start and XID_Continue of Unicode above U+007F, sorted, as in OpenUSD.
 // clang-format off
 inline constexpr CodePointRange kIdentifierStart[] = {
     {0xAA, 0xAA}, {0xB5, 0xB5}, {0xBA, 0xBA}, {0xC0, 0xD6}, {0xD8, 0xF6}, {0xF8, 0x2C1},

@@ -1,3 +1,4 @@
+// Makes the edits that empty Kit's map of locked layers.
 #include "usdlive/common/layer/KitLockMap.h"
 
 #include "OmniLayer.h"

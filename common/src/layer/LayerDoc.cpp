@@ -1,3 +1,4 @@
+// The tree of specs of a layer: lookup, edits with their checks (ED1-ED6), and rebuilding.
 #include "usdlive/common/layer/LayerDoc.h"
 
 #include <algorithm>
@@ -17,8 +18,7 @@ namespace {
 using Elements = std::span<const PathElement>;
 using Node = LayerDoc::Node;
 
-// PA1. Held for every spec, so that each can be addressed and no tree is deep enough to overflow
-// the stack of those who walk it.
+// PA1. Checked for every spec, so that each can be addressed and no tree is too deep for recursion.
 constexpr std::size_t kMaxPathBytes = 16 * 1024;
 constexpr std::size_t kMaxPathElements = 1024;
 
@@ -52,7 +52,7 @@ const Node* walk(const Node& root, Elements elements) {
     return node;
 }
 
-// By how much a child's path is longer than its parent's.
+// Returns the difference in length between a child's path and its parent's.
 std::size_t stepBytes(SpecKind parent, ChildList list, std::string_view name) {
     switch (list) {
         case ChildList::Prims:
@@ -67,13 +67,13 @@ std::size_t stepBytes(SpecKind parent, ChildList list, std::string_view name) {
     return 0;
 }
 
-// How far the longest path and the deepest spec below a node go beyond the node's own.
+// The distance from a node to the longest path and to the deepest spec below it.
 struct Extent {
     std::size_t bytes = 0;
     std::size_t elements = 0;
 };
 
-// Stops, with a part of the truth, when `budget` nodes have been looked at.
+// Stops with an incomplete result after `budget` nodes.
 Extent measure(const Node& node, std::size_t& budget) {
     Extent extent;
     if (budget == 0) return extent;
@@ -120,7 +120,7 @@ bool equal(const Node& left, const Node& right) {
     return true;
 }
 
-// Walks a subtree with the text of its paths growing and shrinking in one string.
+// Visits a subtree and keeps the current path in one string.
 class Walker {
 public:
     using View = LayerDoc::SpecView;
@@ -137,7 +137,7 @@ public:
         while (!levels_.empty()) {
             Level& level = levels_.back();
             path_.resize(level.pathBytes);
-            path_.back() = level.lastByte;  // a variant's name stands in its set's braces
+            path_.back() = level.lastByte;  // a variant's name is inside the braces of its set
             if (const ChildEntry* entry = level.nextChild()) {
                 specpath::extend(path_, kChildLists[level.list], entry->name);
                 const Node& child = *entry->node;
@@ -266,7 +266,7 @@ Fields::const_iterator fieldPosition(const Fields& fields, std::string_view name
 namespace {
 
 FieldValue& insertField(Fields& fields, std::string_view name) {
-    if (fields.size() == fields.capacity())  // mostly few, of many specs: no doubling at first
+    if (fields.size() == fields.capacity())  // most specs have few fields: no doubling at first
         fields.reserve(fields.size() + 1 + (fields.size() < 4 ? 0 : fields.size() / 2));
     return fields.emplace(fieldPosition(fields, name), name, FieldValue{})->second;
 }
@@ -275,7 +275,7 @@ FieldValue& insertField(Fields& fields, std::string_view name) {
 
 // --- Editor -----------------------------------------------------------------------------------
 
-// One edit of one spec.
+// Applies one edit to one spec.
 class LayerDoc::Editor {
 public:
     Editor(LayerDoc& doc, std::string_view path, Elements elements, By by)
@@ -316,14 +316,14 @@ public:
         const ChildEntry* entry = find();
         if (!entry) return noSpec(path_);
         if (move.parent.creation)
-            return fail(ErrorCode::InvalidEdit, "the new parent has to be given by its path");
+            return fail(ErrorCode::InvalidEdit, "a move must name the new parent by its path");
         const ChildList list = elements_.back().list;
         const auto parent = specpath::parse(move.parent.path);
         if (!parent) return tl::unexpected(parent.error());
         if (!hasParentPlace(move.parent.path, list)) return misplaced(entry->node->kind);
         if (!specpath::isName(list, move.name))
             return fail(ErrorCode::InvalidPath,
-                        inQuotes(move.name) + " is no name for such a spec");
+                        inQuotes(move.name) + " is not a valid name for this kind of spec");
         const std::string target = specpath::child(move.parent.path, list, move.name);
         const auto targetElements = specpath::parse(target);
         if (!targetElements) return tl::unexpected(targetElements.error());
@@ -390,7 +390,8 @@ private:
         return parent ? childOf(*parent, elements_.back()) : nullptr;
     }
 
-    // As walk() of the whole path; editableNode() need not look for the first names again.
+    // Walks the whole path and notes the order numbers, so that editableNode() need not search the
+    // names again.
     const Node* walkNoting() {
         const Node* node = doc_.root_.get();
         for (const PathElement& element : elements_) {
@@ -402,7 +403,7 @@ private:
         return node;
     }
 
-    // The node at a path that exists, with what leads to it no longer shared.
+    // Returns the node at an existing path for changes. Nothing on the path is shared afterwards.
     Node& editableNode(Elements elements) {
         Node* node = &doc_.root_.editable();
         for (std::size_t i = 0; i < elements.size(); ++i) {
@@ -413,7 +414,7 @@ private:
         return *node;
     }
 
-    // The list that holds the spec at a path whose parent exists.
+    // Returns the list that contains the spec. Precondition: the parent exists.
     ChildSequence& editableList(Elements elements) {
         return editableNode(elements.first(elements.size() - 1))
             .editableChildren(elements.back().list);
@@ -427,7 +428,7 @@ private:
                                                      " at " + inQuotes(path_));
     }
 
-    // Can `parent` be extended by a child of that list? The grammar of paths alone decides.
+    // Returns true if the path grammar allows a child of that list below `parent`.
     static bool hasParentPlace(std::string_view parent, ChildList list) {
         if (parent == "/") return list == ChildList::Prims;
         const ChildList last = specpath::last(parent).list;
@@ -455,7 +456,7 @@ private:
             return fail(ErrorCode::SpecExists, "there is a spec at " + inQuotes(target));
         if (!fits(*node, target.size(), targetElements.size()))
             return fail(ErrorCode::InvalidPath,
-                        "moved to " + inQuotes(target) + ", a path below would get too long");
+                        "a path below " + inQuotes(target) + " would become too long");
 
         applied.changed = true;
         std::string name(targetElements.back().name);
@@ -476,9 +477,9 @@ private:
             std::max(doc_.maxPathElements_, static_cast<std::uint32_t>(elements));
     }
 
-    // Do all paths below `node` stay valid when its own gets so long? Small subtrees are measured,
-    // of large ones the doc's bounds are taken; when these have grown too high, they are taken
-    // anew.
+    // Returns true if all paths below `node` stay valid when its own grows. Measures small
+    // subtrees. For large ones it uses the doc's bounds, and measures them again if they have
+    // become too high.
     bool fits(const Node& node, std::size_t bytes, std::size_t elements) {
         constexpr std::size_t kSmallSubtree = 256;
         std::size_t budget = kSmallSubtree;
@@ -512,14 +513,14 @@ private:
                         " and cannot have such a field " + inQuotes(set.field));
     }
     static tl::unexpected<Error> rootStays() {
-        return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
+        return fail(ErrorCode::InvalidEdit, "the pseudo-root cannot be deleted or moved");
     }
 
     LayerDoc& doc_;
     std::string_view path_;
     Elements elements_;
     By by_;
-    std::array<std::uint64_t, 16> orders_;  // of the specs on the way, the first `noted_`
+    std::array<std::uint64_t, 16> orders_;  // order numbers of the first `noted_` specs of the path
     std::size_t noted_ = 0;
 };
 
@@ -644,10 +645,10 @@ struct LayerDoc::Builder::State {
         std::uint32_t pathElements = 0;
     };
 
-    /// By id. Those of a doc are mostly dense, as they are handed out one after the other.
+    /// Finds nodes by id. The ids of a doc are mostly dense, because they are assigned in sequence.
     class Index {
     public:
-        /// nullptr when it is not there. Valid until the next call of add().
+        /// Returns nullptr if there is none. The pointer is valid until the next add().
         [[nodiscard]] const Built* find(NodeId id) const {
             if (id < dense_.size() && dense_[id].node) return &dense_[id];
             if (sparse_.empty()) return nullptr;
@@ -666,7 +667,7 @@ struct LayerDoc::Builder::State {
         [[nodiscard]] std::size_t count() const { return count_; }
 
     private:
-        // At most so many times what is used.
+        // The table has at most this many slots per used one.
         static constexpr std::size_t kSlotsEach = 4, kSlotsFirst = 32 * 1024;
 
         std::vector<Built> dense_;
@@ -681,8 +682,8 @@ struct LayerDoc::Builder::State {
         index.add(id, built);
     }
 
-    /// Begins with the fields of this node; those of the one before become its own, in one piece of
-    /// the right size.
+    /// Starts the fields of this node. Moves the fields of the previous node into it, in an
+    /// allocation of the right size.
     void gather(Node* node) {
         if (node == gathered) return;
         if (gathered)
@@ -695,12 +696,12 @@ struct LayerDoc::Builder::State {
 
     State() { add(kRootNode, {&root.editable(), 1, 0}); }
 
-    // The root is shared with nobody before finish(), nor is what is below.
+    // Before finish(), nothing of the tree is shared.
     Ref<Node> root{new Node(kRootNode, SpecKind::PseudoRoot)};
     Index index;
     NodeId highest = 0;
     Extent extent{0, 0};
-    Node* gathered = nullptr;  // whose fields are being added
+    Node* gathered = nullptr;  // the node that gets the current fields
     Fields gatheredFields;
 };
 
@@ -722,21 +723,21 @@ Result<void> LayerDoc::Builder::addSpec(NodeId node, NodeId parent, std::uint64_
     const auto problem = [&](ErrorCode code, const char* what) {
         return fail(code, "spec " + std::to_string(node) + ", " + inQuotes(name) + ": " + what);
     };
-    if (node == kRootNode && kind == SpecKind::PseudoRoot) return {};  // is there already
+    if (node == kRootNode && kind == SpecKind::PseudoRoot) return {};  // exists already
     const State::Built* above = state_->index.find(parent);
-    if (!above) return problem(ErrorCode::SpecNotFound, "no such parent");
+    if (!above) return problem(ErrorCode::SpecNotFound, "has no parent");
     const auto list = listFor(kind);
     if (node == 0 || !list || !hasList(above->node->kind, *list) || !specpath::isName(*list, name))
-        return problem(ErrorCode::InvalidEdit, "cannot stand there");
+        return problem(ErrorCode::InvalidEdit, "cannot be a child of that parent");
     ChildSequence& siblings = above->node->editableChildren(*list);
-    if (siblings.find(name)) return problem(ErrorCode::SpecExists, "is there already");
+    if (siblings.find(name)) return problem(ErrorCode::SpecExists, "exists already");
     if (siblings.hasOrder(order))
         return problem(ErrorCode::InvalidEdit, "a sibling has the same order number");
     const Extent extent{above->pathBytes + stepBytes(above->node->kind, *list, name),
                         above->pathElements + 1};
     if (extent.bytes > kMaxPathBytes || extent.elements > kMaxPathElements)
         return problem(ErrorCode::InvalidEdit, "its path is too long");
-    if (state_->index.find(node)) return problem(ErrorCode::SpecExists, "is there already");
+    if (state_->index.find(node)) return problem(ErrorCode::SpecExists, "exists already");
 
     const State::Built built{new Node(node, kind), static_cast<std::uint32_t>(extent.bytes),
                              static_cast<std::uint32_t>(extent.elements)};
@@ -753,7 +754,7 @@ Result<void> LayerDoc::Builder::addField(NodeId node, std::string_view name, Fie
     const bool isLast = fields.empty() || fields.back().first < name;
     const auto at = isLast ? fields.end() : fieldPosition(fields, name);
     if (!isLast && at->first == name)
-        return fail(ErrorCode::SpecExists, "the field " + inQuotes(name) + " is there already");
+        return fail(ErrorCode::SpecExists, "the field " + inQuotes(name) + " exists already");
     fields.emplace(at, name, std::move(value));
     return {};
 }

@@ -1,3 +1,4 @@
+// Computes the edits that turn one LayerDoc into another, including moves of specs.
 #include <algorithm>
 #include <stdexcept>
 #include <unordered_map>
@@ -13,7 +14,7 @@ namespace {
 using Node = LayerDoc::Node;
 using Edits = std::vector<std::pair<std::string, EditAction>>;
 
-// Where a spec stands.
+// The place of a spec: its parent and the list.
 struct ListPlace {
     NodeId parent = 0;
     ChildList list = ChildList::Prims;
@@ -21,8 +22,8 @@ struct ListPlace {
 };
 using Places = std::unordered_map<NodeId, ListPlace>;
 
-// Finds the specs of `to` that stand elsewhere in `from`, by their ids, looking only where the two
-// do not share structure. A guess that is wrong costs edits, never the result.
+// Finds the specs of `to` that have another place in `from`, by their ids. Looks only where the two
+// do not share structure. A wrong match costs edits but does not change the result.
 class Matching {
 public:
     Matching(const Node& from, const Node& to) {
@@ -32,12 +33,12 @@ public:
         }
     }
 
-    std::unordered_map<const Node*, NodeId> sources;  // by the spec of `to`
+    std::unordered_map<const Node*, NodeId> sources;  // keyed by the spec of `to`
     std::unordered_set<NodeId> moved;                 // the same ids
-    Places places;  // of those in `from`, of what is above them, and more
+    Places places;  // of those in `from`, of their ancestors, and more
 
 private:
-    // Two nodes that are the same spec. A child of the same name and id is the same as well.
+    // Compares two nodes of the same spec. Children with the same name and id are the same, too.
     void compare(const Node& from, const Node& to) {
         if (&from == &to) return;
         for (const ChildList list : kChildLists) {
@@ -92,8 +93,7 @@ private:
         return true;
     }
 
-    // What has found no partner may still have something below that has one. There is nothing to
-    // find when all of one side have partners.
+    // Searches below specs without a match. Stops when all specs of one side are matched.
     bool expand() {
         const bool anyGone = gone_.size() > moved.size();
         const bool anyNew = new_.size() > moved.size();
@@ -127,10 +127,10 @@ private:
 
 }  // namespace
 
-// Makes the edits, from the root down, and tries each structural one on a working copy of `from`,
-// so that what it does next is right whatever was necessary before. Below a spec that has been put
-// into its place, paths are those of `to`. What has to leave but holds something that is wanted
-// elsewhere gets a name out of the way first, and is deleted at the end.
+// Makes the edits from the root down. Tries each structural edit on a working copy of `from`, so
+// that every next step starts from the actual state. Below a spec that is in its place, paths are
+// those of `to`. A spec that has to be deleted but contains a wanted one is first renamed to a free
+// name and deleted at the end.
 class LayerDocDiff {
 public:
     LayerDocDiff(const LayerDoc& from, const LayerDoc& to)
@@ -152,7 +152,7 @@ private:
         const Node* to;
     };
 
-    // `path` holds the spec that is `to`; makes it and all below alike.
+    // Makes the spec at `path` and everything below it equal to `to`.
     void align(const Node& to, const std::string& path, const ListPlace& place) {
         const Node* node = at(path);
         if (node == &to) return;
@@ -198,7 +198,7 @@ private:
             align(*entry->node, specpath::child(path, list, entry->name), {id, list, entry->name});
     }
 
-    // Brings the spec that is `entry` to its place, or one that can become it.
+    // Moves or creates the spec `entry` at its place, or keeps one there that can become it.
     void alignEntry(const std::string& path, ChildList list, const ChildEntry& entry) {
         const Node* parent = at(path);
         const ChildEntry* there = parent->children(list).find(entry.name);
@@ -217,7 +217,7 @@ private:
     void create(const std::string& path, SpecKind kind) { mustApply(path, CreateSpec{kind}); }
 
     bool move(NodeId id, const std::string& parent, ChildList list, const std::string& name) {
-        if (!pending_.contains(id)) return false;  // it went with something that was deleted
+        if (!pending_.contains(id)) return false;  // it was deleted together with an ancestor
         pending_.erase(id);
         if (!apply(pathOf(id), MoveSpec{{parent, {}}, name})) return false;
         matching_.places[id] = {at(parent)->id, list, name};
@@ -241,7 +241,7 @@ private:
         for (const NodeId id : mustApply(path, DeleteSpec{}).erased) pending_.erase(id);
     }
 
-    // Is it, or is something below it, to be moved elsewhere?
+    // Returns true if the spec, or one below it, has to be moved elsewhere.
     [[nodiscard]] bool holdsPending(NodeId id) const {
         if (pending_.contains(id)) return true;
         return std::any_of(pending_.begin(), pending_.end(), [&](NodeId below) {
@@ -267,7 +267,8 @@ private:
         for (const auto& name : names) remove(specpath::child(leftover.path, leftover.list, name));
     }
 
-    // All of `wanted` are there. The longest run of those that follow each other already stays.
+    // Sorts the children as in `wanted`; all of them exist. Keeps the longest run that is in order
+    // already.
     void alignOrder(const std::string& path, ChildList list, const ChildSequence& wanted) {
         if (at(path)->children(list).isInOrderOf(wanted)) return;
         std::unordered_map<std::string_view, std::size_t> positions;
@@ -284,7 +285,8 @@ private:
                           PlaceSpec{i + 1 < entries.size() ? entries[i + 1]->name : ""});
     }
 
-    // Valid until the next structural edit. Mostly asked for the same path several times.
+    // Returns the node at `path`. Valid until the next structural edit. Cached, because the same
+    // path is often requested several times.
     [[nodiscard]] const Node* at(const std::string& path) {
         if (atNode_ && atPath_ == path) return atNode_;
         atNode_ = work_.root_.get();
@@ -319,7 +321,7 @@ private:
     LayerDoc work_;
     const LayerDoc& to_;
     Matching matching_;
-    std::unordered_set<NodeId> pending_;  // to be moved, and not yet in their places
+    std::unordered_set<NodeId> pending_;  // have to be moved and are not in their places yet
     std::vector<Leftover> leftovers_;
     std::uint64_t names_ = 0;
     std::string atPath_;

@@ -1,3 +1,4 @@
+// Reads and edits the lock of a layer in its custom layer data (LK1).
 #include "usdlive/common/layer/LayerLock.h"
 
 #include <array>

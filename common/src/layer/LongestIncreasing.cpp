@@ -1,3 +1,4 @@
+// Finds a longest increasing subsequence by patience sorting.
 #include "usdlive/common/layer/LongestIncreasing.h"
 
 #include <algorithm>
@@ -5,7 +6,7 @@
 namespace usdlive {
 
 std::vector<bool> longestIncreasing(const std::vector<std::size_t>& numbers) {
-    std::vector<std::size_t> ends;  // ends[n]: where the run of n+1 numbers ends that ends lowest
+    std::vector<std::size_t> ends;  // ends[n]: index of the smallest number that ends a run of n+1
     std::vector<std::size_t> previous(numbers.size(), kNotThere);
     for (std::size_t i = 0; i < numbers.size(); ++i) {
         if (numbers[i] == kNotThere) continue;

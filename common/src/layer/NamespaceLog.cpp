@@ -1,3 +1,4 @@
+// Translates paths through recorded moves and deletes (M3).
 #include <algorithm>
 
 #include "usdlive/common/layer/TransactionExecutor.h"
@@ -6,7 +7,7 @@ namespace usdlive {
 
 namespace {
 
-constexpr std::uint64_t kFew = 32;  // entries, that are as quickly looked at as looked up
+constexpr std::uint64_t kFew = 32;  // so few entries are searched one by one
 
 }  // namespace
 
@@ -54,7 +55,7 @@ std::optional<std::string> NamespaceLog::translateFrom(const LayerId& layer, std
     return path;
 }
 
-// The first entry from `mark` on that moved or deleted the spec at `path` or one above it.
+// Returns the first entry from `mark` on that moved or deleted the spec at `path` or an ancestor.
 std::optional<std::uint64_t> NamespaceLog::firstConcerning(const LayerId& layer,
                                                            std::string_view path,
                                                            std::uint64_t mark) const {

@@ -1,3 +1,4 @@
+// Reads and edits `customLayerData:omni_layer`.
 #include "OmniLayer.h"
 
 #include <algorithm>

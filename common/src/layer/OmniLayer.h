@@ -10,21 +10,23 @@
 
 namespace usdlive::omniLayer {
 
-// `customLayerData:omni_layer`, where Kit keeps what is said of layers.
+// `customLayerData:omni_layer`, the dictionary in which Kit keeps locks and muteness.
 inline const std::string kField = "customLayerData", kGroup = "omni_layer";
 
-/// nullptr: there is none.
+/// Returns nullptr if the layer has none.
 [[nodiscard]] const Dictionary* groupOf(const LayerDoc& doc);
-/// nullptr: there is no single value of this key.
+/// Return nullptr if the key has no single value, or no dictionary.
 [[nodiscard]] const Value* valueAt(const Dictionary& group, const std::string& key);
 [[nodiscard]] const Dictionary* dictionaryAt(const Dictionary& group, const std::string& key);
-/// Which part of a pseudo-root's custom layer data the action sets or erases; nullptr: none.
+/// Returns the part of a pseudo-root's custom layer data that the action sets or erases, or
+/// nullptr.
 [[nodiscard]] const FieldPart* editedPart(const EditAction& action);
-/// May the action, of a pseudo-root, change what stands at one of these keys of the group?
+/// Returns true if the action, of a pseudo-root, may change the value of one of these keys of the
+/// group.
 [[nodiscard]] bool touches(const EditAction& action, std::initializer_list<std::string_view> keys);
-/// The layer of the project that a path in `from` leads to, relative to it; nothing: none.
+/// Returns the layer of the project for a path relative to `from`, or nothing if it leads out.
 [[nodiscard]] std::optional<LayerId> layerAt(const LayerId& from, const std::string& path);
-/// Sets or erases the value at these keys below the group: an edit of the pseudo-root.
+/// Returns the edit of the pseudo-root that sets or erases the value at these keys of the group.
 [[nodiscard]] EditAction keyEdit(std::vector<std::string> keys, std::optional<Value> value);
 
 }  // namespace usdlive::omniLayer

@@ -1,3 +1,4 @@
+// Reads and edits the locks of specs in a root layer (LK5).
 #include "usdlive/common/layer/SpecLocks.h"
 
 #include <optional>

@@ -1,3 +1,4 @@
+// Parses and composes the paths of specs (PA1).
 #include "usdlive/common/layer/SpecPath.h"
 
 #include <algorithm>
@@ -12,12 +13,12 @@ namespace {
 constexpr std::size_t kMaxSpecPathBytes = 16 * 1024;
 constexpr std::size_t kMaxElements = 1024;
 
-// What stands where: a reader of a path from left to right, for one parse.
+// Parses one path from left to right.
 class Parser {
 public:
     explicit Parser(std::string_view path) : rest_(path) {}
 
-    // What speaks against the path, or nullptr.
+    // Returns the reason why the path is invalid, or nullptr.
     const char* run(std::vector<PathElement>& out) {
         if (!rest_.starts_with('/')) return "does not begin with '/'";
         rest_.remove_prefix(1);
@@ -31,9 +32,9 @@ public:
     }
 
 private:
-    static constexpr const char* kBadPrim = "has no proper prim name where one has to be";
+    static constexpr const char* kBadPrim = "lacks a valid prim name";
 
-    // Up to the next separator. A variant's name may hold dots, but is never read with this.
+    // Takes the text up to the next separator. Not for names of variants, which may contain dots.
     std::string_view takeName() {
         const auto ends = [](char c) { return c == '/' || c == '.' || c == '{'; };
         const auto end = std::find_if(rest_.begin(), rest_.end(), ends);
@@ -47,20 +48,20 @@ private:
         return isIdentifier(out.back().name);
     }
 
-    // After a prim or a variant.
+    // Parses the step after a prim or a variant.
     const char* takeStep(std::vector<PathElement>& out) {
         const bool afterPrim = out.back().list == ChildList::Prims;
         const char separator = rest_.front();
         if (separator == '{') return takeVariant(out);
         if (separator == '.') return takeProperty(out);
-        if (afterPrim) rest_.remove_prefix(1);  // the '/' that ended its name
+        if (afterPrim) rest_.remove_prefix(1);  // the '/' after its name
         return takePrim(out) ? nullptr : kBadPrim;
     }
 
     const char* takeProperty(std::vector<PathElement>& out) {
         out.push_back({ChildList::Properties, rest_.substr(1)});
         rest_ = {};
-        return isPropertyName(out.back().name) ? nullptr : "has no proper property name at its end";
+        return isPropertyName(out.back().name) ? nullptr : "does not end in a valid property name";
     }
 
     const char* takeVariant(std::vector<PathElement>& out) {
@@ -70,10 +71,10 @@ private:
         const std::string_view set = rest_.substr(1, equals - 1);
         const std::string_view variant = rest_.substr(equals + 1, end - equals - 1);
         rest_.remove_prefix(end + 1);
-        if (!isIdentifier(set)) return "has no proper variant set name after '{'";
+        if (!isIdentifier(set)) return "has no valid variant set name after '{'";
         out.push_back({ChildList::VariantSets, set});
-        if (variant.empty()) return rest_.empty() ? nullptr : "goes on after a variant set";
-        if (!isVariantName(variant)) return "has no proper variant name after '='";
+        if (variant.empty()) return rest_.empty() ? nullptr : "continues after a variant set";
+        if (!isVariantName(variant)) return "has no valid variant name after '='";
         out.push_back({ChildList::Variants, variant});
         return nullptr;
     }
@@ -174,7 +175,7 @@ bool hasPrefix(std::string_view path, std::string_view ancestor) {
 std::string replacePrefix(std::string_view path, std::string_view ancestor,
                           std::string_view newAncestor) {
     if (path == ancestor) return std::string(newAncestor);
-    if (isVariantSet(ancestor)) {  // what follows begins inside the braces: "one}B.x"
+    if (isVariantSet(ancestor)) {  // the rest begins inside the braces: "one}B.x"
         const std::string_view set = newAncestor.substr(0, newAncestor.size() - 1);
         return std::string(set).append(path.substr(ancestor.size() - 1));
     }

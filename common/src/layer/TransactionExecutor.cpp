@@ -1,3 +1,5 @@
+// Executes transactions: translates addresses, drops or refuses edits, and applies the rest (M3-M7,
+// M13).
 #include "usdlive/common/layer/TransactionExecutor.h"
 
 #include <algorithm>
@@ -34,7 +36,8 @@ std::optional<std::string> absolutePath(std::string_view relative, std::string_v
 
 namespace {
 
-// Why an edit is not executed: it alone is dropped, or the whole transaction refused.
+// The reason for not executing an edit. Either the edit is dropped or the whole transaction is
+// refused.
 struct Stop {
     enum class What { Drop, Refuse } what;
     Error error;
@@ -55,14 +58,14 @@ bool isValueEdit(const EditAction& action) {
 
 constexpr std::string_view kTypeName = "typeName";
 
-// The field that an edit is for; empty for one of the namespace.
+// Returns the field of an edit, or an empty text for an edit of the namespace.
 std::string_view fieldOf(const EditAction& action) {
     if (const auto* set = std::get_if<SetField>(&action)) return set->field;
     if (const auto* erase = std::get_if<EraseField>(&action)) return erase->field;
     return {};
 }
 
-// What an edit that was executed did to the namespace.
+// Records the moves and deletes of an executed edit.
 void record(NamespaceLog& log, Revision revision, const Edit& edit) {
     if (std::holds_alternative<DeleteSpec>(edit.action))
         log.recordDelete(revision, edit.layer, edit.address.path);
@@ -102,7 +105,7 @@ public:
         return std::move(executed_);
     }
 
-    // Where the specs stand that were created, for later transactions of the author.
+    // Records the paths of the created specs for later transactions of the author.
     void recordCreations(OwnCreations& creations) {
         for (auto& [index, entry] : created_)
             creations.record({transaction_.id.sequence, index}, std::move(entry), revision_);
@@ -111,22 +114,22 @@ public:
 private:
     [[nodiscard]] std::optional<Refused> checkAll() const {
         if (transaction_.base < log_.oldest())
-            return Refused{
-                {ErrorCode::StaleBase, "revision " + std::to_string(transaction_.base) +
-                                           " is older than what the moves are still known of"},
-                0};
-        if (transaction_.base >= revision_)
-            return Refused{{ErrorCode::FutureRevision,
-                            "revision " + std::to_string(transaction_.base) + " is not yet there"},
+            return Refused{{ErrorCode::StaleBase, "revision " + std::to_string(transaction_.base) +
+                                                      " is older than the recorded moves"},
                            0};
+        if (transaction_.base >= revision_)
+            return Refused{
+                {ErrorCode::FutureRevision,
+                 "revision " + std::to_string(transaction_.base) + " does not exist yet"},
+                0};
         for (std::uint32_t index = 0; index < transaction_.edits.size(); ++index)
             if (auto checked = check(transaction_.edits[index]); !checked)
                 return Refused{checked.error(), index};
         return std::nullopt;
     }
 
-    // Whatever can be said without looking at the layer, so that a transaction of values is not
-    // refused after some of them are set.
+    // Makes all checks that do not need the layer, so that a transaction of values is not refused
+    // after some of them are set.
     [[nodiscard]] Result<void> check(const Edit& edit) const {
         if (!layers_.contains(edit.layer))
             return fail(ErrorCode::LayerNotFound,
@@ -142,14 +145,14 @@ private:
         return {};
     }
 
-    // What follows a creation is checked when it is known where that stands.
+    // A path relative to a creation is checked later, when the created spec is found.
     [[nodiscard]] static Result<void> checkPath(const Address& address) {
         if (address.creation) return {};
         return specpath::parse(address.path).map([](const auto&) {});
     }
 
-    // One edit leaves the layer as it was when it is refused, and values at known paths have passed
-    // all checks before; the rest needs something to go back to.
+    // Returns true if a refusal may have to restore layers. A single refused edit changes nothing,
+    // and values at known paths have passed all checks. All other transactions need a copy.
     [[nodiscard]] bool keepsCopies() const {
         return transaction_.edits.size() > 1 &&
                std::any_of(transaction_.edits.begin(), transaction_.edits.end(),
@@ -159,8 +162,8 @@ private:
                            });
     }
 
-    // ED8-ED10: refuses what no file can hold, drops what was meant for another type, and makes an
-    // erase of what says nothing.
+    // ED8-ED10: refuses edits that no file can hold, drops edits for an attribute of another type,
+    // and turns content without meaning into an erase.
     Attempt<void> mindFiles(const Address& submitted, Edit& edit) {
         const std::string_view field = fieldOf(edit.action);
         if (field.empty()) return {};
@@ -190,8 +193,8 @@ private:
         return {};
     }
 
-    // The type that this transaction gives the attribute at last. Edits of one spec may come in any
-    // order.
+    // Returns the final type that this transaction gives the attribute, because edits of one spec
+    // may come in any order.
     [[nodiscard]] std::optional<std::string_view> laterType(const LayerId& layer,
                                                             const Address& address) {
         if (!laterTypes_) {
@@ -208,8 +211,8 @@ private:
         return found == laterTypes_->end() ? std::nullopt : std::optional(found->second);
     }
 
-    // ED9: values that were there before an attribute got another type. These edits follow all that
-    // were submitted, whose numbers they leave as they are.
+    // ED9: erases values that do not fit the new type of an attribute. Appends these edits, so that
+    // the submitted ones keep their numbers.
     void eraseMisfits() {
         for (const auto& [layer, from, mark] : retyped_) {
             const auto path = log_.translateFrom(layer, from, mark);
@@ -227,8 +230,8 @@ private:
         }
     }
 
-    // M13: the author created the spec, and so did somebody else meanwhile. The field becomes what
-    // both have written, and the commit says what that is.
+    // M13: the author created a spec that somebody else has created meanwhile. Sets the field to
+    // the merged content of both, which the commit then contains.
     void mergeWithWhatWasThere(const Address& submitted, Edit& edit) {
         auto* set = std::get_if<SetField>(&edit.action);
         if (merged_.empty() || !set || !std::holds_alternative<std::monostate>(set->part)) return;
@@ -236,7 +239,7 @@ private:
         const FieldValue* present = doc.field(edit.address.path, set->field);
         if (!present || !merged_.contains({edit.layer, doc.idsAlong(edit.address.path).back()}))
             return;
-        // An `over` is created for each prim that is missing on the way to an edit.
+        // Editors create an `over` for each missing prim on the path of an edit.
         if (makesOver(*set))
             set->value = *present;
         else if (fitsType(laterType(edit.layer, submitted).value_or(std::string_view()), set->field,
@@ -272,20 +275,20 @@ private:
     }
 
     static Stop stopFor(const Edit& edit, const Error& error) {
-        // The path was valid when it was checked. Where its parents went, it has become so long
-        // that nothing can stand there.
+        // The path was valid when it was checked. Its parents were moved, and now it is too long
+        // for any spec.
         const bool tooLong = error.code == ErrorCode::InvalidPath &&
                              !std::holds_alternative<CreateSpec>(edit.action) &&
                              !std::holds_alternative<MoveSpec>(edit.action);
         if (error.code == ErrorCode::SpecNotFound || tooLong)
             return {Stop::What::Drop, {ErrorCode::SpecNotFound, error.message}};
-        // ED7: it was meant for another spec of that name.
+        // ED7: the edit was meant for another spec with this name.
         if (error.code == ErrorCode::SpecKindConflict && isValueEdit(edit.action))
             return {Stop::What::Drop, error};
         return {Stop::What::Refuse, error};
     }
 
-    // Where a path is to be carried forward from.
+    // A path and the log entry from which it is translated.
     struct Origin {
         std::string path;
         std::optional<std::uint64_t> mark;  // nothing: from the base revision on
@@ -294,10 +297,10 @@ private:
     [[nodiscard]] Attempt<Origin> origin(const LayerId& layer, const Address& address) const {
         if (!address.creation) return Origin{address.path, {}};
         const OwnCreations::Entry* entry = find(*address.creation);
-        if (!entry) return drop(ErrorCode::SpecDeleted, "what the edit is for was never created");
+        if (!entry) return drop(ErrorCode::SpecDeleted, "the spec of the edit was never created");
         if (entry->layer != layer)
             return refuse({ErrorCode::InvalidEdit,
-                           "what the edit is for was created in " + inQuotes(entry->layer.value)});
+                           "the spec of the edit was created in " + inQuotes(entry->layer.value)});
         auto path = absolutePath(address.path, entry->path);
         if (!path)
             return refuse({ErrorCode::InvalidPath,
@@ -315,8 +318,7 @@ private:
     [[nodiscard]] Attempt<std::string> carryForward(const LayerId& layer, Origin origin) const {
         auto path = origin.mark ? log_.translateFrom(layer, origin.path, *origin.mark)
                                 : log_.translate(layer, origin.path, transaction_.base);
-        if (!path)
-            return drop(ErrorCode::SpecDeleted, inQuotes(origin.path) + " was deleted meanwhile");
+        if (!path) return drop(ErrorCode::SpecDeleted, inQuotes(origin.path) + " has been deleted");
         return *std::move(path);
     }
 
@@ -326,13 +328,13 @@ private:
         return carryForward(layer, *std::move(from));
     }
 
-    // Of a spec that is to be created only the parent can have moved. What was called so before and
-    // went elsewhere, or was deleted, is another spec.
+    // For a spec to be created, only its parent can have moved. An earlier spec with the same path
+    // that was moved or deleted is another spec.
     [[nodiscard]] Attempt<std::string> resolvePlace(const LayerId& layer,
                                                     const Address& address) const {
         auto from = origin(layer, address);
         if (!from) return tl::unexpected(from.error());
-        if (from->path == "/") return from->path;  // apply() says what is wrong with it
+        if (from->path == "/") return from->path;  // apply() reports the error
         const auto parent = carryForward(layer, {specpath::parent(from->path), from->mark});
         if (!parent) return tl::unexpected(parent.error());
         const PathElement last = specpath::last(from->path);
@@ -347,9 +349,10 @@ private:
 
     Executed executed_;
     std::map<std::uint32_t, OwnCreations::Entry> created_;  // by this transaction's edits
-    LayerDocs copies_;                                      // as they were before
-    std::set<std::pair<LayerId, NodeId>> merged_;           // found there by a Create (M2)
-    std::vector<OwnCreations::Entry> retyped_;              // specs with another type name
+    LayerDocs copies_;                                      // the layers before the transaction
+    // existed already when a Create was executed (M2)
+    std::set<std::pair<LayerId, NodeId>> merged_;
+    std::vector<OwnCreations::Entry> retyped_;  // specs with a new type name
     using Register = std::tuple<LayerId, std::string_view, std::optional<Creation>>;
     std::optional<std::map<Register, std::string_view>> laterTypes_;
 };
@@ -393,7 +396,7 @@ Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& com
     Result<void> result;
     std::unordered_set<LayerId> diverged;
     auto layer = layers.end();
-    const LayerId* found = nullptr;  // the layer that was looked for last: mostly they follow
+    const LayerId* found = nullptr;  // the last layer found: most edits are of the same one
     for (const Edit& edit : commit.edits) {
         if (!found || *found != edit.layer) layer = layers.find(*(found = &edit.layer));
         if (layer == layers.end()) continue;
@@ -419,7 +422,7 @@ void recordCreations(OwnCreations& creations, NamespaceLog& log, const Transacti
         const Edit* edit;
         std::uint64_t mark;
     };
-    NamespaceLog own;  // the commit's moves and deletes, numbered from 0
+    NamespaceLog own;  // the moves and deletes of the commit, numbered from 0
     std::vector<Created> created;
     auto dropped = commit.dropped.begin();
     auto executed = commit.edits.begin();

@@ -1,3 +1,4 @@
+// Holds the bytes or the blob name of a value, and names its type.
 #include "usdlive/common/layer/Value.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Checks the bytes of values and fields against V1-V10, without building them.
 #include "ValueRules.h"
 
 #include <algorithm>
@@ -15,7 +16,7 @@ namespace usdlive {
 namespace {
 
 constexpr Problem kTooShort = "ends too early";
-constexpr Problem kTooLong = "goes on after its end";
+constexpr Problem kTooLong = "continues after its end";
 constexpr Problem kTooDeep = "is nested too deeply";
 
 constexpr std::uint16_t number(ValueType type) { return std::uint16_t(type); }
@@ -32,7 +33,7 @@ constexpr bool isTextType(ValueType type) {
     return isBetween(type, ValueType::String, ValueType::Path);
 }
 
-// What USD has arrays of.
+// Returns true for the element types of USD's arrays.
 constexpr bool isElementType(ValueType type) {
     return isBetween(type, ValueType::Bool, ValueType::PathExpression) ||
            isBetween(type, ValueType::Matrix2d, ValueType::Double4);
@@ -42,7 +43,7 @@ constexpr bool isScalarType(ValueType type) {
            isBetween(type, ValueType::Matrix2d, ValueType::Double4) ||
            isBetween(type, ValueType::Block, ValueType::LayerOffset);
 }
-// What Sdf has list ops of, and the layers of a layer.
+// Returns true for the item types of Sdf's list ops, and for sublayers.
 constexpr bool isItemType(ValueType type) {
     switch (type) {
         case ValueType::Int:
@@ -65,7 +66,7 @@ constexpr bool isKeyType(ValueType type) {
     return type == ValueType::String || type == ValueType::Token || type == ValueType::Path;
 }
 
-// V2, V3: how many bytes a value of the type has; nothing where its bytes say so themselves.
+// V2, V3: returns the size of a value of the type, or nothing if the bytes contain it.
 constexpr std::optional<std::size_t> fixedSize(ValueType type) {
     switch (type) {
         case ValueType::Opaque:
@@ -120,7 +121,7 @@ constexpr std::optional<std::size_t> fixedSize(ValueType type) {
     }
 }
 
-// V2, V3: the one-byte types that are not any byte.
+// V2, V3: returns the highest valid byte of a one-byte type.
 constexpr std::uint8_t highestByte(ValueType type) {
     switch (type) {
         case ValueType::Bool:
@@ -134,21 +135,21 @@ constexpr std::uint8_t highestByte(ValueType type) {
     }
 }
 
-// The size arguments of an array edit may not make arrays larger than this; in memory a text counts
-// as kTextBytes. Without a bound a few bytes would take the memory of every editor.
+// The size arguments of an array edit may not make an array larger than this. A text counts as
+// kTextBytes. Without a limit, a few bytes could use up the memory of every editor.
 constexpr std::uint64_t kMaxEditedBytes = 1024UL * 1024 * 1024;
 constexpr std::uint64_t kTextBytes = 32;
 
-// Where a value stands. Levels are counted anew inside a leaf, so that whether a leaf is proper
-// does not depend on what it is put into.
+// The nesting of a value. Levels start again at 0 inside a leaf, so that the validity of a leaf
+// does not depend on its container.
 struct Nesting {
-    std::size_t level = 0;  // composites around it
+    std::size_t level = 0;  // enclosing composites
     bool inLeaf = false;
 
     [[nodiscard]] Nesting below() const { return {level + 1, inLeaf}; }
 };
 
-// What may stand at a place: a leaf always.
+// The types that are allowed in a place, besides leaves.
 struct Allowed {
     bool dictionary = false;
     bool otherComposites = false;
@@ -156,13 +157,13 @@ struct Allowed {
     std::optional<ValueType> only = std::nullopt;
 };
 
-// The grammar, read from left to right. Each function takes what it is named after from `in_`.
+// Checks bytes from left to right. Each function reads from `in_` the item of its name.
 class Checker {
 public:
     Checker(ByteView bytes, Nesting place) : in_(bytes), place_(place) {}
 
     Problem leaf(ValueType type) {
-        if (!isLeafType(type)) return "has a type that is unknown or no single value";
+        if (!isLeafType(type)) return "has a type that is unknown or not a single value";
         if (Problem problem = leafContent(type)) return problem;
         return end();
     }
@@ -244,7 +245,7 @@ private:
         return nullptr;
     }
 
-    // V6. Vt itself reads past its instructions when they claim more arguments than there are.
+    // V6. Vt itself reads past its instructions if they claim more arguments than there are.
     Problem arrayEdit(ValueType type) {
         std::uint64_t literals = 0;
         if (Problem problem = elements(type, &literals)) return problem;
@@ -258,9 +259,10 @@ private:
         return nullptr;
     }
 
-    // One operation with all the arguments of its repetitions; `end` bytes stay behind the last.
+    // Checks one operation with the arguments of all its repetitions. `end` bytes follow the last
+    // one.
     Problem instruction(std::uint64_t literals, std::uint64_t maxSize, std::uint64_t end) {
-        // As Vt_ArrayEditOps numbers them: what the arguments are.
+        // The kinds of arguments, numbered as Vt_ArrayEditOps.
         enum Argument { None, Literal, Index, Size };
         static constexpr Argument kArguments[][2] = {
             {Literal, Index}, {Index, Index},  {Literal, Index}, {Index, Index},  {Index, None},
@@ -273,13 +275,13 @@ private:
         const auto& arguments = kArguments[operation];
         const std::uint64_t perStep = arguments[1] == None ? 8 : 16;
         if (count == 0 || count > (in_.left() - end) / perStep)
-            return "holds an array edit without its arguments";
+            return "holds an array edit with missing arguments";
         for (; count > 0; --count) {
             for (const Argument argument : arguments) {
                 if (argument == None) continue;
-                const std::uint64_t given = in_.u64();  // negative ones are large
+                const std::uint64_t given = in_.u64();  // negative ones become large
                 if (argument == Literal && given >= literals)
-                    return "holds an array edit of a literal that is not there";
+                    return "holds an array edit with a missing literal";
                 if (argument == Size && given > maxSize)
                     return "holds an array edit that makes an array too large";
             }
@@ -331,7 +333,7 @@ private:
         }
     }
 
-    // V10, from here on.
+    // V10: the following check encoded fields.
     Problem field(Allowed allowed) {
         const ValueType type{in_.u16()};
         const std::uint8_t form = in_.u8();
@@ -346,14 +348,14 @@ private:
         return inner.content(type, allowed);
     }
 
-    // A leaf begins to count anew, unless it stands in a leaf itself.
+    // A leaf starts a new count of levels, unless it is inside another leaf.
     [[nodiscard]] Nesting innerPlace(ValueType type) const {
         if (place_.inLeaf || !isLeafType(type)) return place_;
         return {0, true};
     }
 
     Problem blob(ValueType type, const Allowed& allowed) {
-        if (!allowed.blob) return "names a blob where none may stand";
+        if (!allowed.blob) return "names a blob where none is allowed";
         if (!canBeBlob(type)) return "names a blob of a type that is always inline";
         in_.take(sizeof(Hash));
         return in_.failed() ? kTooShort : nullptr;
@@ -372,11 +374,11 @@ private:
         else if (type == ValueType::Map && allowed.otherComposites)
             problem = map();
         else
-            problem = "holds a type that is unknown or cannot stand there";
+            problem = "holds a type that is unknown or not allowed there";
         return problem ? problem : end();
     }
 
-    // `place`: of the dictionary itself, which counts as a level.
+    // `place` is that of the dictionary, which counts as a level.
     Problem dictionary(Nesting place) {
         if (place.level > kMaxNesting) return kTooDeep;
         const Nesting outer = std::exchange(place_, place);
@@ -412,12 +414,12 @@ private:
         const std::uint8_t isExplicit = in_.u8();
         if (in_.failed()) return kTooShort;
         if (unregistered ? type != ValueType::Unregistered : !isItemType(type))
-            return "is a list of a type that lists do not have";
-        if (isExplicit > 1) return "is a list neither explicit nor not";
+            return "is a list with an item type that no list has";
+        if (isExplicit > 1) return "has an invalid flag for an explicit list";
         for (std::size_t list = 0; list < kListNames; ++list) {
             std::uint32_t count = in_.u32();
             const bool isOpen = (ListName(list) == ListName::Explicit) == (isExplicit == 1);
-            if (count > 0 && !isOpen) return "is a list both explicit and not";
+            if (count > 0 && !isOpen) return "is an explicit list with items of other lists";
             for (; count > 0; --count)
                 if (Problem problem = field({.only = type})) return problem;
         }
@@ -427,9 +429,10 @@ private:
 
     Problem map() {
         const ValueType type{in_.u16()};
-        if (!isKeyType(type)) return "is a map of keys of a type that maps do not have";
+        if (!isKeyType(type)) return "is a map with a key type that no map has";
         std::uint32_t count = in_.u32();
-        std::vector<std::string_view> keys;  // grows with what is read, not with what is claimed
+        // grows with the bytes read, not with the claimed count
+        std::vector<std::string_view> keys;
         for (; count > 0; --count) {
             ByteReader ahead = in_;
             if (Problem problem = field({.only = type})) return problem;
@@ -439,7 +442,7 @@ private:
         }
         std::sort(keys.begin(), keys.end());
         if (std::adjacent_find(keys.begin(), keys.end()) != keys.end())
-            return "is a map with a key twice";
+            return "is a map with a duplicate key";
         return nullptr;
     }
 
@@ -466,7 +469,7 @@ constexpr const char* kCompositeNames[] = {"Dictionary", "TimeSamples", "ListOp"
 const char* baseName(ValueType type) {
     const std::size_t at = number(type);
     const auto in = [&](const auto& names, ValueType first) -> const char* {
-        const std::size_t index = at - number(first);  // below `first`: huge
+        const std::size_t index = at - number(first);  // huge if below `first`
         return index < std::size(names) ? names[index] : nullptr;
     };
     if (const char* name = in(kNames, ValueType::None)) return name;

@@ -4,13 +4,14 @@
 
 namespace usdlive {
 
-/// What speaks against some bytes, to follow "the value ...": "ends too early". nullptr: nothing.
+/// The problem of some bytes as the end of a sentence, "the value ...": "ends too early". nullptr
+/// if there is none.
 using Problem = const char*;
 
-/// V1-V8 for the bytes of a leaf.
+/// Checks the bytes of a leaf against V1-V8.
 [[nodiscard]] Problem problemOfLeaf(ValueType type, ByteView bytes);
 
-/// V9-V10 for an encoded field, whole. Needs no memory but for telling a Map's keys apart.
+/// Checks a whole encoded field against V9-V10. Needs memory only to compare the keys of a Map.
 [[nodiscard]] Problem problemOfField(ByteView bytes);
 
 }  // namespace usdlive

@@ -1,3 +1,4 @@
+// Reads and replaces the data of an SdfLayer below its public API, and checks the types of fields.
 #include "LayerAccess.h"
 
 #include <pxr/base/vt/value.h>
@@ -18,15 +19,15 @@ namespace usdlive::usd {
 
 namespace {
 
-// What file formats may do to the layers they read.
+// Gives access to functions that Sdf reserves for file formats.
 class FormatAccess : public pxr::SdfFileFormat {
 public:
     using pxr::SdfFileFormat::_GetLayerData;
     using pxr::SdfFileFormat::_SetLayerData;
 };
 
-// Sdf exchanges a layer's data like this itself (SdfLayer::_SwapData), for itself alone. What an
-// explicit instantiation names may be private.
+// Sdf has this function for itself only (SdfLayer::_SwapData). An explicit template instantiation
+// may name private members.
 pxr::SdfAbstractDataRefPtr& dataOf(pxr::SdfLayer& layer);
 template <pxr::SdfAbstractDataRefPtr pxr::SdfLayer::* Data>
 struct LayerData {
@@ -73,7 +74,7 @@ Result<DecodedField> decodeSubLayers(const FieldValue& value) {
         const double offset = in.f64();
         const double scale = in.f64();
         if (!in.finished() || item.type() != ValueType::SubLayer)
-            return fail(ErrorCode::InvalidValue, "an item of subLayers is no sublayer");
+            return fail(ErrorCode::InvalidValue, "an item of subLayers is not a sublayer");
         offsets.emplace_back(offset, scale);
     }
     return DecodedField{pxr::VtValue::Take(assets), std::move(offsets)};
@@ -159,8 +160,8 @@ Result<std::optional<FieldValue>> readField(const pxr::SdfAbstractData& data,
         if (!list) return tl::unexpected(within(list.error(), path, field));
         return FieldValue(*std::move(list));
     }
-    // A dictionary is one, so that its keys merge, whether or not a plug-in declares the field
-    // here.
+    // A dictionary is always decoded as one, so that its keys merge, whether or not a plug-in
+    // declares the field here.
     const auto* unregistered = value.IsHolding<pxr::SdfUnregisteredValue>()
                                    ? &value.UncheckedGet<pxr::SdfUnregisteredValue>().GetValue()
                                    : nullptr;
@@ -186,7 +187,7 @@ Result<void> checkType(const pxr::SdfPath& path, const pxr::TfToken& field,
     if (field != pxr::SdfFieldKeys->Active && field != pxr::SdfFieldKeys->Kind) return {};
     if (type == pxr::SdfSchema::GetInstance().GetFallback(field).GetTypeid()) return {};
     return fail(ErrorCode::InvalidValue, path.GetAsString() + ", field " + field.GetString() +
-                                             ": is of a type that the field never has");
+                                             ": has a type that this field does not support");
 }
 
 std::optional<TargetFields> targetFields(std::optional<SpecKind> kind, const pxr::TfToken& field) {
@@ -207,7 +208,7 @@ pxr::SdfPathVector targetsIn(const pxr::VtValue& value) {
     for (const auto* items : {&op.GetExplicitItems(), &op.GetAddedItems(), &op.GetPrependedItems(),
                               &op.GetAppendedItems()})
         for (const pxr::SdfPath& target : *items)
-            // What Sdf itself takes for the path of a target.
+            // The target paths that Sdf itself accepts.
             if (target.IsAbsolutePath() && !target.ContainsPrimVariantSelection() &&
                 seen.insert(target).second)
                 targets.push_back(target);

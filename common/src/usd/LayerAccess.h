@@ -11,43 +11,43 @@
 
 namespace usdlive::usd {
 
-// What a layer holds, below SdfLayer: SdfLayer::ListFields and HasField also tell of fields that
-// every spec of a kind has by definition, authored or not.
+// Reads and writes the data below SdfLayer, because SdfLayer::ListFields and HasField also return
+// fields that each spec of a kind has by definition, even if they are not authored.
 
 [[nodiscard]] pxr::SdfAbstractDataConstPtr layerData(const pxr::SdfLayer& layer);
-/// Turns the layer's content into `data`'s, spec by spec, telling of each difference.
+/// Changes the layer's content to `data`, spec by spec, with a notice for each difference.
 void setLayerData(const pxr::SdfLayerHandle& layer, pxr::SdfAbstractDataRefPtr data);
-/// Gives the layer `data` for its own, as it is, and tells nobody.
+/// Exchanges the layer's data for `data` as it is, without notices.
 void swapLayerData(const pxr::SdfLayerHandle& layer, pxr::SdfAbstractDataRefPtr& data);
 
-/// The field that lists the children.
+/// Returns the field of Sdf that lists such children.
 [[nodiscard]] const pxr::TfToken& childrenField(ChildList list);
-/// As specpath::parent: a variant's is its set.
+/// Returns the parent as specpath::parent does: the parent of a variant is its set.
 [[nodiscard]] pxr::SdfPath parentOf(const pxr::SdfPath& path);
 [[nodiscard]] pxr::SdfPath childOf(const pxr::SdfPath& parent, ChildList list,
                                    const pxr::TfToken& name);
 
-/// The field as the layer holds it; nothing when absent.
+/// Returns the field's content in the layer, or nothing if it is absent.
 [[nodiscard]] Result<std::optional<FieldValue>> readField(const pxr::SdfAbstractData& data,
                                                           const pxr::SdfPath& path,
                                                           const pxr::TfToken& field,
                                                           BlobSink& blobs);
 
-/// What a field is set to. `subLayers` is two fields of Sdf.
+/// The decoded content of a field. `subLayers` is stored in two fields of Sdf.
 struct DecodedField {
     pxr::VtValue value;
-    std::optional<pxr::SdfLayerOffsetVector> offsets;  ///< goes to `subLayerOffsets`
+    std::optional<pxr::SdfLayerOffsetVector> offsets;  ///< the content of `subLayerOffsets`
 };
 [[nodiscard]] Result<DecodedField> decodeField(const pxr::SdfPath& path, const pxr::TfToken& field,
                                                const FieldValue& value, BlobSource& blobs);
 
-/// InvalidValue for the fields that a stage reads while it composes a prim: with a path expression
-/// or a dictionary of them in `active` or `kind` it ends the process. Of all others, Sdf and
-/// UsdStage take wrong types for absent.
+/// Returns InvalidValue for a wrong type in the fields that a stage reads while it composes a prim:
+/// a path expression or a dictionary of them in `active` or `kind` would end the process. In all
+/// other fields, Sdf and UsdStage treat a wrong type as absent.
 [[nodiscard]] Result<void> checkType(const pxr::SdfPath& path, const pxr::TfToken& field,
                                      const std::type_info& type);
 
-/// Attributes and relationships have children that follow from a list op.
+/// The fields of attributes and relationships whose children follow from a list op.
 struct TargetFields {
     const pxr::TfToken& list;
     const pxr::TfToken& children;
@@ -55,7 +55,7 @@ struct TargetFields {
 };
 [[nodiscard]] std::optional<TargetFields> targetFields(std::optional<SpecKind> kind,
                                                        const pxr::TfToken& field);
-/// The paths that such a value gives children for, in order, each once.
+/// Returns the distinct paths for which such a value has children, in order.
 [[nodiscard]] pxr::SdfPathVector targetsIn(const pxr::VtValue& value);
 
 [[nodiscard]] Error within(const Error& error, const pxr::SdfPath& path, const pxr::TfToken& field);

@@ -1,5 +1,4 @@
-// Whether a layer holds what a LayerDoc does, spec by spec: beside the two, one field at a time is
-// in memory.
+// Compares a layer with a LayerDoc, spec by spec. Holds only one more field in memory at a time.
 #include <pxr/usd/sdf/layer.h>
 
 #include <algorithm>
@@ -11,7 +10,7 @@ namespace usdlive::usd {
 
 namespace {
 
-// Of big values the hash is compared.
+// Compares big values by their hash.
 class HashOnly final : public BlobSink {
 public:
     [[nodiscard]] bool wantsBlob(const Hash&) override { return false; }
@@ -52,7 +51,8 @@ bool hasChildren(const pxr::SdfAbstractData& data, const pxr::SdfPath& path, Spe
 bool holds(const pxr::SdfLayerHandle& layer, const LayerDoc& doc) {
     const auto data = layerData(*layer);
     bool same = true;
-    // Every spec of the layer is met, too: it is the child of one whose children are the same.
+    // This visits every spec of the layer, too, because each is a child of one whose lists of
+    // children are equal.
     doc.visit([&](const LayerDoc::SpecView& spec) {
         if (!same) return;
         const bool isRoot = spec.kind == SpecKind::PseudoRoot;

@@ -1,3 +1,4 @@
+// Fills a layer with the content of a LayerDoc, or writes a doc as a new layer.
 #include "usdlive/common/usd/LayerFill.h"
 
 #include <pxr/base/vt/value.h>
@@ -33,11 +34,11 @@ std::size_t listNumber(SpecKind kind) {
     return number;
 }
 
-// Up to so many specs of overrides are merged into an empty layer one by one.
+// Overrides with at most this many specs are merged into an empty layer one by one.
 constexpr std::size_t kMergedSpecs = 10'000;
 
-// Of the kind that the layer has: what `.usd` begins with is for binary files, where the layer may
-// have been read from a text.
+// Returns empty data of the layer's own kind. The default for `.usd` is binary, but the layer may
+// have been read from a text file.
 pxr::SdfAbstractDataRefPtr emptyData(const pxr::SdfLayer& layer) {
     const auto data = layer.GetFileFormat()->InitData(layer.GetFileFormatArguments());
     if (!data->StreamsData() || layer.StreamsData()) return data;
@@ -53,19 +54,19 @@ bool namesLayers(std::string_view field) {
 struct LayerFill::State {
     using FieldValues = std::vector<std::pair<TfToken, VtValue>>;
 
-    // Root prims stand beside the data until all is done: that they come is what Sdf tells of.
+    // Root prims are kept apart until the end, because adding them is what causes Sdf's notices.
     struct RootPrim {
         SdfPath path;
         FieldValues fields;
     };
-    // A spec to which children may still be added.
+    // A spec whose children are still being added.
     struct Level {
         NodeId node;
         SdfPath path;
         SpecKind kind;
-        std::size_t list = 0;  // of the last child, in kChildLists
+        std::size_t list = 0;  // list of the last child, as an index into kChildLists
         std::uint64_t order = 0;
-        pxr::TfTokenVector names = {};  // that list's
+        pxr::TfTokenVector names = {};  // the names in that list
     };
     struct Waiting {
         SdfPath path;
@@ -98,7 +99,7 @@ struct LayerFill::State {
         return {};
     }
 
-    // False: such a child does not come after those that are there.
+    // Returns false if such a child cannot follow the existing ones.
     bool startChild(Level& level, std::uint64_t order, SpecKind kind) {
         const std::size_t list = listNumber(kind);
         const bool first = level.names.empty() || list != level.list;
@@ -111,7 +112,7 @@ struct LayerFill::State {
         return true;
     }
 
-    // Of the spec that `above` ends with.
+    // Sets a field of the last spec of `above`.
     void set(const TfToken& field, VtValue value) {
         if (above.size() == 1)
             rootFields.emplace_back(field, std::move(value));
@@ -166,7 +167,8 @@ struct LayerFill::State {
         }
     }
 
-    // A prim that is defined is composed with all below it anyway.
+    // Returns true if all root prims are defined, because a stage then composes them with
+    // everything below anyway.
     [[nodiscard]] bool definesRootPrims() const {
         return !rootPrims.empty() && std::ranges::all_of(rootPrims, [](const RootPrim& prim) {
             return std::ranges::any_of(prim.fields, [](const auto& field) {
@@ -176,8 +178,8 @@ struct LayerFill::State {
         });
     }
 
-    // Into a layer without prims: a change notice for each root prim says all, so the rest is put
-    // there behind the layer's back.
+    // Fills a layer that has no prims. The notice for each root prim covers everything below it, so
+    // the rest is written without notices.
     void writeQuietly(SdfLayerStore::Delegate& delegate) {
         const SdfPath& root = SdfPath::AbsoluteRootPath();
         for (const TfToken& field : delegate.data().List(root))
@@ -196,7 +198,7 @@ struct LayerFill::State {
                 delegate.SetField(root, field, value);
     }
 
-    // Writes what differs, spec by spec and field by field, as edits would have done it.
+    // Writes the differences spec by spec and field by field, like edits.
     void merge(SdfLayerStore::Delegate& delegate) {
         complete();
         const auto present = specsOf(delegate.data());
@@ -233,13 +235,13 @@ struct LayerFill::State {
         auto fields = data->List(path);
         for (const TfToken& field : delegate.data().List(path))
             if (!data->Has(path, field)) fields.push_back(field);
-        // Sdf compares the offsets with the layers, which have to be there.
+        // Sdf compares the offsets with the sublayers, which have to be set first.
         std::partition(fields.begin(), fields.end(),
                        [&](const TfToken& field) { return field != offsets; });
         std::ranges::for_each(fields, mergeField);
     }
 
-    // All specs, each after its parent.
+    // Returns all specs, each after its parent.
     static std::set<SdfPath> specsOf(const pxr::SdfAbstractData& data) {
         struct Visitor final : pxr::SdfAbstractDataSpecVisitor {
             bool VisitSpec(const pxr::SdfAbstractData&, const SdfPath& path) override {
@@ -253,7 +255,7 @@ struct LayerFill::State {
         return std::move(visitor.paths);
     }
 
-    // A file is not read to compare it with what the layer becomes: all is replaced.
+    // Replaces everything. Comparing would read the whole file first.
     void replace(SdfLayerStore::Delegate& delegate) {
         complete();
         setLayerData(delegate.layer(), data);
@@ -265,10 +267,11 @@ struct LayerFill::State {
             data->Set(SdfPath::AbsoluteRootPath(), field, value);
     }
 
-    const pxr::SdfAbstractDataRefPtr data;  // all but the pseudo-root's fields and the root prims
+    // everything except the pseudo-root's fields and the root prims
+    const pxr::SdfAbstractDataRefPtr data;
     BlobSource& blobs;
     bool begun = false;
-    std::vector<Level> above;  // from the pseudo-root down to the last spec
+    std::vector<Level> above;  // from the pseudo-root to the last spec
     FieldValues rootFields;    // of the pseudo-root
     std::deque<RootPrim> rootPrims;
     std::vector<Waiting> waiting;
@@ -295,7 +298,7 @@ bool LayerFill::namesLayers() const { return state_->namesLayers; }
 
 void LayerFill::add(const LayerDoc& doc) {
     doc.visit([this](const LayerDoc::SpecView& spec) {
-        // A doc is in its own order.
+        // Cannot fail, because a doc is in the right order.
         (void)addSpec(spec.node, spec.parent, spec.order, spec.kind, spec.name);
         for (const auto& [name, value] : *spec.fields) addField(name, value);
     });
@@ -308,7 +311,7 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
         const pxr::SdfChangeBlock block;
         const SdfLayerStore::Delegate::Applying applying(delegate);
         delegate.waiting.clear();
-        // A layer that was read from a file without prims has an empty list of them.
+        // A layer from a file without prims has an empty list of them.
         const auto prims = delegate.data().GetAs<pxr::TfTokenVector>(
             SdfPath::AbsoluteRootPath(), pxr::SdfChildrenKeys->PrimChildren);
         const bool isFile =
@@ -320,7 +323,7 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
             state_->replace(delegate);
         else
             state_->merge(delegate);
-        // What was not here when it was looked for may be here now.
+        // Missing blobs may have arrived since.
         for (const auto& [path, field, value] : state_->waiting)
             if (auto set = delegate.set(path, field, value); !set)
                 state_->leftOut.push_back(set.error());
@@ -332,14 +335,14 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
 Result<pxr::SdfLayerRefPtr> makeLayer(const LayerDoc& doc, BlobSource& blobs,
                                       const std::string& formatId) {
     const auto format = pxr::SdfFileFormat::FindById(TfToken(formatId));
-    if (!format) return fail(ErrorCode::InvalidArgument, "there is no file format " + formatId);
+    if (!format) return fail(ErrorCode::InvalidArgument, "unknown file format " + formatId);
     auto layer = pxr::SdfLayer::CreateAnonymous("usdlive." + formatId, format);
     LayerFill fill(layer, blobs);
     fill.add(doc);
     SdfLayerStore store(layer, blobs, nullptr);
     if (auto filled = fill.into(store); !filled) return tl::unexpected(filled.error());
     if (store.waitsForBlobs())
-        return fail(ErrorCode::BlobNotFound, "big values of the layer are not here");
+        return fail(ErrorCode::BlobNotFound, "big values of the layer are missing");
     return layer;
 }
 
@@ -352,7 +355,7 @@ Result<std::string> exportText(const LayerDoc& doc, BlobSource& blobs) {
         return fail(ErrorCode::SaveFailed, complaints.text("the layer cannot be written as text"));
     if (!pxr::SdfLayer::CreateAnonymous(".usda")->ImportFromString(text))
         return fail(ErrorCode::SaveFailed,
-                    "what the layer is written as cannot be read: " + complaints.text("no reason"));
+                    "the layer's text cannot be read back: " + complaints.text("no reason"));
     return text;
 }
 

@@ -1,3 +1,4 @@
+// Reads an SdfLayer into a LayerDoc.
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/schema.h>
 
@@ -27,7 +28,7 @@ public:
             for (const ChildList list : kChildLists)
                 if (auto done = readChildren(spec, list); !done)
                     return tl::unexpected(done.error());
-            // In the order of LayerDoc::visit(), so that ids mostly grow with it.
+            // Keeps the order of LayerDoc::visit(), so that ids mostly increase with it.
             std::reverse(waiting_.begin() + children, waiting_.end());
         }
         return builder_.finish();
@@ -56,7 +57,8 @@ private:
         return {};
     }
 
-    // Specs that the model has not: targets are left out where they say no more than the list op.
+    // Handles specs that the model does not have: targets are skipped if they add nothing to the
+    // list op.
     Result<void> checkStructure(const Spec& spec, const TfToken& field) const {
         const auto& keys = *pxr::SdfChildrenKeys;
         if (field == keys.RelationshipTargetChildren || field == keys.ConnectionChildren) {
@@ -75,7 +77,7 @@ private:
         return fail(ErrorCode::UnsupportedValue,
                     path.GetAsString() +
                         ": mappers, expressions, markers and properties of targets "
-                        "cannot be carried");
+                        "are not supported");
     }
 
     Result<void> readChildren(const Spec& parent, ChildList list) {
@@ -88,7 +90,7 @@ private:
             const auto kind = specKind(data_.GetSpecType(path));
             if (path.IsEmpty() || !kind || !belongsIn(*kind, list))
                 return fail(ErrorCode::LayerUnreadable,
-                            parent.path.GetAsString() + " has no proper child " + name.GetString());
+                            parent.path.GetAsString() + " has no valid child " + name.GetString());
             order += ChildSequence::kOrderStep;
             const NodeId node = nextNode_++;
             auto added = builder_.addSpec(node, parent.node, order, *kind, name.GetString());

@@ -1,3 +1,4 @@
+// Encodes and decodes single values, arrays and list ops of USD (V1-V8).
 #include "LeafCodec.h"
 
 #include <pxr/base/gf/half.h>
@@ -42,15 +43,15 @@ namespace {
 using pxr::VtValue;
 
 // ------------------------------------------------------------------ elements
-// One element of each type: how it is written after other bytes, and read from bytes that have
-// passed validateValue(). `write` is false for what has a part that the protocol does not know;
-// `read` gives nothing where this OpenUSD wants more than the protocol.
+// Writes one element of each type, and reads it from bytes that have passed validateValue().
+// `write` returns false if a part is unknown to the protocol. `read` returns nothing if this
+// OpenUSD demands more than the protocol.
 
 template <class T>
 struct Element;
 
-// As in memory. GfHalf, GfTimeCode, vectors, matrices and quaternions (imaginary first) hold
-// nothing but their numbers; copying bytes keeps -0 and every NaN.
+// Copied as in memory, which keeps -0 and every NaN. GfHalf, GfTimeCode, vectors, matrices and
+// quaternions (imaginary first) consist of their numbers only.
 template <class T>
 concept Plain = requires { Element<T>::kPlain; };
 
@@ -144,7 +145,7 @@ struct Element<pxr::TfToken> {
     }
 };
 
-// Makes it of text, unless Tf complains.
+// Constructs a T from text. Returns nothing if Tf reports an error.
 template <class T>
 std::optional<T> fromText(std::string_view text) {
     pxr::TfErrorMark mark;
@@ -175,7 +176,8 @@ struct Element<pxr::SdfPathExpression> {
     static std::optional<pxr::SdfPathExpression> read(ByteReader& in) {
         const std::string_view text = in.text();
         auto value = fromText<pxr::SdfPathExpression>(text);
-        if (value && value->GetText() != text) return std::nullopt;  // Sdf would write it otherwise
+        // Sdf would write it differently
+        if (value && value->GetText() != text) return std::nullopt;
         return value;
     }
 };
@@ -250,7 +252,8 @@ struct Element<pxr::SdfLayerOffset> {
 };
 
 // ------------------------------------------------------------------ with dictionaries inside
-// A dictionary or list within a leaf is V10's, without its first header, and without blobs.
+// A dictionary or list inside a leaf is encoded as in V10, without its first header and without
+// blobs.
 
 bool writeDictionary(Bytes& out, const pxr::VtDictionary& dictionary, std::size_t depth = 1);
 std::optional<pxr::VtDictionary> readDictionary(ByteReader& in);
@@ -296,8 +299,8 @@ struct Element<pxr::SdfReference> {
     }
 };
 
-// Ts takes any numbers for its enumerations, and knots without a type, and throws or worse when it
-// comes to use them.
+// Ts accepts any number for its enumerations, and knots without a type, and fails or crashes when
+// it uses them.
 bool isSound(const pxr::TsSpline& spline) {
     if (!spline.GetValueType() && !spline.IsEmpty()) return false;
     const auto isBetween = [](auto value, auto first, auto last) {
@@ -362,7 +365,7 @@ struct Element<pxr::TsSpline> {
     }
 
 private:
-    /// Ts drops custom data of a spline without knots.
+    /// Ts drops the custom data of a spline without knots.
     static bool keeps(const pxr::TsSpline& value, std::size_t count) {
         if (count == 0) return true;
         Bytes knots;
@@ -497,8 +500,8 @@ bool writeLeaf(const VtValue& value, Bytes& out) {
     return Element<T>::write(out, value.UncheckedGet<T>());
 }
 
-/// The bytes of a big value, which are never changed, as the memory of arrays. Deleted with the
-/// last of them; an array of somebody else's memory is copied before it is changed.
+/// Shares the bytes of a big value as the memory of arrays. They are deleted with the last array,
+/// and an array copies them before it changes.
 class SharedItems final : public pxr::Vt_ArrayForeignDataSource {
 public:
     explicit SharedItems(SharedBytes bytes)
@@ -514,7 +517,7 @@ template <class T>
 concept PlainArray = requires { typename T::ElementType; } && Plain<typename T::ElementType> &&
                      std::same_as<T, pxr::VtArray<typename T::ElementType>>;
 
-/// Nothing if they do not lie as such items have to.
+/// Returns nothing if the bytes are not aligned for these items.
 template <PlainArray Array>
 std::optional<Array> share(const SharedBytes& bytes) {
     using Item = typename Array::ElementType;
@@ -526,7 +529,7 @@ std::optional<Array> share(const SharedBytes& bytes) {
     return Array(new SharedItems(bytes), data, count);
 }
 
-/// `owner`, if any, holds just the bytes.
+/// `owner`, if set, holds exactly these bytes.
 template <class T>
 std::optional<VtValue> readLeaf(ByteView bytes, const SharedBytes& owner) {
     if constexpr (PlainArray<T>)
@@ -537,7 +540,8 @@ std::optional<VtValue> readLeaf(ByteView bytes, const SharedBytes& owner) {
     return VtValue::Take(*value);
 }
 
-/// The items of an array of numbers, as they lie in memory and are carried; empty for all else.
+/// Returns the items of an array of numbers as they are in memory and on the wire. Empty for any
+/// other value.
 template <class T>
 ByteView plainItems(const VtValue& value) {
     if constexpr (PlainArray<T>) {
@@ -569,7 +573,7 @@ struct LeafTable {
     void addAll() {
         (add<T>(), ...);
     }
-    // A scalar of Sdf, and its arrays.
+    // Adds a scalar type of Sdf and its arrays.
     template <class T>
     void addValueType() {
         add<T>();
@@ -579,7 +583,7 @@ struct LeafTable {
 };
 
 LeafTable makeLeafTable() {
-    using namespace pxr;  // Sdf's list of value types names them without
+    using namespace pxr;  // Sdf's list of value types uses names without a namespace
     LeafTable table;
 #define USDLIVE_ADD(unused, elem) table.addValueType<SDF_VALUE_CPP_TYPE(elem)>();
     TF_PP_SEQ_FOR_EACH(USDLIVE_ADD, ~, SDF_VALUE_TYPES)
@@ -609,7 +613,7 @@ const LeafCodec* codecFor(ValueType type) { return find(leafTable().byType, type
 
 tl::unexpected<Error> unsupported(const VtValue& value, const std::string& why) {
     return fail(ErrorCode::UnsupportedValue,
-                "a value of type " + value.GetTypeName() + " cannot be carried" + why);
+                "a value of type " + value.GetTypeName() + " is not supported" + why);
 }
 
 // ------------------------------------------------------------------ dictionaries within leaves
@@ -676,8 +680,10 @@ Result<pxr::SdfPath> parsePath(std::string_view text) {
         return fail(ErrorCode::InvalidValue, problem);
     pxr::SdfPath path(copy);
     if (path.GetAsString() != text)
-        return fail(ErrorCode::InvalidValue, "the path " + copy + " is not written as Sdf does");
-    // Sdf makes all it authors absolute; writing a relative one to a binary file ends the process.
+        return fail(ErrorCode::InvalidValue,
+                    "the path " + copy + " is not in the form that Sdf writes");
+    // Sdf makes all authored paths absolute, and writing a relative one to a binary file ends the
+    // process.
     if (!path.IsAbsolutePath())
         return fail(ErrorCode::InvalidValue, "the path " + copy + " is relative");
     return path;
@@ -685,8 +691,8 @@ Result<pxr::SdfPath> parsePath(std::string_view text) {
 
 namespace {
 
-// Do the bytes make the same value everywhere? Sdf lets one build what its own text does not give
-// again: a path expression with -0.0 or a line break in it.
+// Returns true if the bytes give the same value everywhere. Sdf can build values that its own text
+// does not preserve: a path expression with -0.0 or a line break.
 bool readsBack(const LeafCodec& codec, ByteView bytes) {
     switch (ValueType(std::uint16_t(codec.type) & 0xFF)) {
         case ValueType::PathExpression:
@@ -705,8 +711,8 @@ bool readsBack(const LeafCodec& codec, ByteView bytes) {
     return value && codec.write(*value, again) && std::ranges::equal(bytes, again);
 }
 
-/// A big array of numbers, hashed where it lies, so that it is copied only for a sink that wants
-/// its bytes. Any such numbers are valid. Nothing: it is something else.
+/// Encodes a big array of numbers. Hashes it in place and copies it only if the sink wants its
+/// bytes. Any numbers are valid. Returns nothing for any other value.
 std::optional<Value> encodeBigArray(const LeafCodec& codec, const VtValue& value, BlobSink& blobs) {
     const ByteView items = codec.plainItems(value);
     if (items.size() < kBigValueBytes || !canBeBlob(codec.type)) return std::nullopt;
@@ -751,11 +757,11 @@ Result<Value> encodeLeaf(const VtValue& value, BlobSink& blobs) {
     if (!codec) return unsupported(value, "");
     if (auto big = encodeBigArray(*codec, value, blobs)) return *std::move(big);
     Bytes bytes;
-    if (!codec->write(value, bytes)) return unsupported(value, ": it has a part that cannot");
+    if (!codec->write(value, bytes)) return unsupported(value, ": a part of it is not supported");
     if (auto valid = validateValue(codec->type, bytes); !valid)
         return unsupported(value, ": " + valid.error().message);
     if (!readsBack(*codec, bytes))
-        return unsupported(value, ": what OpenUSD writes of it is not what it reads");
+        return unsupported(value, ": OpenUSD does not read back what it writes");
     if (bytes.size() < kBigValueBytes || !canBeBlob(codec->type))
         return Value(codec->type, std::move(bytes));
     const Hash hash = sha256(bytes);
@@ -772,7 +778,7 @@ Result<VtValue> decodeBytes(ValueType type, ByteView bytes, const SharedBytes& o
     auto value = codec ? codec->read(bytes, owner) : std::nullopt;
     if (!value)
         return fail(ErrorCode::InvalidValue,
-                    "the value (" + typeName(type) + ") is none for this OpenUSD");
+                    "the value (" + typeName(type) + ") is not supported by this OpenUSD");
     return *std::move(value);
 }
 
@@ -782,7 +788,7 @@ Result<VtValue> decodeLeaf(const Value& value, BlobSource& blobs) {
     if (!value.isBlob()) return decodeBytes(value.type(), value.bytes());
     const SharedBytes bytes = blobs.blob(value.hash());
     if (!bytes)
-        return fail(ErrorCode::BlobNotFound, "the value " + value.hash().hex() + " is not here");
+        return fail(ErrorCode::BlobNotFound, "the value " + value.hash().hex() + " is missing");
     return decodeBytes(value.type(), *bytes, bytes);
 }
 
@@ -799,7 +805,7 @@ Result<std::vector<Value>> encodeItems(const std::vector<T>& items) {
         const bool written = Element<T>::write(bytes, item);
         if (!written || !validateValue(Element<T>::kType, bytes) ||
             !readsBack(*codecFor(Element<T>::kType), bytes))
-            return fail(ErrorCode::UnsupportedValue, "an item of the list cannot be carried");
+            return fail(ErrorCode::UnsupportedValue, "an item of the list is not supported");
         values.emplace_back(Element<T>::kType, std::move(bytes));
     }
     return values;
@@ -849,7 +855,7 @@ Result<VtValue> decodeListOpOf(const ListOp& list) {
     for (const auto& [name, type] : kLists) {
         if (list[name].empty()) continue;
         if ((name == ListName::Explicit) != list.isExplicit)
-            return fail(ErrorCode::InvalidValue, "a list is explicit and edits another");
+            return fail(ErrorCode::InvalidValue, "a list has both explicit and other items");
         const auto items = decodeItems<T>(list[name]);
         if (!items) return tl::unexpected(items.error());
         result.SetItems(*items, type);
@@ -899,7 +905,7 @@ Result<VtValue> decodeListOp(const ListOp& list) {
     const auto codec = listOpTable().byItemType.find(list.itemType);
     if (codec == listOpTable().byItemType.end())
         return fail(ErrorCode::InvalidValue,
-                    "Sdf has no lists of items of type " + typeName(list.itemType));
+                    "Sdf has no lists with items of type " + typeName(list.itemType));
     return codec->second.decode(list);
 }
 

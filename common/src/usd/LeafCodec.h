@@ -9,18 +9,19 @@
 
 namespace usdlive::usd {
 
-/// List ops, whose items are leaves and never blobs.
+/// Returns true for list ops. Their items are leaves and never blobs.
 [[nodiscard]] bool isListOp(const std::type_info& type);
-/// Precondition: it holds a list op.
+/// Precondition: `value` holds a list op.
 [[nodiscard]] Result<ListOp> encodeListOp(const pxr::VtValue& value);
 [[nodiscard]] Result<pxr::VtValue> decodeListOp(const ListOp& list);
 
-/// Are the two the same to others, too? `==` takes -0.0 for 0.0, and text and wire do not. Looks
-/// into dictionaries and time samples; of what is no leaf `==` decides.
+/// Returns true if both values are identical for the text format and the wire, unlike `==`, for
+/// which -0.0 equals 0.0. Compares dictionaries and time samples item by item. For all values that
+/// are no leaves `==` decides.
 [[nodiscard]] bool areIdentical(const pxr::VtValue& left, const pxr::VtValue& right);
 
-/// An absolute path, or the empty one, if this OpenUSD writes it as exactly this text; InvalidValue
-/// otherwise.
+/// Returns an absolute or empty path if this OpenUSD writes it as exactly this text, otherwise
+/// InvalidValue.
 [[nodiscard]] Result<pxr::SdfPath> parsePath(std::string_view text);
 
 }  // namespace usdlive::usd

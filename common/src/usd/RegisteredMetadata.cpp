@@ -1,3 +1,4 @@
+// Converts metadata that was read as text to the type that a plug-in declares.
 #include "RegisteredMetadata.h"
 
 #include <pxr/base/gf/half.h>
@@ -28,7 +29,7 @@ public:
     SharedBytes blob(const Hash&) override { return nullptr; }
 };
 
-// Of how many numbers a value consists, of what type, and in how many tuples they are written.
+// The number type of a value, the count of its numbers, and the number of tuples in its text.
 struct Shape {
     ValueType number = ValueType::None;
     int count = 1;
@@ -71,7 +72,7 @@ Shape shapeOf(ValueType type) {
     }
 }
 
-// Reads values as the text format has them, into the bytes of V1-V6.
+// Reads values of the text format and writes them as the bytes of V1-V6.
 class ValueText {
 public:
     explicit ValueText(std::string_view text) : rest_(text) {}
@@ -86,7 +87,7 @@ public:
         return out;
     }
 
-    /// Items with commas between them, with or without brackets around: one value each.
+    /// Reads items separated by commas, with or without brackets: one value each.
     [[nodiscard]] std::optional<std::vector<Bytes>> readItems(ValueType type) {
         std::vector<Bytes> items;
         const bool bracketed = take('[');
@@ -136,7 +137,7 @@ private:
         if (shape.rows == 1) {
             const std::size_t start = out.size();
             if (!readTuple(shape, out)) return false;
-            // A quaternion is written with the real number first.
+            // The text of a quaternion has the real number first.
             const bool quaternion = type >= ValueType::Quath && type <= ValueType::Quatd;
             const auto begin = out.begin() + std::ptrdiff_t(start);
             if (quaternion)
@@ -220,7 +221,7 @@ private:
         return problem == std::errc() && end == word.data() + word.size();
     }
 
-    // In one or three quotation marks of either kind.
+    // Reads text in one or three quotation marks of either kind.
     bool readString(Bytes& out) {
         skipSpace();
         if (!rest_.starts_with('"') && !rest_.starts_with('\'')) return false;
@@ -236,7 +237,7 @@ private:
         rest_.remove_prefix(end + quote.size());
         return true;
     }
-    // Between `@` or `@@@`, where a backslash stands before an inner `@@@`.
+    // Reads text between `@` or `@@@`; a backslash escapes an inner `@@@`.
     bool readAsset(Bytes& out) {
         constexpr std::string_view kThree = "@@@";
         skipSpace();
@@ -319,7 +320,7 @@ std::optional<VtValue> readAs(const VtValue& content, const VtValue& declared) {
         return declared.IsHolding<pxr::VtDictionary>() ? std::optional(content) : std::nullopt;
     if (content.IsHolding<pxr::SdfUnregisteredValueListOp>()) return listAs(content, declared);
     if (!content.IsHolding<std::string>() || declared.IsEmpty()) return std::nullopt;
-    // An explicit list, which the text alone does not tell from an array.
+    // The text alone does not distinguish an explicit list from an array.
     const pxr::SdfUnregisteredValue text(content.UncheckedGet<std::string>());
     if (auto list =
             listAs(VtValue(pxr::SdfUnregisteredValueListOp::CreateExplicit({text})), declared))
@@ -329,7 +330,8 @@ std::optional<VtValue> readAs(const VtValue& content, const VtValue& declared) {
     return encoded ? parse(content.UncheckedGet<std::string>(), encoded->type()) : std::nullopt;
 }
 
-// The default of a metadata field that is declared for specs as at `path`; empty when it is not.
+// Returns the default of a metadata field that is declared for specs as at `path`. Empty if it is
+// not declared.
 VtValue declaredDefault(const pxr::SdfPath& path, const pxr::TfToken& field) {
     const auto& schema = pxr::SdfSchema::GetInstance();
     const auto declares = [&](pxr::SdfSpecType type) {

@@ -6,9 +6,9 @@
 
 namespace usdlive::usd {
 
-/// A metadata field that no plug-in declares is read from a text as its text
-/// (SdfUnregisteredValue). Where a plug-in declares the field, returns what reading the text there
-/// gives; `value` itself where none does, or where the text is none of the declared type.
+/// Returns `value` as the text format would read it here. A metadata field that no plug-in declares
+/// is read as its text (SdfUnregisteredValue). If a plug-in declares the field, the text is read as
+/// the declared type. Otherwise, or if the text is not of that type, returns `value` unchanged.
 [[nodiscard]] pxr::VtValue asRegistered(const pxr::SdfPath& path, const pxr::TfToken& field,
                                         pxr::VtValue value);
 

@@ -1,3 +1,4 @@
+// Applies edits to an SdfLayer.
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 #include <pxr/base/vt/dictionary.h>
@@ -23,7 +24,7 @@ using pxr::TfToken;
 using pxr::VtValue;
 using Elements = std::vector<PathElement>;
 
-// Blobs that live for one edit of a field which is read, changed and written again.
+// Holds blobs during one edit of a field that is read, changed and written back.
 class ScratchBlobs : public BlobSink, public BlobSource {
 public:
     explicit ScratchBlobs(BlobSource& others) : others_(others) {}
@@ -40,7 +41,7 @@ private:
     std::unordered_map<Hash, SharedBytes> kept_;
 };
 
-// Can a dictionary key path be told to Sdf as one token, keys joined by ':'?
+// Returns true if Sdf can take the key path as one token, with keys joined by ':'.
 bool isJoinable(const std::vector<std::string>& keys) {
     return std::ranges::none_of(keys, [](const std::string& key) {
         return key.empty() || key.find(':') != std::string::npos ||
@@ -56,7 +57,7 @@ TfToken joined(const std::vector<std::string>& keys) {
 
 }  // namespace
 
-// One edit of one spec; every check comes before the first change.
+// Applies one edit to one spec. All checks precede the first change.
 class SdfLayerStore::Applier {
 public:
     Applier(Delegate& delegate, std::string_view path, const Elements& elements)
@@ -73,8 +74,8 @@ public:
             return fail(ErrorCode::SpecKindConflict,
                         "there is a spec of another kind at " + inQuotes(text_));
         }
-        // Inert, as Sdf's own functions create specs: that a prim is defined is what its fields
-        // say, and Sdf sends a notice for each of those.
+        // Creates the spec inert, as Sdf's own functions do. Its fields define the prim, and Sdf
+        // sends a notice for each of them.
         delegate_.CreateSpec(path_, pxr::SdfSpecType(create.kind), true);
         append(parent, list(), path_.GetNameToken());
         return {};
@@ -93,7 +94,7 @@ public:
         if (elements_.empty()) return rootStays();
         if (!delegate_.kind(path_)) return noSpec(text_);
         if (move.parent.creation)
-            return fail(ErrorCode::InvalidEdit, "the new parent has to be given by its path");
+            return fail(ErrorCode::InvalidEdit, "a move must name the new parent by its path");
         const auto parent = specpath::parse(move.parent.path);
         if (!parent) return tl::unexpected(parent.error());
         if (!hasPlaceFor(*parent)) return misplaced();
@@ -101,7 +102,8 @@ public:
         const auto elements = specpath::parse(target);
         if (!elements) return tl::unexpected(elements.error());
         if (elements->size() != parent->size() + 1 || elements->back().list != list())
-            return fail(ErrorCode::InvalidPath, inQuotes(move.name) + " is no name for a spec");
+            return fail(ErrorCode::InvalidPath,
+                        inQuotes(move.name) + " is not a valid name for a spec");
         return moveTo(target, TfToken(move.name));
     }
 
@@ -122,7 +124,7 @@ public:
         if (auto checked = checkSet(elements_.empty(), set); !checked) return checked;
         if (!delegate_.kind(path_)) return noSpec(text_);
         const TfToken field = delegate_.tokens(set.field);
-        if (isStructural(field)) return {};  // `subLayerOffsets` goes with `subLayers`
+        if (isStructural(field)) return {};  // `subLayers` includes `subLayerOffsets`
         if (const auto* key = std::get_if<DictionaryKey>(&set.part))
             return setKey(field, key->path, set);
         if (const auto* sample = std::get_if<SampleTime>(&set.part))
@@ -181,7 +183,7 @@ private:
 
     // ---- moving
 
-    // Can a path be extended by a child of this list? The grammar of paths alone decides.
+    // Returns true if the path grammar allows a child of this list below `parent`.
     [[nodiscard]] bool hasPlaceFor(const Elements& parent) const {
         if (parent.empty()) return list() == ChildList::Prims;
         const ChildList last = parent.back().list;
@@ -213,9 +215,10 @@ private:
     void rename(const SdfPath& to, const SdfPath& parent, const TfToken& name) {
         auto names = children(parent, list());
         std::ranges::replace(names, nameOf(elements_), name);
-        // When another prim has left that name in the same change block, Pcp (26.8) takes this
-        // rename for its, and the stage keeps a prim without a prim index, which crashes who asks
-        // it. Where Sdf has told of a prim that came and went there, it is composed anew.
+        // If another prim left that name in the same change block, Pcp (26.8) mistakes this rename
+        // for that prim's. The stage then keeps a prim without a prim index, and using it crashes.
+        // Creating and deleting a prim there makes Sdf report it, and the stage composes the name
+        // again.
         if (list() == ChildList::Prims) {
             delegate_.CreateSpec(to, pxr::SdfSpecTypePrim, false);
             delegate_.DeleteSpec(to, false);
@@ -231,8 +234,8 @@ private:
         append(parent, list(), name);
     }
 
-    // Sdf moves what is below by its prefix; the path of a variant set is no prefix of its
-    // variants'.
+    // Sdf moves the specs below by path prefix, but the path of a variant set is no prefix of its
+    // variants' paths.
     void moveSpecs(const SdfPath& to) {
         if (list() == ChildList::Variants) return moveVariant(path_, to);
         if (list() != ChildList::VariantSets) return delegate_.MoveSpec(path_, to);
@@ -245,8 +248,8 @@ private:
         setChildren(to, ChildList::Variants, std::move(variants));
     }
 
-    // Composition follows variants that come and go, and not ones that are renamed, which Sdf
-    // itself never does: so one comes and goes at both places.
+    // Composition follows variants that are added and removed, but not renamed ones, because Sdf
+    // itself never renames them. So this adds and removes one at both places.
     void moveVariant(const SdfPath& from, const SdfPath& to) {
         comeAndGo(to);
         delegate_.MoveSpec(from, to);
@@ -262,7 +265,7 @@ private:
     [[nodiscard]] std::optional<pxr::VtDictionary> dictionary(const TfToken& field) const {
         VtValue value;
         if (!delegate_.data().Has(path_, field, &value)) return pxr::VtDictionary();
-        // As a layer was read that is not from us, in a field that no plug-in declares here.
+        // The field was read from a file of another program, and no plug-in declares it here.
         if (value.IsHolding<pxr::SdfUnregisteredValue>()) {
             value = VtValue(value.UncheckedGet<pxr::SdfUnregisteredValue>().GetValue());
             if (value.IsHolding<pxr::VtDictionary>()) delegate_.SetField(path_, field, value);
@@ -313,7 +316,7 @@ private:
         return {};
     }
 
-    // The general case: read, change as the model does, write.
+    // The general case: reads the field, changes it like the model, and writes it.
     Result<void> setPart(const TfToken& field, const SetField& set) {
         return change(field, [&](std::optional<FieldValue>& content) {
             if (!content) content.emplace();
@@ -332,7 +335,7 @@ private:
     Result<void> change(const TfToken& field, const Change& change) {
         ScratchBlobs blobs(delegate_.blobs);
         const auto present = readField(delegate_.data(), path_, field, blobs);
-        // What cannot be carried is not of the part's form, and gives way to it.
+        // An unsupported value has another form than the part, which replaces it.
         auto content = present ? *present : std::nullopt;
         const auto before = content;
         change(content);
@@ -360,11 +363,11 @@ private:
         return fail(ErrorCode::SpecNotFound, "there is no spec at " + inQuotes(path));
     }
     [[nodiscard]] tl::unexpected<Error> misplaced() const {
-        return fail(ErrorCode::InvalidEdit,
-                    "such a spec cannot stand where the edit of " + inQuotes(text_) + " puts it");
+        return fail(ErrorCode::InvalidEdit, "the edit of " + inQuotes(text_) +
+                                                " puts a spec where its kind is not allowed");
     }
     static tl::unexpected<Error> rootStays() {
-        return fail(ErrorCode::InvalidEdit, "the pseudo-root is neither deleted nor moved");
+        return fail(ErrorCode::InvalidEdit, "the pseudo-root cannot be deleted or moved");
     }
 
     Delegate& delegate_;
@@ -384,8 +387,8 @@ SdfLayerStore::SdfLayerStore(pxr::SdfLayerHandle layer, BlobSource& blobs,
 
 SdfLayerStore::~SdfLayerStore() {
     const auto layer = delegate_->layer();
-    // By address: under C++20 Tf's comparison of a weak pointer with a strong one calls itself for
-    // ever.
+    // Compares addresses, because under C++20 Tf's comparison of a weak pointer with a strong one
+    // recurses endlessly.
     if (layer && get_pointer(layer->GetStateDelegate()) == get_pointer(delegate_))
         layer->SetStateDelegate(delegate_->previous);
 }
@@ -410,7 +413,7 @@ void SdfLayerStore::blobArrived(
     const Delegate::Applying applying(*delegate_);
     for (const auto& [path, field] : fields) {
         const FieldValue* value = current(path.GetAsString(), field.GetString());
-        // What this OpenUSD cannot hold stays away, as in apply().
+        // Skips content that this OpenUSD does not support, like apply().
         if (value && delegate_->kind(path)) (void)delegate_->set(path, field, *value);
     }
 }

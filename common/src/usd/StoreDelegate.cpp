@@ -1,3 +1,5 @@
+// The state delegate of a layer: writes edits into it and notifies the observer of the editor's
+// writes.
 #include "StoreDelegate.h"
 
 #include <pxr/base/vt/value.h>
@@ -116,7 +118,7 @@ void SdfLayerStore::Delegate::deleteBelow(const Path& path) {
     DeleteSpec(path, true);
 }
 
-// Sdf reports a reordering when a list is replaced by one of the same names in another order.
+// Sdf reports a reordering when a list is replaced by the same names in another order.
 void SdfLayerStore::Delegate::setChildren(const Path& parent, ChildList list,
                                           const pxr::TfTokenVector& names) {
     const Token& field = childrenField(list);
@@ -151,7 +153,7 @@ Result<void> SdfLayerStore::Delegate::set(const Path& path, const Token& field,
         return {};
     }
     if (decoded.error().code != ErrorCode::BlobNotFound) return tl::unexpected(decoded.error());
-    waiting.remove(path, field);  // for what it was to be before
+    waiting.remove(path, field);  // drops the value that the field waited for
     waiting.add({path, field}, value, blobs);
     return {};
 }
@@ -163,7 +165,7 @@ std::optional<TargetFields> SdfLayerStore::Delegate::targetsOf(const Path& path,
     return targetFields(kind(path), field);
 }
 
-// As Sdf's own list editors do after such a list op was set.
+// Updates the specs of targets, as Sdf's own list editors do after such a list op was set.
 void SdfLayerStore::Delegate::renewTargets(const Path& path, const TargetFields& fields,
                                            const pxr::VtValue& value) {
     const auto wanted = targetsIn(value);

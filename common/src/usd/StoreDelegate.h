@@ -16,7 +16,7 @@
 
 namespace usdlive::usd {
 
-/// Fields that could not be set because a blob was not here. Few, and for a short time.
+/// The fields that could not be set because a blob was missing. Few, and only for a short time.
 class WaitingFields {
 public:
     using Field = std::pair<pxr::SdfPath, pxr::TfToken>;
@@ -35,12 +35,12 @@ private:
     std::map<Field, std::set<Hash>> hashes_;
 };
 
-/// Paths of Sdf from text. Reading one costs more than what is then done with it, and most edits
-/// are of siblings.
+/// Converts text to SdfPath and caches the last results. Parsing a path costs more than a typical
+/// edit, and most edits are of siblings.
 class RecentPaths {
 public:
     explicit RecentPaths(Tokens& tokens) : tokens_(tokens) {}
-    /// Precondition: specpath::parse() has taken it.
+    /// Precondition: specpath::parse() accepts `path`.
     pxr::SdfPath operator()(std::string_view path);
 
 private:
@@ -49,13 +49,13 @@ private:
     pxr::SdfPath parent_;
 };
 
-/// Stands between a layer and all that writes to it.
+/// The state delegate between a layer and all its writers.
 class SdfLayerStore::Delegate : public pxr::SdfSimpleLayerStateDelegate {
 public:
     Delegate(BlobSource& blobs, LayerWriteObserver* observer) : blobs(blobs), observer_(observer) {}
 
-    /// While it lives, writes are ours, and nobody is told. Must end before the change block around
-    /// it does, because those who get Sdf's notice may write, too.
+    /// While it lives, writes are ours and the observer is not notified. Must end before the
+    /// enclosing change block, because the receivers of Sdf's notice may also write.
     class Applying {
     public:
         explicit Applying(Delegate& delegate) : delegate_(delegate) { ++delegate_.applying_; }
@@ -74,26 +74,26 @@ public:
     }
     void markDirty() { _MarkCurrentStateAsDirty(); }
 
-    /// Sets a field and what follows from it.
+    /// Sets a field and the specs and fields that depend on it.
     void write(const pxr::SdfPath& path, const pxr::TfToken& field, const DecodedField& value);
     void erase(const pxr::SdfPath& path, const pxr::TfToken& field);
-    /// Deletes a spec and all below it. Overrides lose their opinions first, so that a stage
-    /// composes only what those were about.
+    /// Deletes a spec and everything below it. Erases the opinions of overrides first, so that a
+    /// stage composes only what they affected.
     void deleteBelow(const pxr::SdfPath& path);
-    /// Writes the names of children. A stage composes the parent and all below it only if children
-    /// that were there before the change block have changed their order.
+    /// Writes the names of children. A stage composes the parent and everything below it again only
+    /// if the order of children from before the change block has changed.
     void setChildren(const pxr::SdfPath& parent, ChildList list, const pxr::TfTokenVector& names);
-    /// Sets it, or remembers that a blob is missing.
+    /// Sets the field, or remembers it if a blob is missing.
     Result<void> set(const pxr::SdfPath& path, const pxr::TfToken& field, const FieldValue& value);
 
     BlobSource& blobs;
     WaitingFields waiting;
     Tokens tokens;
     RecentPaths paths{tokens};
-    /// Specs that were created or moved here since the last change notice of the layer.
+    /// Specs that were created or moved here since the layer's last change notice.
     std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> added;
-    bool filled = false;                            ///< with what is not in the layer's file
-    pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< whom the layer had before
+    bool filled = false;                            ///< has content that is not in the layer's file
+    pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< the layer's former delegate
 
 protected:
     using Base = pxr::SdfSimpleLayerStateDelegate;
@@ -119,7 +119,8 @@ protected:
     void _OnPopChild(const Path&, const Token&, const Path&) override;
 
 private:
-    /// Who is told of a write to this path, if anyone. What is below targets follows from list ops.
+    /// Returns the observer of writes to this path, or nullptr. Specs below targets follow from
+    /// list ops.
     [[nodiscard]] LayerWriteObserver* told(const Path& path) const {
         if (!observer_ || path.ContainsTargetPath()) return nullptr;
         return applying_ && std::this_thread::get_id() == thread_ ? nullptr : observer_;
@@ -138,7 +139,8 @@ private:
     pxr::SdfLayerHandle layer_;
     pxr::TfNotice::Key changedKey_;
     int applying_ = 0;
-    const std::thread::id thread_ = std::this_thread::get_id();  // whose writes `applying_` hides
+    // the thread whose writes `applying_` hides
+    const std::thread::id thread_ = std::this_thread::get_id();
 };
 
 }  // namespace usdlive::usd

@@ -1,3 +1,4 @@
+// Collects the errors and warnings of Tf as text.
 #include "usdlive/common/usd/TfComplaints.h"
 
 #include <algorithm>
@@ -8,7 +9,8 @@ namespace usdlive::usd {
 
 namespace {
 
-// `pxrInternal_v0_26_8__pxrReserved__::SdfLayer` is `SdfLayer` to everybody else.
+// Removes OpenUSD's internal namespace: `pxrInternal_v0_26_8__pxrReserved__::SdfLayer` becomes
+// `SdfLayer`.
 std::string withoutInternalNamespace(const std::string& text) {
     static const std::regex internal("pxrInternal_\\w+__pxrReserved__::");
     return std::regex_replace(text, internal, "");
@@ -22,7 +24,7 @@ TfComplaints::~TfComplaints() {
 }
 
 std::string TfComplaints::text(const std::string& otherwise) const {
-    constexpr std::size_t kMost = 3;  // a full disk is complained of for every block
+    constexpr std::size_t kMost = 3;  // a full disk is reported for every block
     std::vector<std::string> told;
     const auto add = [&](const std::string& commentary) {
         const std::string complaint = withoutInternalNamespace(commentary);

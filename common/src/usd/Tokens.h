@@ -9,8 +9,8 @@
 
 namespace usdlive::usd {
 
-/// Those of the names that come again and again, of fields and properties above all: Tf looks each
-/// up under a lock. One thread.
+/// Caches the tokens of frequent names, above all of fields and properties, because Tf looks each
+/// one up under a lock. One thread.
 class Tokens {
 public:
     pxr::TfToken operator()(std::string_view name) {

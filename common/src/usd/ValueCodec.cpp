@@ -1,3 +1,4 @@
+// Encodes and decodes whole fields of USD, including dictionaries, samples, list ops and maps.
 #include "usdlive/common/usd/ValueCodec.h"
 
 #include <pxr/base/tf/enum.h>
@@ -24,7 +25,7 @@ Error within(const Error& error, const std::string& where) {
     return {error.code, where + ": " + error.message};
 }
 
-// ------------------------------------------------------------------ to the protocol
+// ------------------------------------------------------------------ encoding
 
 Result<Dictionary> encodeDictionary(const pxr::VtDictionary& dictionary, BlobSink& blobs,
                                     std::size_t depth);
@@ -89,19 +90,21 @@ Result<FieldValue> encodeRelocates(const Pairs& relocates) {
                         from.GetAsString() + " is relocated more than once");
         for (const pxr::SdfPath& path : {from, to})
             if (!path.IsEmpty() && !path.IsAbsolutePath())
-                return fail(ErrorCode::UnsupportedValue, path.GetAsString() + " is relative");
+                return fail(ErrorCode::UnsupportedValue,
+                            path.GetAsString() + " is a relative path");
         result.entries.emplace_back(pathValue(from.GetAsString()), pathValue(to.GetAsString()));
     }
     return FieldValue(std::move(result));
 }
 
-// `displayUnit` is the only enumeration among Sdf's fields that has names; it travels as its name.
+// `displayUnit` is the only field of Sdf with an enumeration that has names. It is sent as its
+// name.
 bool isUnit(const VtValue& value) {
     return value.IsHolding<pxr::TfEnum>() &&
            !pxr::SdfGetNameForUnit(value.UncheckedGet<pxr::TfEnum>()).empty();
 }
 
-// ------------------------------------------------------------------ and back
+// ------------------------------------------------------------------ decoding
 
 Result<pxr::VtDictionary> decodeDictionary(const Dictionary& dictionary, BlobSource& blobs) {
     pxr::VtDictionary result;
@@ -173,7 +176,7 @@ Result<VtValue> decodeUnit(const Value& value) {
     const auto name = textOf(value).value_or("");
     const pxr::TfEnum unit = pxr::SdfGetUnitFromName(std::string(name));
     if (name.empty() || pxr::SdfGetNameForUnit(unit) != name)
-        return fail(ErrorCode::InvalidValue, "there is no unit " + std::string(name));
+        return fail(ErrorCode::InvalidValue, "unknown unit " + std::string(name));
     return VtValue(unit);
 }
 

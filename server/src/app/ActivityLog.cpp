@@ -1,3 +1,4 @@
+// Logs the actions of users.
 #include "usdlive/server/app/ActivityLog.h"
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// Removes unused big values in rounds.
 #include "usdlive/server/app/BlobCollector.h"
 
 #include <algorithm>
@@ -12,10 +13,10 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// Rounds are so far apart, and take no more than this part of the time.
+// The limits of the pause between rounds, and the share of time that they may take.
 constexpr milliseconds kLeastPause{500}, kMostPause{60'000};
 constexpr int kRoundsWhileKept = 4, kWorkPart = 20;
-// A step is some milliseconds of work.
+// A step takes a few milliseconds.
 constexpr std::size_t kStepBytes = 4 * 1024 * 1024;
 constexpr std::size_t kStepValues = 64;
 
@@ -52,7 +53,7 @@ void BlobCollector::onWorker(Step step) {
     });
 }
 
-// The values first, then the history: who is named after that is known to the project.
+// Lists the values before it reads the history: the project knows of all references added later.
 void BlobCollector::look() {
     spent_ = {};
     auto stored = blobs_.list();
@@ -91,7 +92,7 @@ void BlobCollector::purge(BlobStore::Purged removed) {
 }
 
 void BlobCollector::failed(const Error& error) {
-    // A store that has failed says so itself.
+    // The failure of a store is reported elsewhere.
     if (error.code != ErrorCode::StorageFailed)
         log_.write(LogLevel::Warning, "unused big values are not removed",
                    {{"error", error.message}});

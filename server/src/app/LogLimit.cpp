@@ -1,3 +1,4 @@
+// Counts log lines by key.
 #include "usdlive/server/app/LogLimit.h"
 
 #include <algorithm>
@@ -9,7 +10,7 @@ std::optional<std::uint64_t> LogLimit::take(const std::string& key, std::int64_t
     const auto isOver = [&](const Window& window) {
         return std::abs(nowMs - window.beganMs) >= kWindowMs;
     };
-    // Those that left nothing out are as good as never seen.
+    // Expired windows that left nothing out need not be kept.
     if (windows_.size() >= kMostKeys && !windows_.contains(key))
         std::erase_if(windows_, [&](const auto& entry) {
             return isOver(entry.second) && entry.second.lines <= kLines;

@@ -1,3 +1,4 @@
+// Collects a project's metrics and writes them in Prometheus' text format.
 #include "usdlive/server/app/Metrics.h"
 
 #include <prometheus/histogram.h>
@@ -28,7 +29,7 @@ MetricFamily gauge(const char* name, const char* help, std::uint64_t value) {
 
 using Transports = std::vector<std::pair<std::string_view, TransportCounters>>;
 
-/// One metric for each transport, with its name as a label.
+/// Returns a metric with one value for each transport, labelled with its name.
 MetricFamily ofTransports(const char* name, const char* help, MetricType type,
                           const Transports& transports, std::uint64_t TransportCounters::* member) {
     MetricFamily family{name, help, type, {}};
@@ -42,10 +43,10 @@ MetricFamily ofTransports(const char* name, const char* help, MetricType type,
     return family;
 }
 
-/// DD13.
+/// The metric for ignored samples (DD13).
 MetricFamily ignoredSamples(const Transports& transports) {
     MetricFamily family{"usdlive_ignored_samples_total",
-                        "Samples of DDS that no client of ours sends",
+                        "DDS samples ignored because they are invalid",
                         MetricType::Counter,
                         {}};
     for (std::size_t index = 0; index < kOddities; ++index) {
@@ -96,19 +97,20 @@ std::shared_ptr<const MetricFamilies> Metrics::collect(const Figures& figures) c
         gauge("usdlive_sessions", "Sessions that are open", sessions),
         now("usdlive_connections", "Connections of sessions", &Of::connections),
         total("usdlive_connections_total", "Sessions accepted", &Of::accepted),
-        total("usdlive_turned_away_total", "Sessions turned away, being too many", &Of::turnedAway),
-        total("usdlive_slow_readers_total", "Sessions cut because they did not read",
+        total("usdlive_turned_away_total", "Sessions refused because there were too many",
+              &Of::turnedAway),
+        total("usdlive_slow_readers_total", "Sessions closed because they read too slowly",
               &Of::slowReaders),
         ignoredSamples(transports),
         counter("usdlive_commits_total", "Transactions committed", project.commits),
         counter("usdlive_edits_total", "Edits committed", project.edits),
-        counter("usdlive_dropped_edits_total", "Edits dropped, their spec being deleted",
+        counter("usdlive_dropped_edits_total", "Edits dropped because their spec was deleted",
                 project.dropped),
         counter("usdlive_refused_transactions_total", "Transactions refused", project.refused),
-        counter("usdlive_duplicate_transactions_total", "Transactions that came twice",
+        counter("usdlive_duplicate_transactions_total", "Transactions received more than once",
                 project.duplicates),
         counter("usdlive_previews_total", "Previews of gestures passed on", project.previews),
-        counter("usdlive_unloaded_layers_total", "Layers unloaded, as nobody had them open",
+        counter("usdlive_unloaded_layers_total", "Layers unloaded because no session had them open",
                 project.unloaded),
         counter("usdlive_delivered_commits_total", "Commits handed to sessions", project.delivered),
         total("usdlive_sent_frames_total", "Frames sent", &Of::framesOut),
@@ -120,13 +122,13 @@ std::shared_ptr<const MetricFamilies> Metrics::collect(const Figures& figures) c
         now("usdlive_queue_bytes", "Bytes that wait to be sent, of all sessions", &Of::queuedBytes),
         gauge("usdlive_append_queue_bytes", "Bytes of commits that wait for the store",
               appendQueue),
-        gauge("usdlive_durable_revision", "The newest revision that is safe on disk", revision),
-        gauge("usdlive_storage_free_bytes", "Free space of the disk the store is on", free),
+        gauge("usdlive_durable_revision", "The newest revision that is on the disk", revision),
+        gauge("usdlive_storage_free_bytes", "Free space of the store's disk", free),
         gauge("usdlive_storage_has_space", "0 while edits are refused for lack of space",
               hasSpace ? 1 : 0),
-        counter("usdlive_removed_blobs_total", "Big values removed that nothing named",
-                removed.values),
-        counter("usdlive_removed_blob_bytes_total", "Bytes of them", removed.bytes),
+        counter("usdlive_removed_blobs_total", "Unused big values removed", removed.values),
+        counter("usdlive_removed_blob_bytes_total", "Bytes of unused big values removed",
+                removed.bytes),
         histogram("usdlive_append_seconds", "Time of one group's append and sync",
                   histograms_->appendSeconds),
         histogram("usdlive_append_commits", "Commits in one group", histograms_->appendCommits),
@@ -135,15 +137,14 @@ std::shared_ptr<const MetricFamilies> Metrics::collect(const Figures& figures) c
 
 std::string metricsPage(const HttpCounters& http, const MetricsOfProjects& projects) {
     std::vector<MetricFamily> all{
-        gauge("usdlive_http_connections", "Connections that are open, sessions among them",
-              http.connections),
+        gauge("usdlive_http_connections", "Open connections, including sessions", http.connections),
         counter("usdlive_http_connections_total", "Connections accepted", http.accepted),
-        counter("usdlive_http_turned_away_total", "Connections hung up on, being too many",
+        counter("usdlive_http_turned_away_total", "Connections refused because there were too many",
                 http.turnedAway),
     };
     const std::size_t own = all.size();
     for (const auto& [project, metrics] : projects) {
-        // Every project has the same families, in the same order.
+        // Every project has the same families in the same order.
         for (std::size_t index = 0; index < metrics->all.size(); ++index) {
             const MetricFamily& family = metrics->all[index];
             if (own + index == all.size())

@@ -1,3 +1,4 @@
+// Parses the command line and the configuration file of the server.
 #include "usdlive/server/app/Options.h"
 
 #include <CLI/CLI.hpp>
@@ -26,10 +27,10 @@ Examples:
 Editors connect to the URL it prints. GET /healthz and /metrics on the same port answer over HTTP.
 History and state are kept in DIR/.usdlive. SIGTERM stops it; SIGKILL loses nothing acknowledged.)";
 
-// What stands for a value in the help; whole numbers are told from texts by it.
+// The placeholder for a number in the help. It also identifies options with a whole number.
 constexpr const char* kNumber = "N";
 
-/// A check that says what it wants in errors, and not in the help.
+/// Returns a check that names its limits in errors but not in the help.
 CLI::Validator between(std::uint64_t least, std::uint64_t most) {
     return CLI::Range(least, most).description("");
 }
@@ -45,11 +46,12 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
     app.add_option("--port", options.port, "Port to listen at; 0 takes a free one")
         ->type_name(kNumber)
         ->group(group);
-    app.add_option("--port-file", options.portFile, "Write the port to this file once listening")
+    app.add_option("--port-file", options.portFile,
+                   "Write the port to this file when the server listens")
         ->type_name("FILE")
         ->group(group);
     app.add_option("--allow-origin", options.allowedOrigins,
-                   "Let web pages of this origin connect, or of \"*\"")
+                   "Let web pages of this origin connect; \"*\" allows all")
         ->type_name("ORIGIN")
         ->default_str("")
         ->allow_extra_args(false)
@@ -59,9 +61,9 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
 void addDdsOptions(CLI::App& app, ServerOptions& options) {
     const std::string group = "DDS";
     app.add_flag("--dds", options.dds,
-                 "Serve over DDS, too: who reaches the interface can read and edit")
+                 "Serve over DDS, too: everybody on the network interface can read and edit")
         ->group(group);
-    app.add_option("--dds-interface", options.ddsInterface, "The network interface, and no other")
+    app.add_option("--dds-interface", options.ddsInterface, "The only network interface to use")
         ->type_name("NAME")
         ->group(group);
     app.add_option("--dds-domain", options.ddsDomain, "Number of the DDS domain")
@@ -69,13 +71,13 @@ void addDdsOptions(CLI::App& app, ServerOptions& options) {
         ->check(between(0, dds::kMaxDomain))
         ->group(group);
     app.add_option("--dds-config", options.ddsConfig,
-                   "A configuration of Cyclone DDS, which then says the interface")
+                   "A configuration file of Cyclone DDS, which has to name the interface")
         ->type_name("FILE")
         ->default_str("")
         ->group(group);
     app.add_option("--dds-security", options.ddsSecurity,
                    "Identity, permissions and governance of DDS Security:\n"
-                   "nobody without takes part")
+                   "participants without them are refused")
         ->type_name("DIR")
         ->default_str("")
         ->group(group);
@@ -84,28 +86,28 @@ void addDdsOptions(CLI::App& app, ServerOptions& options) {
 void addStorageOptions(CLI::App& app, ServerOptions& options) {
     const std::string group = "Storage";
     app.add_option("--durability", options.durability,
-                   "An edit is acknowledged once it is on disk (sync), or\n"
-                   "once the system has it (os): faster, and lost if the\n"
+                   "An edit is acknowledged when it is on disk (sync), or\n"
+                   "when the system has it (os): faster, but lost if the\n"
                    "machine itself goes down")
         ->check(oneOf({"sync", "os"}))
         ->type_name("sync|os")
         ->group(group);
     app.add_option("--min-free-mib", options.minFreeMib,
-                   "Refuse edits while the disk has less free; if not given\n"
+                   "Refuse edits while the disk has less free space; default:\n"
                    "512 or 2 % of it, whichever is more")
         ->type_name(kNumber)
         ->default_str("")
         ->check(between(0, 1ull << 40))
         ->group(group);
     app.add_option("--keep-unused-blobs", options.keepUnusedBlobsMinutes,
-                   "Minutes until a big value is removed that nothing names:\n"
-                   "uploaded and not used, or of history that was replaced")
+                   "Minutes before an unused big value is removed: uploaded\n"
+                   "and not used, or only in history that was replaced")
         ->type_name(kNumber)
         ->check(between(0, 1'000'000))
         ->group(group);
     app.add_option("--history-days", options.historyDays,
-                   "Replace commits that are older by what the layers held\n"
-                   "then, but none after the oldest checkpoint; if not given,\n"
+                   "Replace older commits by the content of the layers at\n"
+                   "that time, but none after the oldest checkpoint; default:\n"
                    "the whole history is kept")
         ->type_name(kNumber)
         ->default_str("")
@@ -122,29 +124,31 @@ void addLimits(CLI::App& app, ServerOptions& options) {
             ->check(between(least, most))
             ->group(group);
     };
-    add("--max-frame-mib", options.maxFrameMib, 1, 2047, "Size of one message from a client");
-    add("--max-blob-mib", options.maxBlobMib, 1, 1 << 20, "Size of one big value");
+    add("--max-frame-mib", options.maxFrameMib, 1, 2047, "Largest message from a client");
+    add("--max-blob-mib", options.maxBlobMib, 1, 1 << 20, "Largest big value");
     add("--max-transaction-mib", options.maxTransactionMib, 1, kMostTransactionMib,
-        "Size of what is written in one frame of an editor; the server's memory holds it several "
+        "Largest transaction, the edits of one frame of an editor; the server's memory holds it "
+        "several "
         "times");
-    add("--max-sessions", options.maxSessions, 1, 1'000'000, "Clients at the same time");
+    add("--max-sessions", options.maxSessions, 1, 1'000'000, "Most clients at the same time");
     add("--slow-reader-mib", options.slowReaderMib, 1, 1 << 20,
-        "What may wait for a client before it is cut");
+        "Most data that may wait for a client; a slower client is disconnected");
     add("--flush-interval-ms", options.flushIntervalMs, 0, 1'000,
-        "Time from one group of commits to the next: more is less work for many who edit, and more "
+        "Least time between two groups of commits: more time is less work with many editors, but "
+        "more "
         "delay for them");
 }
 
 void addLockOptions(CLI::App& app, ServerOptions& options) {
     const std::string group = "Locks";
     app.add_option("--admin", options.administrators,
-                   "May edit and unlock what others have locked, by user name")
+                   "User who may edit and unlock what others have locked")
         ->type_name("USER")
         ->default_str("")
         ->allow_extra_args(false)
         ->group(group);
     app.add_option("--lock-takeover-minutes", options.lockTakeoverMinutes,
-                   "So long after its holder has gone others may take a lock")
+                   "Time after which others may take the lock of a user who has left")
         ->type_name(kNumber)
         ->check(between(0, 1'000'000))
         ->group(group);
@@ -152,7 +156,7 @@ void addLockOptions(CLI::App& app, ServerOptions& options) {
 
 void addLogOptions(CLI::App& app, ServerOptions& options) {
     const std::string group = "Log, on stderr";
-    app.add_option("--log-level", options.logLevel, "The least that is logged")
+    app.add_option("--log-level", options.logLevel, "The lowest level that is logged")
         ->check(oneOf({std::begin(kLogLevels), std::end(kLogLevels)}))
         ->type_name("debug|info|warning|error")
         ->group(group);
@@ -161,7 +165,7 @@ void addLogOptions(CLI::App& app, ServerOptions& options) {
            [&options](const std::string& format) {
                options.logFormat = format == "json" ? LogFormat::Json : LogFormat::Text;
            },
-           "Lines for people, or one JSON object a line")
+           "Lines of text, or one JSON object per line")
         ->check(oneOf({"text", "json"}))
         ->type_name("text|json")
         ->default_str("text")
@@ -176,8 +180,8 @@ void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
         ->type_name("")
         ->default_str("");
     app.add_option("--projects", options.projectsFolder,
-                   "Serve each folder in this one as a project, also those\n"
-                   "that come later")
+                   "Serve each folder in this one as a project, also folders\n"
+                   "that are added later")
         ->type_name("FOLDER")
         ->default_str("");
     addNetworkOptions(app, options);
@@ -186,36 +190,38 @@ void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
     addLimits(app, options);
     addLockOptions(app, options);
     addLogOptions(app, options);
-    app.add_option("--config", config, "A JSON file with options by these names; flags win")
+    app.add_option("--config", config,
+                   "A JSON file with options of these names; flags have priority")
         ->type_name("FILE")
         ->configurable(false);
 }
 
-/// The values of one entry as they would stand on the command line.
+/// Returns the values of one entry as they would be written on the command line.
 std::vector<std::string> textsOf(const CLI::Option& option, const std::string& name,
                                  const Json& value) {
     if (option.get_items_expected_max() > 1) {
         std::vector<std::string> texts;
         for (const Json& item : value.is_array() ? value : Json::array({value})) {
-            if (!item.is_string()) throw CLI::ConfigError("\"" + name + "\" has to be texts");
+            if (!item.is_string())
+                throw CLI::ConfigError("\"" + name + "\" must be a list of texts");
             texts.push_back(item.get<std::string>());
         }
         return texts;
     }
     if (option.get_type_name() == kNumber) {
         if (!value.is_number_unsigned())
-            throw CLI::ConfigError("\"" + name + "\" has to be a whole number");
+            throw CLI::ConfigError("\"" + name + "\" must be a whole number");
         return {value.dump()};
     }
     if (option.get_expected_min() == 0) {
-        if (!value.is_boolean()) throw CLI::ConfigError("\"" + name + "\" has to be true or false");
+        if (!value.is_boolean()) throw CLI::ConfigError("\"" + name + "\" must be true or false");
         return {value.dump()};
     }
-    if (!value.is_string()) throw CLI::ConfigError("\"" + name + "\" has to be a text");
+    if (!value.is_string()) throw CLI::ConfigError("\"" + name + "\" must be a text");
     return {value.get<std::string>()};
 }
 
-/// Gives the options that are not on the command line what the file says of them.
+/// Sets the options from the file that are not on the command line.
 void readConfig(CLI::App& app, const std::string& path) {
     std::ifstream file(path);
     if (!file) throw CLI::ConfigError("cannot be read");
@@ -237,11 +243,13 @@ void readConfig(CLI::App& app, const std::string& path) {
 std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv) {
     ServerOptions options;
     std::string config;
-    // `usdlive serve` starts this program under its own name.
+    // `usdlive serve` starts this program under this name.
     const std::string name = argc > 0 && std::string_view(argv[0]) == "usdlive serve"
                                  ? "usdlive serve"
                                  : "usdlive-server";
-    CLI::App app("Serves a folder of OpenUSD layers, which many editors then edit at once.", name);
+    CLI::App app(
+        "Serves a folder of OpenUSD layers, so that many editors can edit them at the same time.",
+        name);
     app.get_formatter()->column_width(44);
     app.footer(kFooter);
     addOptions(app, options, config);

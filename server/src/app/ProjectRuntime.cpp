@@ -1,3 +1,4 @@
+// Runs one project: its ports, its periodic work and its restart after a fault.
 #include "usdlive/server/app/ProjectRuntime.h"
 
 #include <algorithm>
@@ -15,16 +16,16 @@ using std::chrono::steady_clock;
 
 constexpr milliseconds kGoodbyeTime{2'000};
 constexpr milliseconds kRetryPause{1'000};
-// Looking for files that are new or changed: so often, and never more than this part of the time.
+// The pause between scans for new or changed files, and the share of time that scans may take.
 constexpr milliseconds kScanPause{1'000};
 constexpr int kScanPart = 20;
-// Of so many clients the store knows what they have committed (M14); every so often the others are
-// forgotten.
+// The store remembers the transactions of this many clients (M14). The others are forgotten after
+// this pause.
 constexpr std::size_t kKnownClients = 20'000;
 constexpr milliseconds kForgetPause{10 * 60'000};
-// From one look at the free space to the next.
+// The pause between measurements of the free space.
 constexpr milliseconds kSpacePause{500};
-// From one look at commits that are too old to the next.
+// The pause between searches for commits that are too old.
 constexpr milliseconds kHistoryPause{60 * 60 * 1'000};
 
 }  // namespace
@@ -45,7 +46,7 @@ ProjectRuntime::ProjectRuntime(asio::io_context& network, WorkerLanes& workers, 
       intake_([this](SessionId session, bool reading) {
           transports_.of(session).setReading(session, reading);
       }),
-      // A bug met while no session's message was at work: the project is made again from its store.
+      // Called for a bug outside a session's message. The project is created again from its store.
       strand_(network, intake_,
               [this](const std::exception& fault) {
                   log_.write(LogLevel::Error, "project met a fault", {{"error", fault.what()}});
@@ -81,7 +82,7 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
         .failed =
             [this](Error error, CommitStore::Head head) {
                 strand_.post([this, error = std::move(error), head](Project& project) {
-                    if (!storage_.goOn()) return;  // the project was made anew meanwhile
+                    if (!storage_.goOn()) return;  // the project was created again meanwhile
                     history_.thrownAway();
                     project.appendFailed(error, head);
                 });
@@ -107,7 +108,8 @@ void ProjectRuntime::serve() {
 
 void ProjectRuntime::stop(std::function<void()> done) {
     history_.stop();
-    // First what is on its way to the store, so that its authors hear of it before the goodbye.
+    // First waits for the commits that are being stored, so that their authors get the
+    // acknowledgement before the session closes.
     storage_.flush([this, done = std::move(done)]() mutable {
         asio::post(network_, [this, done = std::move(done)]() mutable {
             const Error why{ErrorCode::ShuttingDown,
@@ -172,7 +174,7 @@ void ProjectRuntime::drained(SessionId session) {
     strand_.use([&](Project& project) { project.drained(session); });
 }
 
-/// Everybody has to come again. What the project before had handed to the store is kept.
+/// Closes all sessions, which then reconnect. Commits that were handed to the store are kept.
 void ProjectRuntime::startAgain() {
     strand_.reset();
     outbox_.closeAll(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
@@ -209,7 +211,7 @@ void ProjectRuntime::makeProjectAgain() {
     });
 }
 
-// Polled: the folder may be on a share, whose changes no system call tells.
+// Polls, because the folder may be on a network share, which sends no notifications.
 void ProjectRuntime::scanFilesIn(milliseconds pause) {
     scanTimer_.expires_after(pause);
     scanTimer_.async_wait([this](const boost::system::error_code& error) {
@@ -278,7 +280,7 @@ void ProjectRuntime::boundHistoryIn(milliseconds pause) {
     });
 }
 
-// Asked for now and then, as others fill the disk and empty it, too.
+// Measured repeatedly, because other programs also use the disk.
 void ProjectRuntime::lookForSpaceIn(milliseconds pause) {
     spaceTimer_.expires_after(pause);
     spaceTimer_.async_wait([this](const boost::system::error_code& error) {

@@ -1,4 +1,4 @@
-// Finds, opens and removes the projects of the process, and says over HTTP how they are.
+// Finds, opens and removes the projects of the process, and reports their state over HTTP.
 #include "usdlive/server/app/Projects.h"
 
 #include <algorithm>
@@ -23,11 +23,12 @@ using State = ServedProject::State;
 constexpr std::string_view kSessions = "/live";
 constexpr const char* kJson = "application/json";
 constexpr unsigned kNotFound = 404, kUnavailable = 503;
-// Projects that have not answered by then are reported as busy.
+// Projects that have not answered after this time are reported as busy.
 constexpr milliseconds kReportTime{1'000};
-// From one look for new folders to the next.
+// The pause between searches for new folders.
 constexpr milliseconds kFolderPause{1'000};
-// A folder that is missing so often in a row is gone: a network drive may be away for a moment.
+// A folder is removed after it was missing this often in a row, because a network drive may be
+// unavailable for a moment.
 constexpr unsigned kMissing = 3;
 constexpr std::size_t kMostNamed = 20;
 
@@ -35,14 +36,14 @@ std::string text(const Json& json) {
     return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-/// The name of a project is that of its folder.
+/// Returns the name of the project in `folder`: the folder's own name.
 std::string nameOf(const fs::path& folder) {
     std::error_code error;
     const fs::path real = fs::canonical(folder, error);
     return (error ? fs::absolute(folder).lexically_normal() : real).filename().string();
 }
 
-/// Every folder in `parent` but hidden ones. Nothing: `parent` cannot be read now.
+/// Returns every folder in `parent` that is not hidden, or nothing if `parent` cannot be read now.
 std::optional<std::map<std::string, fs::path>> foldersIn(const fs::path& parent) {
     std::map<std::string, fs::path> found;
     std::error_code error;
@@ -167,7 +168,7 @@ void Projects::stop(std::function<void()> done) {
     if (projects_.empty()) asio::post(io_, std::exchange(stopped_, nullptr));
 }
 
-// ---- folders that come and go
+// ---- added and removed folders
 
 void Projects::lookForFoldersIn(milliseconds pause) {
     folderTimer_.expires_after(pause);

@@ -1,3 +1,4 @@
+// Records which process serves a folder, and finds the URLs of this machine.
 #include "usdlive/server/app/RunningServer.h"
 
 #include <arpa/inet.h>

@@ -1,3 +1,4 @@
+// Reads and writes a project's big values on workers.
 #include "usdlive/server/app/ServedBlobs.h"
 
 #include <algorithm>
@@ -21,7 +22,7 @@ SharedBytes blobError(const Hash& hash, const Error& error) {
         ErrorMessage{std::string(errorName(error.code)), error.message, false, {}, hash})});
 }
 
-/// The parts of a big value, one at each call.
+/// Returns the parts of a big value, one per call.
 class BlobSource {
 public:
     BlobSource(const BlobStore& blobs, const Hash& hash, std::uint64_t offset)

@@ -1,3 +1,4 @@
+// Imports and saves a project's files on workers.
 #include "usdlive/server/app/ServedFiles.h"
 
 #include <algorithm>
@@ -13,7 +14,7 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-// A save tells how far it is so often, from then on when it takes so long (PG1).
+// A save that takes longer than this reports its progress, with this pause (PG1).
 constexpr milliseconds kProgressPause{500};
 
 }  // namespace
@@ -130,7 +131,7 @@ void ServedFiles::setSaved(const LayerId& layer, const SavedState& saved) {
         const auto set =
             store_.use([&](CommitStore& store) { return store.setSaved(layer, saved); });
         if (!set)
-            log_.write(LogLevel::Warning, "the store does not know that a layer is saved",
+            log_.write(LogLevel::Warning, "the store could not record that a layer is saved",
                        {{"layer", layer.value}, {"error", set.error().message}});
     });
 }

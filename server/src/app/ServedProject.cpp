@@ -1,4 +1,4 @@
-// Puts one project together: disk, threads, transports.
+// Builds one project from its disk, threads and transports.
 #include "usdlive/server/app/ServedProject.h"
 
 #include <boost/asio/io_context.hpp>
@@ -26,12 +26,12 @@ namespace {
 
 constexpr std::uint64_t kMib = 1024 * 1024;
 constexpr std::size_t kMostSkippedLogged = 100;
-// A message holds its frames and their lengths.
+// Space in a message for the lengths of its frames.
 constexpr std::size_t kMessageSlack = 64 * 1024;
-// Sessions that are told that there are too many.
+// Additional sessions, which only receive the error that there are too many.
 constexpr std::size_t kMoreSessions = 256;
-// A stop that takes longer, in a file system that does not answer, ends without the rest. Nothing
-// that was acknowledged is lost by it.
+// A stop that takes longer, because a file system does not respond, is aborted. Nothing
+// acknowledged is lost by that.
 constexpr std::chrono::seconds kStopTime{8};
 
 std::int64_t wallClockMs() {
@@ -39,7 +39,7 @@ std::int64_t wallClockMs() {
     return duration_cast<milliseconds>(system_clock::now().time_since_epoch()).count();
 }
 
-/// Returns the layers that are served: the files, and those that only the store holds by now.
+/// Returns the layers that are served: the files, and layers that exist only in the store.
 Result<std::vector<LayerFile>> servedLayers(const LayerFiles& files, SharedStore& store) {
     auto listed = files.list();
     if (!listed) return listed;
@@ -88,8 +88,8 @@ DdsServerOptions ddsOptions(const std::string& name, const ServerOptions& option
     return transport;
 }
 
-/// Opens the store of a project. A process that has served a project never begins a new history
-/// in the place of the one that it has served.
+/// Opens the store of a project. A process that has served a project never starts a new history in
+/// place of the one it served.
 Result<std::unique_ptr<CommitStore>> openStore(const std::filesystem::path& folder,
                                                const RocksCommitStoreOptions& options,
                                                bool& wasOpened) {
@@ -97,8 +97,8 @@ Result<std::unique_ptr<CommitStore>> openStore(const std::filesystem::path& fold
     if (wasOpened && !std::filesystem::exists(folder / "store" / "head", error))
         return fail(ErrorCode::StorageFailed,
                     "the project's history " + folder.lexically_normal().string() +
-                        " was deleted or moved while the server runs. Put it back, and editing "
-                        "goes on. If it is lost, export what open editors show, then stop the "
+                        " was deleted or moved while the server runs. Put it back to continue "
+                        "editing. If it is lost, export what open editors show, then stop the "
                         "server and start it again: the project begins with its files as they "
                         "were saved last");
     auto opened = createRocksCommitStore(folder / "store", options);
@@ -106,8 +106,8 @@ Result<std::unique_ptr<CommitStore>> openStore(const std::filesystem::path& fold
     return opened;
 }
 
-/// Adds what to do: names the server that has the folder's store open, or says how to go on with a
-/// damaged history.
+/// Adds advice to an error: names the server that has the folder's store open, or explains how to
+/// continue with a damaged history.
 Error explained(const Error& error, const std::filesystem::path& folder) {
     const std::string history = (folder / ".usdlive").lexically_normal().string();
     if (error.code == ErrorCode::StorageCorrupt)
@@ -127,7 +127,7 @@ Error explained(const Error& error, const std::filesystem::path& folder) {
                             ". Connect there, or stop that process first"};
 }
 
-/// FI5. Returns how many files are not served; the first are logged with the reason.
+/// FI5: returns the number of files that are not served, and logs the first ones with the reason.
 std::size_t logSkipped(const LayerFiles& files, Log& log) {
     const auto skipped = files.skipped();
     if (!skipped) return 0;
@@ -143,7 +143,8 @@ std::size_t logSkipped(const LayerFiles& files, Log& log) {
 
 }  // namespace
 
-/// What exists while a project is served. Made, used and destroyed on the project's thread.
+/// The objects that exist while a project is served. Created, used and destroyed on the project's
+/// thread.
 class ServedProject::Running {
 public:
     static Result<std::unique_ptr<Running>> open(const ServedProject& project) {
@@ -186,7 +187,7 @@ public:
     }
 
     void run() {
-        // A handler that throws is a fault that concerns this project at most.
+        // An exception in a handler is a bug that affects only this project.
         for (;;) try {
                 network_.run();
                 return;
@@ -271,7 +272,7 @@ private:
     std::unique_ptr<BlobStore> blobs_;
     std::unique_ptr<LayerFiles> files_;
 
-    // The project's thread runs this one.
+    // Run by the project's thread.
     asio::io_context network_{1};
     asio::steady_timer stopTimer_{network_};
     WorkerLanes workers_;
@@ -332,7 +333,7 @@ void ServedProject::run() {
     change({State::Stopped});
 }
 
-/// False: it is time to stop.
+/// Returns false if the project is being stopped.
 bool ServedProject::waitForRetry() {
     std::unique_lock lock(mutex_);
     return !stop_.wait_for(lock, kRetryPause, [this] { return stopping_; });

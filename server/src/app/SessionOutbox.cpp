@@ -1,3 +1,4 @@
+// Passes a project's messages to its transports.
 #include "usdlive/server/app/SessionOutbox.h"
 
 #include <memory>
@@ -11,8 +12,8 @@ void SessionOutbox::send(SessionId session, SharedBytes frames) {
     transports_.of(session).send(session, std::move(frames));
 }
 
-/// Calls `each(Transport&, its sessions)` for each transport, also for one without any. The ids are
-/// sorted, so that those of one transport follow each other.
+/// Calls `each(Transport&, its sessions)` for each transport, also for one without sessions. The
+/// ids are sorted, so that the sessions of a transport are adjacent.
 template <class Each>
 void SessionOutbox::forTransports(std::span<const SessionId> sessions, Each each) {
     transports_.forEach([&](Transport& transport) {

@@ -1,3 +1,4 @@
+// Writes the log as text or JSON with spdlog.
 #include "usdlive/server/app/SpdLog.h"
 
 #include <spdlog/logger.h>
@@ -13,8 +14,7 @@ namespace {
 
 using Json = nlohmann::json;
 
-// The controls beyond those that JSON escapes: DEL, and U+0080 to U+009F, which terminals obey,
-// too.
+// Escapes control characters that JSON allows but terminals obey: DEL, and U+0080 to U+009F.
 std::string withoutControls(const std::string& json) {
     std::string text;
     for (std::size_t i = 0; i < json.size(); ++i) {
@@ -98,7 +98,7 @@ private:
     }
 
     const LogFormat format_;
-    std::string tail_;  // of each line
+    std::string tail_;  // appended to each line
     spdlog::logger logger_;
 };
 

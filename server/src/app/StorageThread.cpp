@@ -1,3 +1,4 @@
+// Appends commits in groups, and reopens the store after a failure.
 #include "usdlive/server/app/StorageThread.h"
 
 #include <utility>
@@ -11,7 +12,8 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds kReopenPause{1'000};
-constexpr std::size_t kFullGroup = 1024 * 1024;  // bytes of frames that wait no longer for others
+// with so many bytes a group does not wait for more
+constexpr std::size_t kFullGroup = 1024 * 1024;
 
 }  // namespace
 
@@ -40,7 +42,7 @@ void StorageThread::append(CommitRecord commit) {
         const bool full = before < kFullGroup && waiting_.bytes >= kFullGroup;
         wakes = waiting_.commits.size() == 1 || full;
     }
-    // Not while the lock is held: who is woken on the same core would only wait for it.
+    // Notifies after unlocking, so that the woken thread does not wait for the lock.
     if (wakes) changed_.notify_all();
 }
 
@@ -64,7 +66,7 @@ void StorageThread::run() {
     }
 }
 
-/// Nothing: it is time to stop.
+/// Returns nothing when the thread has to stop.
 StorageThread::Work StorageThread::nextWork() {
     std::unique_lock lock(mutex_);
     const auto urgent = [this] {
@@ -95,8 +97,8 @@ void StorageThread::recover(const Error& error) {
         waiting_.commits.clear();
         waiting_.bytes = 0;
     }
-    // A full disk leaves the store as it was. After anything else only a new opening knows what is
-    // there: a failed sync is never tried again.
+    // A full disk leaves the store unchanged. After any other error only reopening shows its state,
+    // because a failed sync is never retried.
     if (error.code != ErrorCode::StorageFull) {
         events_.closed();
         for (;;) {
@@ -113,12 +115,13 @@ void StorageThread::recover(const Error& error) {
     if (head) events_.failed(error, *head);
 }
 
-/// False: it is time to stop.
+/// Returns false when the thread has to stop.
 bool StorageThread::pause(std::chrono::milliseconds time) {
     const auto end = Clock::now() + time;
     std::unique_lock lock(mutex_);
     while (!stopping_ && Clock::now() < end) {
-        for (const auto& done : std::exchange(waiting_.flushes, {})) done();  // all is thrown away
+        // all commits are dropped
+        for (const auto& done : std::exchange(waiting_.flushes, {})) done();
         changed_.wait_until(lock, end, [this] { return stopping_ || !waiting_.flushes.empty(); });
     }
     return !stopping_;

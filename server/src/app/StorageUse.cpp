@@ -1,3 +1,4 @@
+// Measures the disk space of a store.
 #include "usdlive/server/app/StorageUse.h"
 
 #include <map>
@@ -9,7 +10,7 @@ namespace usdlive::server {
 
 namespace {
 
-/// Adds up what commits and bases say of layers.
+/// Adds up the sizes of layers from commits and bases.
 class LayerUses {
 public:
     void add(const Commit& commit, std::size_t bytes) {
@@ -44,7 +45,7 @@ private:
     struct Use {
         std::uint64_t commits = 0;
         double frames = 0;
-        std::unordered_map<Hash, std::uint64_t> blobs;  // bytes of each
+        std::unordered_map<Hash, std::uint64_t> blobs;  // and their bytes
     };
 
     void add(const LayerId& layer, const Value& blob) {

@@ -1,3 +1,4 @@
+// Connects a project with its store, the storage thread and workers.
 #include "usdlive/server/app/StoreHistory.h"
 
 #include <sys/resource.h>
@@ -20,8 +21,7 @@ using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
 constexpr int kKeeperNice = 10;
-// Commits of the past are read for a session until they have so many bytes; the rest is asked for
-// later.
+// A session gets at most this many bytes of old commits in one read. The rest is requested later.
 constexpr std::size_t kReadBytes = 16 * 1024 * 1024;
 
 }  // namespace
@@ -38,7 +38,7 @@ StoreHistory::StoreHistory(ProjectStrand& strand, Intake& intake, WorkerLanes& w
       storage_(storage),
       blobFolder_(std::move(blobFolder)),
       log_(log) {
-    // Others come first.
+    // Runs with low priority.
     asio::post(keeper_, [] { ::setpriority(PRIO_PROCESS, id_t(::gettid()), kKeeperNice); });
 }
 
@@ -186,7 +186,7 @@ void StoreHistory::compact(Revision revision) {
         keeper_, 0, 0,
         [this, revision] {
             auto outcome = compactStore(revision);
-            // Also a project that was made meanwhile has to know.
+            // A project that was created meanwhile needs to know, too.
             const auto base = store_.use(
                 [](CommitStore& store) -> Result<CommitStore::Base> { return store.base(); });
             if (base) strand_.post([base](Project& project) { project.baseIs(*base); });

@@ -1,4 +1,4 @@
-// usdlive-server: what the server is made of, from the outside in.
+// usdlive-server: builds the server from its parts.
 
 #include <signal.h>
 #include <unistd.h>
@@ -17,8 +17,9 @@
 #include "usdlive/server/app/SpdLog.h"
 #include "usdlive/server/transport/HttpServer.h"
 
-// jemalloc reads this: freed memory goes back to the system within a second, also while nothing
-// happens. What an import or a save took is else still held when its result takes as much again.
+// jemalloc reads this. Freed memory is returned to the system within a second, also while the
+// server is idle. Otherwise the memory of an import or a save is still held when its result needs
+// the same amount again.
 extern "C" {
 extern const char* malloc_conf;
 const char* malloc_conf = "background_thread:true,dirty_decay_ms:1000,muzzy_decay_ms:0";
@@ -31,13 +32,14 @@ using namespace usdlive::server;
 namespace asio = boost::asio;
 
 constexpr int kStartError = 1;
-// Beside sessions there are requests over HTTP, and sessions that are told that there are too many.
+// Connections besides sessions: HTTP requests, and sessions that receive the error that there are
+// too many.
 constexpr std::size_t kMoreConnections = 256;
-// After this a stop that hangs, in a file system that does not answer, ends the hard way. Nothing
-// that was acknowledged is lost by it.
+// A stop that takes longer, because a file system does not respond, is aborted. Nothing
+// acknowledged is lost by that.
 constexpr unsigned kStopSeconds = 10;
 
-/// Writes the file whole or not at all, since others wait for it to appear.
+/// Writes the file atomically, because other programs wait for it.
 Result<void> writePortFile(const std::filesystem::path& path, std::uint16_t port) {
     const std::filesystem::path draft = path.string() + ".new";
     std::ofstream file(draft);
@@ -63,7 +65,7 @@ std::string counted(std::size_t count, const std::string& what) {
     return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
 }
 
-/// What people read about one project.
+/// Describes one project for the output at the start.
 std::string describe(const ServedProject::Status& status) {
     if (status.error) return "cannot be opened: " + status.error->message;
     std::string text = counted(status.layers, "layer");
@@ -80,7 +82,7 @@ std::string joined(const std::vector<std::string>& texts) {
     return all;
 }
 
-/// Prints what people read when the server is ready.
+/// Prints the addresses and projects when the server is ready.
 void announce(const ServerOptions& options, const Projects& projects, std::uint16_t port) {
     const auto urls = reachableUrls(options.host, port);
     const auto all = projects.all();
@@ -89,9 +91,10 @@ void announce(const ServerOptions& options, const Projects& projects, std::uint1
         std::cout << "serving " << options.folders.front().string() << " (" << describe(status)
                   << ") at " << joined(urls) << std::endl;
         if (status.layers == 0)
-            std::cout << "It holds no .usd, .usda or .usdc file yet. Put one there: it is served "
-                         "within a second."
-                      << std::endl;
+            std::cout
+                << "It contains no .usd, .usda or .usdc file yet. Put one there; it is served "
+                   "within a second."
+                << std::endl;
         return;
     }
     std::cout << "serving " << counted(all.size(), "project") << " at " << joined(urls) << "\n";
@@ -104,7 +107,7 @@ void announce(const ServerOptions& options, const Projects& projects, std::uint1
     std::cout << std::flush;
 }
 
-/// Serves until somebody says stop.
+/// Runs the server until a signal stops it.
 class Server {
 public:
     explicit Server(const ServerOptions& options)
@@ -150,7 +153,7 @@ private:
         projects_.stop([this] { io_.stop(); });
     }
 
-    /// Each project is served or has failed.
+    /// Called when each project is served or has failed.
     void listen() {
         if (isStopping_) return;
         const auto all = projects_.all();
@@ -173,7 +176,7 @@ private:
     void ready() {
         if (!http_->isLoopback())
             log_->write(LogLevel::Warning,
-                        "anyone who reaches this address can read and edit: there is no "
+                        "everybody who can reach this address can read and edit: there is no "
                         "authentication yet",
                         {{"host", options_.host}});
         if (!options_.portFile.empty())
@@ -185,7 +188,7 @@ private:
     const ServerOptions& options_;
     const std::unique_ptr<Log> log_;
     asio::io_context io_{1};
-    // Projects that stop call back from their threads.
+    // Keeps io_ running, because stopping projects call back from their threads.
     const asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};
     Projects projects_;
     std::unique_ptr<HttpServer> http_;

@@ -1,3 +1,4 @@
+// Writes layers with big arrays as text, part by part.
 #include "BigArrays.h"
 
 #include <pxr/base/tf/stringUtils.h>
@@ -25,10 +26,10 @@ constexpr std::size_t kBigBytes = 16 * 1024;
 constexpr std::size_t kPartBytes = 256 * 1024;
 constexpr std::size_t kCountBytes = 8;  // before the items of an array (V3)
 
-// What stands in the text for an array, with the array's number between the two.
+// The placeholder for an array in the text: these two with the array's number in between.
 constexpr std::string_view kMarkBegin = "usdlive-array-", kMarkEnd = "-";
 
-// V2: a fixed number of bytes each, and numbers in the text.
+// V2: returns true for items of a fixed size that are numbers in the text.
 bool isNumeric(ValueType item) {
     return (item >= ValueType::Int && item <= ValueType::Double) ||
            (item >= ValueType::Matrix2d && item <= ValueType::Double4);
@@ -39,12 +40,12 @@ struct BigArray {
     std::string type;  // of the attribute: "point3f[]"
 };
 
-/// The items of an array, a part at a time.
+/// Reads the items of an array, one part at a time.
 class Parts {
 public:
     Parts(const BigArray& array, const BlobStore& blobs) : array_(array), blobs_(blobs) {}
 
-    /// The next items as an array of their own; nothing after the last.
+    /// Returns the next items as an array of their own, or nothing after the last.
     Result<std::optional<Value>> next() {
         if (itemBytes_ == 0)
             if (auto begun = begin(); !begun) return tl::unexpected(begun.error());
@@ -87,7 +88,7 @@ private:
             }
         }
         if (bytes.size() != count)
-            return fail(ErrorCode::BlobNotFound, "a part of a big value is not here");
+            return fail(ErrorCode::BlobNotFound, "a part of a big value is missing");
         return bytes;
     }
 
@@ -97,7 +98,7 @@ private:
     std::uint64_t offset_ = kCountBytes, left_ = 0;
 };
 
-/// A layer of which the big arrays were taken out.
+/// A layer without its big arrays.
 class Outline {
 public:
     explicit Outline(const LayerDoc& doc) : doc_(doc) {
@@ -125,7 +126,7 @@ private:
         }
     }
 
-    // Empty: none that OpenUSD knows.
+    // Returns an empty text for a type that OpenUSD does not know.
     static std::string typeOf(const LayerDoc::SpecView& spec) {
         const auto field = std::ranges::find(*spec.fields, "typeName",
                                              [](const auto& entry) { return entry.first; });
@@ -151,13 +152,13 @@ private:
     std::vector<BigArray> arrays_;
 };
 
-/// The text of the outline, cut where arrays belong.
+/// The text of the outline, split at the arrays.
 struct Pieces {
     std::vector<std::string_view> between;  // one more than there are arrays
-    std::vector<std::size_t> arrays;        // by their numbers, in the order of the text
+    std::vector<std::size_t> arrays;        // numbers of the arrays, in the order of the text
 };
 
-// Nothing: a text of the layer itself looks like one of our marks.
+// Returns nothing if a text of the layer itself looks like a placeholder.
 std::optional<Pieces> cut(std::string_view text, std::size_t arrays) {
     const std::string begin = '"' + std::string(kMarkBegin), end = std::string(kMarkEnd) + '"';
     Pieces pieces;
@@ -190,7 +191,7 @@ std::optional<std::string> textOf(const pxr::SdfLayer& layer) {
     return text;
 }
 
-// With an empty array for each big one.
+// Checks the text with an empty array in each place.
 bool isReadable(const Pieces& pieces) {
     const usd::TfComplaints complaints;
     std::string text;
@@ -202,7 +203,8 @@ bool isReadable(const Pieces& pieces) {
     return layer->ImportFromString(text) && textOf(*layer) == text;
 }
 
-/// The items as text, without brackets. Nothing: OpenUSD does not read the same from it.
+/// Returns the items as text without brackets, or nothing if OpenUSD does not read the same items
+/// from it.
 std::optional<std::string> textOf(const Value& part, const std::string& type,
                                   usd::BlobSource& blobs) {
     const usd::TfComplaints complaints;
@@ -218,14 +220,14 @@ std::optional<std::string> textOf(const Value& part, const std::string& type,
     const pxr::VtValue read = attribute->GetDefaultValue();
     BlobNames names;
     const auto encoded = usd::encodeLeaf(read, names);
-    // NaNs may have other bits than they had; that the text is the same has to be enough for them.
+    // NaNs may have other bits afterwards, so equal text is enough for them.
     const bool same = encoded && encoded->type() == part.type() &&
                       (*encoded == part || pxr::TfStringify(read) == text);
     if (!same) return std::nullopt;
     return text.substr(1, text.size() - 2);
 }
 
-/// False: a part cannot be checked.
+/// Returns false if a part cannot be checked.
 Result<bool> writeArray(std::ostream& out, const BigArray& array, BlobStore& store) {
     Parts parts(array, store);
     StoredBlobs blobs(store);

@@ -1,3 +1,4 @@
+// Connects the codec of USD values with the blob store.
 #include "BlobBridge.h"
 
 namespace usdlive::server {

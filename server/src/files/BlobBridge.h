@@ -7,28 +7,28 @@
 
 namespace usdlive::server {
 
-/// Big values found in a file, into the store.
+/// Stores the big values of a file in the blob store.
 class BlobKeeper final : public usd::BlobSink {
 public:
     BlobKeeper(BlobStore& store, std::mutex& writing) : store_(store), writing_(writing) {}
     void keepBlob(const Hash& hash, SharedBytes bytes) override;
-    /// The first error, if there was one.
+    /// Returns the first error, if any.
     [[nodiscard]] const Result<void>& kept() const { return kept_; }
 
 private:
     BlobStore& store_;
-    std::mutex& writing_;  // one writer for a hash
+    std::mutex& writing_;  // one writer at a time for a hash
     Result<void> kept_;
 };
 
-/// For comparing: only the names of big values are needed.
+/// For comparing layers, which needs only the hashes of big values.
 class BlobNames final : public usd::BlobSink {
 public:
     [[nodiscard]] bool wantsBlob(const Hash&) override { return false; }
     void keepBlob(const Hash&, SharedBytes) override {}
 };
 
-/// Big values of the store, for a file.
+/// Provides the big values of the store for a file.
 class StoredBlobs final : public usd::BlobSource {
 public:
     explicit StoredBlobs(const BlobStore& store) : store_(store) {}

@@ -1,3 +1,4 @@
+// Reads the attributes and the hash of a layer's file.
 #include "FileStamps.h"
 
 #include <fcntl.h>
@@ -55,7 +56,7 @@ tl::unexpected<Error> unreadable(const std::filesystem::path& path, const std::s
     return fail(ErrorCode::LayerUnreadable, path.filename().string() + " cannot be read: " + why);
 }
 
-/// Nothing: it was written meanwhile.
+/// Returns nothing if the file was written meanwhile.
 Result<std::optional<FileStamp>> attempt(const std::filesystem::path& path, int file) {
     struct stat before{}, after{};
     if (::fstat(file, &before) != 0) return unreadable(path, std::strerror(errno));
@@ -68,7 +69,7 @@ Result<std::optional<FileStamp>> attempt(const std::filesystem::path& path, int 
         if (count == 0) break;
         sha.add(ByteView(part.data(), std::size_t(count)));
     }
-    // Another file may stand there by now.
+    // The path may name another file by now.
     if (::stat(path.c_str(), &after) != 0 || traceOf(before) != traceOf(after)) return std::nullopt;
     return FileStamp{traceOf(after), sha.finish()};
 }

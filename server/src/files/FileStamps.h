@@ -11,12 +11,12 @@
 
 namespace usdlive::server {
 
-/// How the file looks from outside, whose it is and whether it may be written, of a layer named
-/// `layer`. Nothing: there is no such file.
+/// Returns the attributes of the file of `layer`: its trace, owner and whether it is writable.
+/// Nothing if there is no such file.
 [[nodiscard]] std::optional<LayerFile> lookAt(const std::filesystem::path& path, LayerId layer);
 
-/// What the file holds; nothing: there is none. LayerUnreadable: it cannot be read, or is being
-/// written all the time.
+/// Returns the trace and the hash of the file, or nothing if there is none. Error: LayerUnreadable
+/// if it cannot be read or is being written all the time.
 [[nodiscard]] Result<std::optional<FileStamp>> stampOf(const std::filesystem::path& path);
 
 }  // namespace usdlive::server

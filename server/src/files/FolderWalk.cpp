@@ -1,3 +1,4 @@
+// Walks through a project's folder and follows links inside it (FI5).
 #include "FolderWalk.h"
 
 #include <algorithm>
@@ -48,9 +49,10 @@ private:
     void file(const std::string& name, const fs::path& real) {
         if (links_ == 0 || ++overLinks_ <= kMostOverLinks) return visitor_.file(name, real);
         if (overLinks_ == kMostOverLinks + 1)
-            visitor_.skipped(name, "more than " + std::to_string(kMostOverLinks) +
-                                       " files are found over links; this one and all after it are "
-                                       "served by their own names only");
+            visitor_.skipped(name,
+                             "more than " + std::to_string(kMostOverLinks) +
+                                 " files are found over links; this one and all later ones are "
+                                 "served by their own names only");
     }
 
     void below(const fs::path& real, const std::string& name) {
@@ -69,7 +71,7 @@ private:
         if (fs::is_regular_file(real, problem)) return file(name, real);
         if (!fs::is_directory(real, problem)) return;
         if (std::ranges::find(open_, real) != open_.end())
-            return visitor_.skipped(name, "the link leads back to a folder that it is in");
+            return visitor_.skipped(name, "the link leads back to a folder above it");
         ++links_;
         below(real, name);
         --links_;
@@ -77,8 +79,8 @@ private:
 
     const fs::path& root_;
     const FolderVisitor& visitor_;
-    std::vector<fs::path> open_;  // the folders on the way here, as they really are
-    int links_ = 0;               // to folders, on the way here
+    std::vector<fs::path> open_;  // the real paths of the folders above
+    int links_ = 0;               // number of followed links to folders
     std::size_t overLinks_ = 0;
 };
 

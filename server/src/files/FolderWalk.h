@@ -1,4 +1,4 @@
-// Finds the files of a project's folder, over links inside it too, and says which it passes over
+// Finds the files of a project's folder, also over links inside it, and reports those it skips
 // (FI5).
 #pragma once
 
@@ -11,21 +11,23 @@
 namespace usdlive::server {
 
 struct FolderVisitor {
-    /// A file: its name below the folder, over links as they are called, and where it really is.
+    /// Called for a file, with its name below the folder (with the names of links) and its real
+    /// path.
     std::function<void(const std::string& name, const std::filesystem::path& real)> file;
-    /// A link or folder that is not followed, and why.
+    /// Called for a link or folder that is not followed, with the reason.
     std::function<void(const std::string& name, const std::string& reason)> skipped;
 };
 
-/// Visits every file in `folder` (absolute, without links) and below. Hidden files and folders are
-/// passed over without a word. A link is followed where it leads to something in the folder that is
-/// not hidden and not a folder above it; at most kMostOverLinks files are visited over links to
-/// folders. LayerUnreadable: the folder itself cannot be listed.
+/// Visits every file in `folder` (absolute, without links) and below. Skips hidden files and
+/// folders silently. Follows a link if it leads to something in the folder that is not hidden and
+/// not a folder above the link. Visits at most kMostOverLinks files over links to folders. Error:
+/// LayerUnreadable if the folder itself cannot be listed.
 [[nodiscard]] Result<void> walkFolder(const std::filesystem::path& folder,
                                       const FolderVisitor& visitor);
 inline constexpr std::size_t kMostOverLinks = 10'000;
 
-/// Why a path, absolute and without links, is not of the project in `folder`; nothing: it is.
+/// Returns the reason why a path, absolute and without links, is outside the project in `folder`,
+/// or an empty text if it is inside.
 [[nodiscard]] std::string whyOutside(const std::filesystem::path& folder,
                                      const std::filesystem::path& real);
 

@@ -1,3 +1,4 @@
+// Lists, imports and saves the USD files of a project.
 #include "usdlive/server/files/LayerFiles.h"
 
 #include <pxr/usd/sdf/fileFormat.h>
@@ -25,7 +26,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// No part of a layer's name begins so (LN1).
+// No part of a layer's name begins like this (LN1).
 constexpr std::string_view kTemporaryPrefix = ".usdlive-save-";
 
 std::string lowerCase(std::string text) {
@@ -34,7 +35,7 @@ std::string lowerCase(std::string text) {
     return text;
 }
 
-// What OpenUSD reads as a layer, by the ending of its name; it minds no upper case.
+// Returns true for the extensions that OpenUSD reads as layers. It ignores case.
 bool looksLikeLayer(const std::string& name) {
     const std::string ending = lowerCase(fs::path(name).extension().string());
     return ending == ".usd" || ending == ".usda" || ending == ".usdc" || ending == ".usdz";
@@ -46,7 +47,7 @@ std::string whyNoLayer(const std::string& name, const Error& error) {
     return error.message + ": rename it";
 }
 
-// Bytes that are no UTF-8 become U+FFFD.
+// Replaces bytes that are not UTF-8 by U+FFFD.
 std::string shownName(std::string_view name) {
     std::string shown;
     while (!name.empty()) {
@@ -111,7 +112,7 @@ public:
                     skipped.push_back({shownName(name), whyNoLayer(name, layer.error())});
             },
             [&](const std::string& name, const std::string& reason) {
-                // A link to a texture outside is nobody's layer.
+                // A link to a texture outside is not a layer.
                 if (looksLikeLayer(name) || !fs::path(name).has_extension())
                     skipped.push_back({shownName(name), reason});
             }};
@@ -131,10 +132,10 @@ public:
             const fs::path real = fs::canonical(path, problem);
             if (problem)
                 return fail(ErrorCode::InvalidLayerName,
-                            layer.value + " is named over a link that leads nowhere");
+                            layer.value + " is reached over a broken link");
             if (const std::string why = whyOutside(folder_, real); !why.empty())
                 return fail(ErrorCode::InvalidLayerName,
-                            layer.value + " is named over a link that leads " + why);
+                            layer.value + " is reached over a link that leads " + why);
             path = real;
         }
         return path;
@@ -164,7 +165,7 @@ public:
         const auto type = fs::status(*path, ignored).type();
         if (type == fs::file_type::not_found)
             return fail(ErrorCode::LayerNotFound, "the project has no file " + layer.value);
-        if (type != fs::file_type::regular) return unreadable(layer, "it is no file");
+        if (type != fs::file_type::regular) return unreadable(layer, "it is not a regular file");
         const auto before = stampOf(*path);
         if (!before) return tl::unexpected(before.error());
         auto doc = read(layer, *path);
@@ -183,7 +184,8 @@ public:
                            const std::vector<Hash>& expected, const Ready& ready) override {
         const auto path = resolve(layer);
         if (!path) return tl::unexpected(path.error());
-        std::optional<FileTrace> unobjectionable;  // a big file is hashed once
+        // set when the file was accepted, so that a big file is hashed once
+        std::optional<FileTrace> unobjectionable;
         const auto objection = [&]() -> Result<void> {
             if (expected.empty()) return {};
             const auto present = lookAt(*path, layer);
@@ -192,7 +194,7 @@ public:
             if (!found) return tl::unexpected(found.error());
             if (*found) unobjectionable = (*found)->trace;
             if (!*found || std::ranges::find(expected, (*found)->hash) != expected.end()) return {};
-            // An editor may have written what the layer holds, in its own way.
+            // An editor may have written the same content in its own format.
             if (const auto held = read(layer, *path); held && *held == doc) return {};
             unobjectionable.reset();
             return fail(ErrorCode::LayerOutdated,
@@ -222,7 +224,7 @@ private:
         return doc;
     }
 
-    // D1, which a file can break and an edit cannot.
+    // D1, which a file can violate but an edit cannot.
     static Result<void> checkHarmless(const LayerDoc& doc) {
         constexpr const char* kField = "timeCodesPerSecond";
         const FieldValue* value = doc.field("/", kField);
@@ -233,7 +235,7 @@ private:
         return {};
     }
 
-    // What a file of that name is written as: "usda" or "usdc".
+    // Returns the format for the file name: "usda" or "usdc".
     static std::string formatOf(const fs::path& path) {
         const std::string ending = lowerCase(path.extension().string());
         if (ending == ".usda") return "usda";
@@ -253,7 +255,7 @@ private:
                 const auto written = exportTo(file.temporary(), doc, format);
                 if (!written) return tl::unexpected(written.error());
                 if (!*written)
-                    return fail(ErrorCode::SaveFailed, "what was written cannot be read back");
+                    return fail(ErrorCode::SaveFailed, "the written file cannot be read back");
                 const auto last = [&] {
                     return ready ? ready((*written)->hash).and_then(objection) : objection();
                 };
@@ -262,8 +264,8 @@ private:
             });
     }
 
-    // Renaming changed its trace. If another file stands there already, the trace of ours tells
-    // that it is not this one.
+    // Renaming changed the trace. If another file has replaced ours since, keeping our trace shows
+    // it.
     static FileStamp stampInPlace(const fs::path& path, FileStamp written) {
         const auto present = lookAt(path, {});
         if (!present) return written;
@@ -277,11 +279,11 @@ private:
         std::error_code problem;
         fs::create_directories(folder, problem);
         if (!problem) return {};
-        return fail(ErrorCode::SaveFailed, "its folder cannot be made: " + problem.message());
+        return fail(ErrorCode::SaveFailed, "its folder cannot be created: " + problem.message());
     }
 
-    // Writes the doc, and makes sure that it can be read back. Nothing: somebody else writes it,
-    // too.
+    // Writes the doc and checks that it can be read back. Returns nothing if another process writes
+    // the file, too.
     Result<std::optional<FileStamp>> exportTo(const fs::path& file, const LayerDoc& doc,
                                               const std::string& format) {
         if (format == "usda") {
@@ -290,13 +292,13 @@ private:
             if (*written) return stampOf(file);
         }
         if (auto done = exportWhole(file, doc, format); !done) return tl::unexpected(done.error());
-        // Each of the two hashes all there is: together they take most of the time.
+        // Both hash the whole content, which takes most of the time, so they run in parallel.
         auto stamp = std::async(std::launch::async, [&file] { return stampOf(file); });
         if (auto same = compare(file, doc); !same) return tl::unexpected(same.error());
         return stamp.get();
     }
 
-    // The layer is released before its file is read: only one of them is in memory.
+    // Releases the layer before its file is read, so that only one of them is in memory.
     Result<void> exportWhole(const fs::path& file, const LayerDoc& doc, const std::string& format) {
         StoredBlobs blobs(blobs_);
         const auto layer = usd::makeLayer(doc, blobs, format);
@@ -307,18 +309,18 @@ private:
         return fail(ErrorCode::SaveFailed, complaints.text(std::strerror(errno)));
     }
 
-    // Read back, does the file hold what it should?
+    // Checks that the file has the right content.
     Result<void> compare(const fs::path& file, const LayerDoc& doc) {
         const usd::TfComplaints complaints;
         const auto written = pxr::SdfLayer::OpenAsAnonymous(file.string());
         if (!written)
-            return fail(ErrorCode::SaveFailed, "what was written cannot be read back: " +
+            return fail(ErrorCode::SaveFailed, "the written file cannot be read back: " +
                                                    complaints.text("OpenUSD gives no reason"));
         if (usd::holds(written, doc)) return {};
         return compareTexts(*written, doc);
     }
 
-    // A file may say the same in another way, for example with another type of a number in a
+    // A file may express the same in another way, for example with another number type in a
     // dictionary. Such layers are compared as text.
     Result<void> compareTexts(const pxr::SdfLayer& written, const LayerDoc& doc) {
         StoredBlobs blobs(blobs_);
@@ -327,11 +329,11 @@ private:
         const usd::TfComplaints complaints;
         std::string is, ought;
         if (!written.ExportToString(&is) || !(*layer)->ExportToString(&ought))
-            return fail(ErrorCode::SaveFailed, "what was written cannot be read back: " +
+            return fail(ErrorCode::SaveFailed, "the written file cannot be read back: " +
                                                    complaints.text("OpenUSD gives no reason"));
         if (is == ought) return {};
         return fail(ErrorCode::SaveFailed,
-                    "what was written reads back differently" + differenceOf(is, ought));
+                    "the written file reads back differently" + differenceOf(is, ought));
     }
 
     static std::string differenceOf(const std::string& is, const std::string& ought) {
@@ -361,7 +363,7 @@ Result<std::unique_ptr<LayerFiles>> createLayerFiles(const fs::path& folder, Blo
     const fs::path real = fs::canonical(folder, problem);
     if (problem || !fs::is_directory(real))
         return fail(ErrorCode::InvalidConfiguration,
-                    folder.string() + " is no folder that can be served");
+                    folder.string() + " is not a folder that can be served");
     removeLeftovers(real);
     return std::make_unique<SdfLayerFiles>(real, blobs);
 }

@@ -1,3 +1,4 @@
+// Replaces a file atomically.
 #include "SafeFile.h"
 
 #include <fcntl.h>
@@ -26,12 +27,12 @@ tl::unexpected<Error> failedTo(const char* what) {
 
 Result<void> syncPath(const fs::path& path, int flags) {
     const int file = ::open(path.c_str(), flags | O_CLOEXEC);
-    if (file < 0) return failedTo("cannot be opened to be synced");
+    if (file < 0) return failedTo("cannot be opened for syncing");
     const bool synced = ::fsync(file) == 0;
     const int problem = errno;
     ::close(file);
     errno = problem;
-    if (!synced) return failedTo("cannot be brought to the disk");
+    if (!synced) return failedTo("cannot be synced to the disk");
     return {};
 }
 
@@ -58,17 +59,17 @@ Result<SafeFile> SafeFile::create(const fs::path& target, std::string_view prefi
     const bool exists = ::stat(target.c_str(), &present) == 0;
     if (exists && !isWritable(target, present.st_mode)) {
         errno = EACCES;
-        return failedTo("may not be written to");
+        return failedTo("is not writable");
     }
     const std::string suffix = "." + std::string(extension);
     std::string name = target.parent_path() / (std::string(prefix) + "XXXXXX" + suffix);
     const int file = ::mkostemps(name.data(), int(suffix.size()), O_CLOEXEC);
-    if (file < 0) return failedTo("its folder cannot be written to");
+    if (file < 0) return failedTo("its folder is not writable");
     SafeFile safe(target, name);
     const mode_t mode = exists ? present.st_mode & kPermissionBits : kNewFile;
     const bool permitted = ::fchmod(file, mode) == 0;
     ::close(file);
-    if (!permitted) return failedTo("cannot be given its permissions");
+    if (!permitted) return failedTo("cannot get its permissions");
     return safe;
 }
 
@@ -76,7 +77,7 @@ Result<void> SafeFile::replace(const std::function<Result<void>()>& objection) {
     if (auto synced = syncPath(temporary_, O_RDONLY); !synced) return synced;
     if (auto objected = objection(); !objected) return objected;
     if (std::rename(temporary_.c_str(), target_.c_str()) != 0)
-        return failedTo("cannot be put into place");
+        return failedTo("cannot replace the old file");
     temporary_.clear();
     return syncPath(target_.parent_path(), O_RDONLY | O_DIRECTORY);
 }

@@ -11,32 +11,32 @@
 
 namespace usdlive::server {
 
-/// May this process write the file, and does anybody have the permission? (Root may write anything,
-/// and means a file without write permission to be left alone all the same.)
+/// Returns true if this process may write the file and its permissions allow it to anybody. (Root
+/// may write any file, but respects a file without write permission.)
 [[nodiscard]] bool isWritable(const std::filesystem::path& path, mode_t mode);
 
-/// A file that is written beside the one it is to replace, and takes its place in one step or not
-/// at all. Removes what was written when it goes without having replaced.
+/// A temporary file beside a target file. It replaces the target in one step or not at all. The
+/// destructor removes it if it has not replaced the target.
 class SafeFile {
 public:
-    /// Makes an empty file `prefix`...`.extension` in the folder of `target`, with the permissions
-    /// that `target` has. Refuses where `target` may not be written to.
+    /// Creates an empty file `prefix`...`.extension` in the folder of `target`, with the
+    /// permissions of `target`. Fails if `target` is not writable.
     static Result<SafeFile> create(const std::filesystem::path& target, std::string_view prefix,
                                    std::string_view extension);
     SafeFile(SafeFile&& other) noexcept;
     SafeFile& operator=(SafeFile&&) = delete;
     ~SafeFile();
 
-    /// To be written to by its name.
+    /// The path for writing the content.
     [[nodiscard]] const std::filesystem::path& temporary() const { return temporary_; }
-    /// Brings it to the disk, then into place, unless `objection` has something against that.
+    /// Syncs the file to the disk and replaces the target, unless `objection` returns an error.
     Result<void> replace(const std::function<Result<void>()>& objection);
 
 private:
     SafeFile(std::filesystem::path target, std::filesystem::path temporary);
 
     std::filesystem::path target_;
-    std::filesystem::path temporary_;  // empty: nothing to remove
+    std::filesystem::path temporary_;  // empty: there is nothing to remove
 };
 
 }  // namespace usdlive::server

@@ -13,20 +13,21 @@ namespace usdlive::server {
     return fail(code, "the value " + hash.hex() + " " + what);
 }
 
-/// May a part of `bytes` at `offset` come, where `written` bytes of a value of `size` are there?
+/// Checks whether a part of `bytes` at `offset` can follow the `written` bytes of a value of
+/// `size`.
 [[nodiscard]] inline Result<void> checkPart(const Hash& hash, std::uint64_t size,
                                             std::uint64_t written, std::uint64_t offset,
                                             std::uint64_t bytes, std::uint64_t maxBytes) {
     if (size > maxBytes)
         return blobError(ErrorCode::BlobTooLarge, hash,
-                         "has " + std::to_string(size) + " bytes, more than the " +
-                             std::to_string(maxBytes) + " that are taken");
+                         "has " + std::to_string(size) + " bytes, more than the limit of " +
+                             std::to_string(maxBytes));
     if (offset != written)
         return blobError(ErrorCode::BlobMismatch, hash,
-                         "goes on at byte " + std::to_string(offset) + " where " +
-                             std::to_string(written) + " are there");
+                         "continues at byte " + std::to_string(offset) + ", but " +
+                             std::to_string(written) + " bytes are stored");
     if (bytes > size - offset)
-        return blobError(ErrorCode::BlobMismatch, hash, "has more bytes than it was said to have");
+        return blobError(ErrorCode::BlobMismatch, hash, "has more bytes than announced");
     return {};
 }
 

@@ -1,3 +1,4 @@
+// Stores big values as files.
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -21,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A value that is being written, in a file that goes with it unless it was kept.
+/// A value that is being written. Deletes its file unless keep() was called.
 class Unfinished {
 public:
     static Result<Unfinished> begin(fs::path path) {
@@ -61,7 +62,7 @@ private:
     Unfinished(File file, fs::path path) : file_(std::move(file)), path_(std::move(path)) {}
 
     File file_;
-    fs::path path_;  // empty: somebody else's by now
+    fs::path path_;  // empty: the file was moved away
     Sha256 hash_;
     std::uint64_t written_ = 0;
 };
@@ -94,7 +95,7 @@ private:
     using Upload = std::pair<Hash, std::uint64_t>;  // and its writer
     struct Entry {
         Unfinished value;
-        std::uint64_t turn;  // of its last part
+        std::uint64_t turn;  // number of its last part
     };
 
     [[nodiscard]] fs::path unfinished() const { return folder_ / "unfinished"; }
@@ -115,8 +116,8 @@ private:
     const fs::path folder_;
     const BlobStoreOptions options_;
 
-    // Guards the next three; never held while a file is written or removed. What takes a dropped
-    // value's place, and what takes it away, do so with it held, so that neither meets the other.
+    // Guards the next three members. Not held while a file is written or removed, except when a
+    // file replaces or removes a dropped value, so that the two do not interfere.
     mutable std::mutex mutex_;
     std::map<Upload, Entry> unfinished_;
     std::uint64_t turn_ = 0;
@@ -149,7 +150,7 @@ Result<Bytes> FileBlobStore::read(const Hash& hash, std::uint64_t offset, std::s
     if (!length) return tl::unexpected(length.error());
     const auto file = openValue(hash);
     if (!file) return tl::unexpected(file.error());
-    // `count` is somebody else's: not more is allocated than there is.
+    // `count` comes from a client: allocates no more than the file has.
     const std::uint64_t there = *length - std::min(offset, *length);
     return readAt(*file, offset, std::size_t(std::min<std::uint64_t>(count, there)), name(hash));
 }
@@ -157,7 +158,7 @@ Result<Bytes> FileBlobStore::read(const Hash& hash, std::uint64_t offset, std::s
 Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
                                   ByteView part, std::uint64_t writer) {
     const Upload upload(hash, writer);
-    if (has(hash)) {  // perhaps another writer was quicker
+    if (has(hash)) {  // another writer may have been faster
         const std::lock_guard lock(mutex_);
         unfinished_.erase(upload);
         return true;
@@ -176,7 +177,7 @@ Result<bool> FileBlobStore::write(const Hash& hash, std::uint64_t size, std::uin
     return keep(hash, *value).map([] { return true; });
 }
 
-/// What is there of it, out of the table, so that it is gone if anything fails.
+/// Takes the unfinished value out of the table, so that it is dropped if anything fails.
 Result<Unfinished> FileBlobStore::take(const Upload& upload, std::uint64_t offset) {
     const auto& [hash, writer] = upload;
     {
@@ -185,7 +186,7 @@ Result<Unfinished> FileBlobStore::take(const Upload& upload, std::uint64_t offse
         if (!entry.empty() && offset > 0) return std::move(entry.mapped().value);
     }
     if (offset > 0)
-        return blobError(ErrorCode::BlobMismatch, hash, "goes on where none of it is there");
+        return blobError(ErrorCode::BlobMismatch, hash, "continues a value that was not started");
     return Unfinished::begin(unfinished() / (hash.hex() + "-" + std::to_string(writer)));
 }
 
@@ -201,7 +202,7 @@ void FileBlobStore::putBack(const Upload& upload, Unfinished value) {
 Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
     const Hash actual = value.finish();
     if (actual != hash)
-        return blobError(ErrorCode::BlobMismatch, hash, "is " + actual.hex() + " in truth");
+        return blobError(ErrorCode::BlobMismatch, hash, "has the content of " + actual.hex());
     const fs::path path = name(hash);
     const auto rename = [&] {
         const std::lock_guard lock(mutex_);
@@ -214,7 +215,7 @@ Result<void> FileBlobStore::keep(const Hash& hash, Unfinished& value) {
 }
 
 void FileBlobStore::forget(std::uint64_t writer) {
-    std::map<Upload, Entry> gone;  // removed when the lock is not held any more
+    std::map<Upload, Entry> gone;  // removed after the lock is released
     const std::lock_guard lock(mutex_);
     for (auto one = unfinished_.begin(); one != unfinished_.end();) {
         const auto next = std::next(one);

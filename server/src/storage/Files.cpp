@@ -1,3 +1,4 @@
+// Reads and writes files with errors that name the file.
 #include "Files.h"
 
 #include <fcntl.h>

@@ -10,7 +10,7 @@
 
 namespace usdlive::server {
 
-/// An open file of the system, closed at the end.
+/// An open file descriptor. The destructor closes it.
 class File {
 public:
     File() = default;
@@ -28,35 +28,35 @@ private:
     int descriptor_ = -1;
 };
 
-/// What errno says, as "cannot <verb> <path>: ...": StorageFull when the disk is, else
-/// StorageFailed.
+/// Returns the error of errno as "cannot <verb> <path>: ...": StorageFull if the disk is full,
+/// otherwise StorageFailed.
 [[nodiscard]] Error systemError(const char* verb, const std::filesystem::path& path);
 
-/// `flags` as of open(2); closed on exec.
+/// `flags` are those of open(2); the file is closed on exec.
 [[nodiscard]] Result<File> openFile(const std::filesystem::path& path, int flags);
-/// With those above it; each is there after a power cut, too.
+/// Creates the folder and its parents. Each survives a power cut.
 [[nodiscard]] Result<void> makeFolders(const std::filesystem::path& path);
 
-// Whole or an error; `path` names the file in it.
+// Writes or reads everything, or returns an error. `path` names the file in the error.
 [[nodiscard]] Result<void> writeAt(const File& file, std::uint64_t offset, ByteView bytes,
                                    const std::filesystem::path& path);
-/// Up to `size` bytes: fewer at the end of the file.
+/// Returns up to `size` bytes, and fewer only at the end of the file.
 [[nodiscard]] Result<Bytes> readAt(const File& file, std::uint64_t offset, std::size_t size,
                                    const std::filesystem::path& path);
 [[nodiscard]] Result<void> syncFile(const File& file, const std::filesystem::path& path);
-/// So that a file made or renamed in it is there after a power cut.
+/// Makes files that were created or renamed in the folder survive a power cut.
 [[nodiscard]] Result<void> syncFolder(const std::filesystem::path& path);
 
-/// Files that are known to be whole: their content, then its SHA-256.
+/// Files with a checksum: their content, then its SHA-256.
 namespace sealedfile {
 
 [[nodiscard]] Bytes seal(ByteView content);
-/// Nothing: damaged.
+/// Returns nothing if the bytes are damaged.
 [[nodiscard]] std::optional<Bytes> unseal(ByteView sealed);
-inline constexpr const char* kDraft = ".new";  ///< how the name of one that is being written ends
-/// Nothing: missing or damaged.
+inline constexpr const char* kDraft = ".new";  ///< suffix of the name while a file is being written
+/// Returns nothing if the file is missing or damaged.
 [[nodiscard]] std::optional<Bytes> read(const std::filesystem::path& path);
-/// The file holds the content, sealed and durable, or what it held before.
+/// Writes the file durably. After an error it has its old content.
 [[nodiscard]] Result<void> replace(const std::filesystem::path& path, ByteView content);
 
 }  // namespace sealedfile

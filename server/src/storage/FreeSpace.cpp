@@ -1,3 +1,4 @@
+// Measures the free space of a disk and keeps a reserve file.
 #include "FreeSpace.h"
 
 #include <fcntl.h>

@@ -1,3 +1,4 @@
+// Encodes and decodes the snapshots of layers.
 #include "LayerSnapshots.h"
 
 #include <fcntl.h>

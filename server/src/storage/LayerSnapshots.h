@@ -7,20 +7,22 @@
 
 namespace usdlive::server {
 
-/// What a layer held at a revision, and that revision's chain hash, as it is of that history alone.
+/// The content of a layer at a revision, with that revision's chain hash, which identifies the
+/// history.
 struct LayerSnapshot {
     Revision revision = 0;
     Hash hash;
     LayerDoc doc;
-    std::size_t bytes = 0;  ///< of the file it was read from
+    std::size_t bytes = 0;  ///< size of the file it was read from
 };
 
-/// Both numbers, then the chunks of the doc (SN1), as frames.
+/// Encodes both numbers, then the chunks of the doc (SN1), as frames.
 [[nodiscard]] Bytes encodeSnapshot(const LayerSnapshot& snapshot);
-/// Nothing: these bytes are none.
+/// Returns nothing if the bytes are not a snapshot.
 [[nodiscard]] std::optional<LayerSnapshot> decodeSnapshot(ByteView bytes);
 
-/// Of the snapshot in this file, without looking at the rest of it. Nothing: there is none.
+/// Returns the revision of the snapshot in the file without reading the rest, or nothing if there
+/// is none.
 [[nodiscard]] std::optional<Revision> snapshotRevision(const std::filesystem::path& path);
 
 }  // namespace usdlive::server

@@ -1,3 +1,4 @@
+// Stores big values in memory, for tests.
 #include <algorithm>
 #include <map>
 #include <mutex>
@@ -36,7 +37,7 @@ public:
         value.insert(value.end(), part.begin(), part.end());
         const bool whole = value.size() == size;
         if (whole && sha256(value) != hash)
-            return blobError(ErrorCode::BlobMismatch, hash, "is another in truth");
+            return blobError(ErrorCode::BlobMismatch, hash, "has another content");
         (whole ? values_[hash] : unfinished_[{hash, writer}]) = std::move(value);
         return whole;
     }
@@ -78,14 +79,15 @@ public:
 
 private:
     static tl::unexpected<Error> missing(const Hash& hash) {
-        return blobError(ErrorCode::BlobNotFound, hash, "is not there");
+        return blobError(ErrorCode::BlobNotFound, hash, "does not exist");
     }
 
     const BlobStoreOptions options_;
     mutable std::mutex mutex_;
-    std::map<Hash, Bytes> values_;                                // guarded by mutex_
-    std::map<std::pair<Hash, std::uint64_t>, Bytes> unfinished_;  // by writer, too; likewise
-    std::vector<std::uint64_t> dropped_;                          // sizes; likewise
+    std::map<Hash, Bytes> values_;  // guarded by mutex_
+    // keyed by value and writer; guarded by mutex_
+    std::map<std::pair<Hash, std::uint64_t>, Bytes> unfinished_;
+    std::vector<std::uint64_t> dropped_;  // sizes; guarded by mutex_
 };
 
 }  // namespace

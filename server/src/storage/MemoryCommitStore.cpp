@@ -1,3 +1,4 @@
+// A commit store in memory, for tests and the simulation.
 #include "usdlive/server/storage/MemoryCommitStore.h"
 
 #include <algorithm>
@@ -13,7 +14,7 @@ namespace usdlive::server {
 namespace {
 
 struct StoredLayer {
-    LayerDoc base;  // what it held at the base
+    LayerDoc base;  // the content at the base
     std::optional<LayerDoc> snapshot;
     Revision snapshotRevision = 0;
     std::size_t snapshotBytes = 0;
@@ -25,14 +26,14 @@ struct StoredLayer {
 
 class MemoryDisk {
 public:
-    std::mutex mutex;  // guards all below
+    std::mutex mutex;  // guards all members below
     CommitStore::Head head;
     CommitStore::Base base;
     std::vector<StoredCommit> commits;  // after the base
     std::vector<NamespaceChange> namespaceChanges;
     std::map<LayerId, StoredLayer> layers;
     std::map<ClientId, std::map<std::uint64_t, Revision>> clients;
-    std::map<TransactionId, Revision> late;  // behind those of their clients' that are remembered
+    std::map<TransactionId, Revision> late;  // older than the remembered ones of their clients
     Revision forgotten = 0;                  // see forgottenUpTo()
     std::map<std::string, Checkpoint> checkpoints;
 };
@@ -63,7 +64,7 @@ public:
                         "there is no commit " + std::to_string(revision) + " yet");
         std::map<LayerId, LayerDoc> held;
         for (const auto& [name, layer] : disk_->layers) {
-            if (!goesOn()) return fail(ErrorCode::ShuttingDown, "this was ended");
+            if (!goesOn()) return fail(ErrorCode::ShuttingDown, "the operation was cancelled");
             LayerDoc& doc = held[name] = layer.base;
             if (const auto done = follow(doc, name, base, revision); !done)
                 return tl::unexpected(done.error());
@@ -129,13 +130,13 @@ public:
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end())
-            return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+            return fail(ErrorCode::LayerNotFound, "the store has no layer " + layer.value);
         const Base base = disk_->base;
         if (revision < base.revision) return historyReplaced(revision, base.revision);
         if (revision == 0 || revision > disk_->head.revision ||
             hash != (revision == base.revision ? base.hash
                                                : disk_->commits[revision - base.revision - 1].hash))
-            return fail(ErrorCode::HistoryDiverged, "the snapshot is of another history");
+            return fail(ErrorCode::HistoryDiverged, "the snapshot belongs to another history");
         if (revision <= known->second.snapshotRevision) return known->second.snapshotBytes;
         known->second.snapshot = doc;
         known->second.snapshotRevision = revision;
@@ -150,7 +151,7 @@ public:
         const std::lock_guard lock(disk_->mutex);
         const auto known = disk_->layers.find(layer);
         if (known == disk_->layers.end())
-            return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+            return fail(ErrorCode::LayerNotFound, "the store has no layer " + layer.value);
         known->second.saved = saved;
         return {};
     }
@@ -238,9 +239,10 @@ private:
         return names;
     }
 
-    // The lock is held from here on.
+    // The caller of the following functions holds the lock.
 
-    /// What the layer's content at `revision` begins with, and the revision of that.
+    /// Returns the stored content from which the content at `revision` is computed, and its
+    /// revision.
     [[nodiscard]] std::pair<LayerDoc, Revision> beginning(const StoredLayer& layer,
                                                           Revision revision) const {
         const Revision base = disk_->base.revision;
@@ -248,7 +250,7 @@ private:
             return {*layer.snapshot, layer.snapshotRevision};
         return {layer.base, base};
     }
-    /// Has `doc` follow the commits (from, to] for the layer. Their replayCost().
+    /// Applies the commits (from, to] of the layer to `doc`. Returns their replayCost().
     [[nodiscard]] Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, Revision from,
                                              Revision to) const {
         std::size_t cost = 0;

@@ -1,3 +1,4 @@
+// Appends commits and snapshots to the store.
 #include <algorithm>
 #include <cstdio>
 
@@ -9,7 +10,7 @@ namespace usdlive::server {
 namespace {
 
 constexpr std::size_t kKnownClients = 10'000;
-constexpr std::size_t kRecordBytes = 256;  // of a commit, beside its frame, about
+constexpr std::size_t kRecordBytes = 256;  // estimated size of a commit without its frame
 constexpr std::uint64_t kLongLogBytes = 4 * kMib;
 
 }  // namespace
@@ -41,7 +42,7 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
         if (const auto added = addTo(group, commit); !added) return added;
     addFound(group);
     addHead(group);
-    // What is written into files that were deleted meanwhile succeeds, and is lost.
+    // A write to files that were deleted meanwhile succeeds but is lost, so checkThere() follows.
     const auto written = checkSpace(group.batch.GetDataSize())
                              .and_then([&] { return write(group.batch); })
                              .and_then([&] { return checkThere(); });
@@ -54,19 +55,19 @@ Result<void> RocksCommitStore::append(std::span<const CommitRecord> commits) {
     const std::unique_lock lock(mutex_);
     head_ = group.head;
     for (auto& [name, layer] : group.layers) {
-        // Somebody may have saved it meanwhile.
+        // setSaved() may have been called meanwhile.
         Layer& known = layers_[name];
         const bool isNew = group.saved.contains(name);
         if (!isNew || known.saved.revision > layer.saved.revision) layer.saved = known.saved;
-        layer.base = known.base;  // likewise
+        layer.base = known.base;  // compact() may have changed it
         known = layer;
     }
     if (group.batch.GetDataSize() > kLongLogBytes) flushSoon();
     return {};
 }
 
-/// Has RocksDB write what is in its log to tables, beside everything else: the next opening would
-/// have to do what the log says once more.
+/// Starts writing the log of RocksDB to tables in the background, so that the next opening has less
+/// log to replay.
 void RocksCommitStore::flushSoon() {
     rocksdb::FlushOptions options;
     options.wait = false;
@@ -89,7 +90,8 @@ Result<void> RocksCommitStore::addTo(Group& group, const CommitRecord& commit) {
     return addTransaction(group, commit.id, commit.revision);
 }
 
-/// A run goes on while the next commit for the layer is near; its record is written anew.
+/// Extends the last run of commits if the next commit of the layer is close enough, otherwise
+/// starts a run.
 void RocksCommitStore::addEdited(Group& group, const LayerId& name, Revision revision) {
     Layer& layer = layerOf(group, name);
     if (layer.changed == revision) return;
@@ -107,15 +109,15 @@ void RocksCommitStore::addRecord(Group& group, const CommitRecord& commit) {
     group.batch.Put(family(Family::Commits), {keys, 1}, {values, 2});
 }
 
-// Layers are added by this thread alone, which need not lock to look for one.
+// Only this thread adds layers, so finding one needs no lock.
 RocksCommitStore::Layer& RocksCommitStore::layerOf(Group& group, const LayerId& name) {
     const auto [entry, added] = group.layers.try_emplace(name);
     if (!added) return entry->second;
     if (const auto known = layers_.find(name); known != layers_.end()) {
-        const std::shared_lock lock(mutex_);  // of setSaved()
+        const std::shared_lock lock(mutex_);  // setSaved() may write it
         return entry->second = known->second;
     }
-    // No layer is ever taken out, so their count is the highest number.
+    // Layers are never removed, so their count is the highest number.
     std::uint32_t number = std::uint32_t(layers_.size());
     for (const auto& [other, layer] : group.layers) number = std::max(number, layer.number);
     entry->second.number = number + 1;
@@ -126,7 +128,7 @@ RocksCommitStore::Layer& RocksCommitStore::layerOf(Group& group, const LayerId& 
 
 Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId& id,
                                               Revision revision) {
-    if (id.sequence == 0) return {};  // an import or a reload, which nobody sends again
+    if (id.sequence == 0) return {};  // an import or a reload is never sent again
     const auto [entry, added] = group.clients.try_emplace(id.client);
     if (added) {
         const auto known = highest_.find(id.client);
@@ -144,7 +146,7 @@ Result<void> RocksCommitStore::addTransaction(Group& group, const TransactionId&
     return {};
 }
 
-/// What the group's commits say of layers and clients.
+/// Adds the records of layers and clients that the group's commits change.
 void RocksCommitStore::addFound(Group& group) {
     for (const auto& [client, end] : group.clients)
         group.batch.Put(family(Family::Clients), storekeys::highestTransaction(client),
@@ -155,7 +157,7 @@ void RocksCommitStore::addFound(Group& group) {
                         slice(encoded<Revision>(last)));
     for (const LayerId& name : group.saved) {
         const Layer& layer = group.layers.at(name);
-        const std::shared_lock lock(mutex_);  // of setSaved()
+        const std::shared_lock lock(mutex_);  // setSaved() may write it
         const auto known = layers_.find(name);
         if (known == layers_.end() || layer.saved.revision >= known->second.saved.revision)
             group.batch.Put(family(Family::Meta), key(kSavedPrefix, layer.number),
@@ -175,7 +177,7 @@ Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch, bool synced) {
     options.sync = synced;
     const auto status = db_->Write(options, &batch);
     if (status.ok()) return {};
-    // Part of it may be on the disk. Only opening anew tells what is, so there is no second try.
+    // A part may be on the disk. Only reopening the store shows it, so there is no second attempt.
     Error failure = error(status, "write to");
     failure.code = ErrorCode::StorageFailed;
     const std::unique_lock lock(mutex_);
@@ -196,9 +198,9 @@ Result<void> RocksCommitStore::checkThere() const {
                     " was deleted, moved or replaced while the server runs");
 }
 
-/// The newest snapshot so far, which that of `next` replaces, becomes an older one: so that reading
-/// an old revision need not begin at the base. Of too many the one goes whose neighbours are
-/// nearest, by revisions: they are spread over the history.
+/// Keeps the newest snapshot as an older one when `next` replaces it, so that reading an old
+/// revision need not start at the base. If there are too many, removes the one with the closest
+/// neighbours, which keeps them spread over the history.
 void RocksCommitStore::keepOlder(std::uint32_t layer, Revision next) {
     constexpr std::size_t kOlder = 6;
     const auto newest = folder_.snapshot(layer);
@@ -229,17 +231,17 @@ void RocksCommitStore::keepOlder(std::uint32_t layer, Revision next) {
 Result<std::size_t> RocksCommitStore::keepSnapshot(const LayerId& layer, const LayerDoc& doc,
                                                    Revision revision, const Hash& hash) {
     const std::uint32_t number = numberOf(layer);
-    if (number == 0)
-        return fail(ErrorCode::LayerNotFound, "the store holds no layer " + layer.value);
+    if (number == 0) return fail(ErrorCode::LayerNotFound, "the store has no layer " + layer.value);
     const auto known = hashAt(revision);
     if (!known) return tl::unexpected(known.error());
     if (revision == 0 || *known != hash)
         return fail(ErrorCode::HistoryDiverged,
-                    "the snapshot of " + layer.value + " is of another history");
+                    "the snapshot of " + layer.value + " belongs to another history");
     const std::lock_guard lock(snapshotMutex_);
     auto& [newest, size] = snapshots_[number];
     if (revision <= newest) return size;
-    // Edits need the space more than it does, which stands beside the one before for a while.
+    // The snapshot needs its space beside the previous one for a while. Space for edits comes
+    // first.
     const auto fits = [this](std::size_t bytes) {
         const Space space = measureSpace();
         return space.usable >= 2 * space.least + kCopies * bytes;

@@ -1,4 +1,4 @@
-// What clients have committed (M9): kept of those that came last.
+// Keeps the transactions of the clients that committed last (M9).
 #include <algorithm>
 
 #include "RocksCommitStoreImpl.h"
@@ -8,12 +8,12 @@ namespace usdlive::server {
 
 namespace {
 
-// A write of so many records, during which no commit is appended.
+// The most records of one write. No commit is appended during it.
 constexpr std::size_t kForgottenAtOnce = 2'000;
 
 }  // namespace
 
-/// The ids, by their keys, without a look at each key.
+/// Returns the ids. Finds them by key, with one search for each client.
 Result<std::vector<ClientId>> RocksCommitStore::clients() const {
     std::vector<ClientId> all;
     const std::unique_ptr<rocksdb::Iterator> at(
@@ -28,8 +28,8 @@ Result<std::vector<ClientId>> RocksCommitStore::clients() const {
     return all;
 }
 
-/// Calls `visit(key, number, revision)` with all transactions that are kept of a client, as they
-/// are at one moment.
+/// Calls `visit(key, number, revision)` for all recorded transactions of a client, as of one
+/// moment.
 template <class Visit>
 Result<void> RocksCommitStore::forEachTransaction(const ClientId& client, Visit visit) const {
     const std::string first = storekeys::highestTransaction(client),
@@ -58,18 +58,18 @@ Result<ClientRecord> RocksCommitStore::clientRecord(const ClientId& client) cons
         });
     if (!read) return tl::unexpected(read.error());
     std::ranges::sort(record.committed);
-    // A number that is long ago stays in its place until another one takes that.
+    // An old number stays in its slot until another one replaces it.
     const std::uint64_t last = record.committed.empty() ? 0 : record.committed.back().first;
     std::erase_if(record.committed,
                   [&](const auto& one) { return last - one.first >= kRemembered; });
     record.committed.insert(record.committed.begin(), late.begin(), late.end());
     std::ranges::sort(record.committed);
-    // After the transactions: who was forgotten meanwhile is in neither, but this says so.
+    // Read after the transactions: for a client that is being forgotten, at least this shows it.
     record.forgottenUpTo = forgotten_;
     return record;
 }
 
-/// The newest commit of a client. `keys`: of its records.
+/// Returns the newest commit of a client. `keys` receives the keys of its records.
 Result<Revision> RocksCommitStore::newestOf(const ClientId& client,
                                             std::vector<std::string>* keys) const {
     Revision newest = 0;
@@ -94,7 +94,7 @@ Result<std::size_t> RocksCommitStore::forgetClients(std::size_t most,
         byAge.emplace_back(*newest, client);
     }
     std::ranges::sort(byAge);
-    // Some more, so that it is not due again at once.
+    // Forgets some more, so that it is not necessary again soon.
     byAge.resize(byAge.size() - most / kForgetPart * (kForgetPart - 1));
     std::erase_if(byAge, [&](const auto& one) { return kept.contains(one.second); });
     std::size_t forgotten = 0;
@@ -107,11 +107,11 @@ Result<std::size_t> RocksCommitStore::forgetClients(std::size_t most,
     return forgotten;
 }
 
-/// Forgets the first of these, but for those that have committed meanwhile. How many were looked
-/// at, and how many were forgotten.
+/// Forgets the first of these clients, except those that have committed meanwhile. Returns the
+/// number of examined and of forgotten clients.
 Result<std::pair<std::size_t, std::size_t>> RocksCommitStore::forgetSome(
     std::span<const std::pair<Revision, ClientId>> byAge) {
-    const std::lock_guard lock(clientsMutex_);  // nothing is appended
+    const std::lock_guard lock(clientsMutex_);  // no commit is appended meanwhile
     rocksdb::WriteBatch batch;
     std::vector<ClientId> gone;
     std::size_t looked = 0;

@@ -1,3 +1,4 @@
+// Watches the disk space of the store and creates its errors.
 #include <algorithm>
 
 #include "RocksCommitStoreImpl.h"
@@ -9,9 +10,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds kSpaceCacheTime{100};
-// With so much more than is needed nobody looks again within that time.
+// With this much more than needed, the space is not measured again for a while.
 constexpr std::uint64_t kPlenty = 1024 * kMib;
-// Free space that append() leaves: half of what is kept for everything, within these.
+// The free space that append() keeps: half of the minimum, within these limits.
 constexpr std::uint64_t kLeastMargin = 4 * kMib, kMostMargin = 64 * kMib;
 
 }  // namespace
@@ -37,7 +38,7 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
     const std::uint64_t usable = reserve_.usable(disk.free);
     space.usable = usable > unflushed ? usable - unflushed : 0;
     reserve_.adapt(disk.free, space.margin / 2, space.least);
-    // Tables are merged only where that leaves some space.
+    // Tables are merged only if enough space remains.
     files_->SetMaxAllowedSpaceUsage(files_->GetTotalSize() + std::max(usable, kMib));
     hasSpace_ = space.usable >= space.least;
     plenty_ = hasSpace_ ? space.usable - space.least : 0;
@@ -56,7 +57,7 @@ Result<void> RocksCommitStore::checkSpace(std::uint64_t bytes) const {
     if (const auto there = checkThere(); !there) return there;
     return fail(ErrorCode::StorageFull, "the disk of the store " + folder_.path().string() +
                                             " has " + std::to_string(space.usable / kMib) +
-                                            " MiB left, too little to go on");
+                                            " MiB left, which is too little. Free some space");
 }
 
 Result<StoreSpace> RocksCommitStore::space() const {
@@ -94,7 +95,7 @@ bool RocksCommitStore::hasSpace() const {
         if (Clock::now() < spaceTime_ + kSpaceCacheTime) return hasSpace_;
     }
     const Space space = measureSpace();
-    // Of a folder that is gone nothing can be told; append() says what is wrong.
+    // The space of a deleted folder is unknown; append() reports that error.
     return space.usable >= space.least || !folder_.isThere();
 }
 

@@ -22,9 +22,9 @@
 
 namespace usdlive::server {
 
-/// Parts: RocksCommitStore.cpp (space on the disk), RocksOpening.cpp, RocksAppending.cpp (commits
-/// and snapshots), RocksReading.cpp (the log, layers, and what is known of them and of
-/// checkpoints), RocksCompacting.cpp (the base).
+/// A CommitStore in RocksDB. Its parts: RocksCommitStore.cpp (disk space), RocksOpening.cpp,
+/// RocksAppending.cpp (commits and snapshots), RocksReading.cpp (the log, layers and checkpoints),
+/// RocksClients.cpp (transactions of clients), RocksCompacting.cpp (the base).
 class RocksCommitStore final : public CommitStore {
 public:
     RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)
@@ -62,29 +62,29 @@ public:
     [[nodiscard]] bool hasSpace() const override;
 
 private:
-    /// The file that has what a layer held at the base: it was the base of this revision when that
-    /// was written, and no commit since was for the layer. 0: there is none.
+    /// The file with a layer's content at the base. `revision` is the base when the file was
+    /// written; no commit since was for the layer. 0: there is no file.
     struct LayerBase {
         Revision revision = 0;
         Hash content;
     };
     struct Layer {
         std::uint32_t number = 0;
-        Revision changed = 0;   // by which commit last
-        Revision runBegin = 0;  // of the run of commits for it that this one belongs to
+        Revision changed = 0;   // revision of the last commit for it
+        Revision runBegin = 0;  // first revision of the last run of commits for it
         SavedState saved;
         LayerBase base;
     };
     using Layers = std::map<LayerId, Layer>;
-    /// What one append() writes, and what it makes of the values in memory.
+    /// The records that one append() writes, and the resulting values in memory.
     struct Group {
         explicit Group(std::size_t bytes) : batch(bytes) {}
         rocksdb::WriteBatch batch;
         Head head;
-        std::map<std::pair<LayerId, Revision>, Revision> runs;  // of commits: begin -> last
-        Layers layers;                                          // these, as they are after it
-        std::set<LayerId> saved;                    // those that it brings in from their files
-        std::map<ClientId, std::uint64_t> clients;  // the highest numbers of their transactions
+        std::map<std::pair<LayerId, Revision>, Revision> runs;  // runs of commits: begin -> last
+        Layers layers;                              // the changed layers, as they are afterwards
+        std::set<LayerId> saved;                    // layers whose saved state it sets
+        std::map<ClientId, std::uint64_t> clients;  // the highest transaction numbers
     };
 
     // Opening.
@@ -92,7 +92,7 @@ private:
     Result<void> openDatabase();
     Result<void> readHead();
     Result<void> readBase();
-    /// Nothing: there is no such record.
+    /// Returns nothing if there is no such record.
     [[nodiscard]] Result<std::optional<std::pair<Revision, Hash>>> readRevision(
         const std::string& key) const;
     Result<void> readLayers();
@@ -124,8 +124,8 @@ private:
 
     // Compacting.
     Result<void> verifyReplaced(Revision to, const GoesOn& goesOn) const;
-    /// Writes the file of what the layer holds at `to`. Nothing: its file of before says it, or it
-    /// came later.
+    /// Writes the file with the layer's content at `to`. Returns nothing if the existing file is
+    /// still right, or if the layer was added later.
     Result<std::optional<LayerBase>> makeBase(const LayerId& layer, const Layer& known,
                                               const Base& to, const GoesOn& goesOn);
     Result<void> removeReplaced();
@@ -140,7 +140,7 @@ private:
     [[nodiscard]] Result<std::vector<ClientId>> clients() const;
     template <class Visit>
     [[nodiscard]] Result<void> forEachTransaction(const ClientId& client, Visit visit) const;
-    /// The highest number of a client's committed transactions, 0 none.
+    /// Returns the highest number of a client's committed transactions; 0: none.
     [[nodiscard]] Result<std::uint64_t> lastSequence(const ClientId& client) const;
     [[nodiscard]] Result<Revision> newestOf(const ClientId& client,
                                             std::vector<std::string>* keys) const;
@@ -148,7 +148,7 @@ private:
         std::span<const std::pair<Revision, ClientId>> byAge);
 
     // Space.
-    /// A batch is written to the log, to a table, and to another one when tables are merged.
+    /// A batch is written to the log, then to a table, and again when tables are merged.
     static constexpr std::uint64_t kCopies = 3;
     struct Space {
         std::uint64_t usable = 0, least = 0, margin = 0;
@@ -170,44 +170,44 @@ private:
     tl::unexpected<Error> damagedAt(Revision revision, const char* what) const {
         return damaged("commit " + std::to_string(revision) + " " + what);
     }
-    /// Of a commit that is not there: HistoryReplaced, if it was taken out meanwhile.
+    /// Returns the error for a missing commit: HistoryReplaced if it was removed meanwhile.
     tl::unexpected<Error> missing(Revision revision) const;
-    /// Nothing: there is no such record.
+    /// Returns nothing if there is no such record.
     template <Number T>
     Result<std::optional<T>> number(Family from, const std::string& key) const;
-    /// The runs of commits after `revision` that are for a layer, in order.
+    /// A run of commits for a layer. runsAfter() returns those after `revision`, in order.
     struct Run {
         Revision first = 0, last = 0;
     };
     [[nodiscard]] Result<std::vector<Run>> runsAfter(std::uint32_t layer, Revision revision) const;
-    /// Has `doc` follow the commits for the layer in these. Their replayCost().
+    /// Applies the layer's commits of the runs to `doc`. Returns their replayCost().
     Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, const std::vector<Run>& runs,
                                const GoesOn& goesOn) const;
     [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
-    /// What a layer held at the base; its revision is then the base's. Nothing: it came later.
+    /// Returns the layer's content at the base, with the base's revision. Nothing if it was added
+    /// later.
     [[nodiscard]] Result<std::optional<LayerSnapshot>> readBaseOf(const LayerId& layer,
                                                                   const Base& base) const;
     [[nodiscard]] Result<std::optional<LayerDoc>> layerFrom(const Base& base, const LayerId& layer,
                                                             Revision revision,
                                                             Replayed* replayed) const;
-    /// The newest snapshot that is not after `upTo`. Nothing: none that can be read and goes with
-    /// the log.
+    /// Returns the newest readable snapshot of this history that is not after `upTo`.
     [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(std::uint32_t layer,
                                                             Revision upTo) const;
     [[nodiscard]] std::optional<LayerSnapshot> readSnapshot(
         const std::filesystem::path& path) const;
-    /// Of the layer's older snapshots.
+    /// Returns the revisions of the layer's older snapshots.
     [[nodiscard]] std::vector<Revision> olderSnapshots(std::uint32_t layer) const;
-    /// Visits the records of the meta family whose key begins with `prefix`, from `start` on.
+    /// Visits the records of the meta family with this prefix, from `start` on.
     Result<void> each(char prefix, const std::string& start,
                       const std::function<bool(std::string_view, ByteView)>& visit) const;
-    /// Commits as they are stored; nothing when the value is too short to be one.
+    /// Returns a stored commit, or nothing if the value is too short.
     [[nodiscard]] std::optional<StoredCommit> commitAt(const rocksdb::Iterator& iterator) const;
 
     StoreFolder folder_;
     const RocksCommitStoreOptions options_;
     const std::shared_ptr<rocksdb::SstFileManager> files_;
-    std::uint64_t logBytes_ = 0;  // that opening had to do again
+    std::uint64_t logBytes_ = 0;  // size of the log that was replayed at opening
     std::unique_ptr<rocksdb::DB> db_;
     std::vector<rocksdb::ColumnFamilyHandle*> handles_;
 
@@ -217,25 +217,25 @@ private:
     Layers layers_;
     std::optional<Error> failure_;
 
-    // Held while commits are appended, and while clients are forgotten; guards the next.
+    // Held while commits are appended or clients are forgotten. Guards the next member.
     std::mutex clientsMutex_;
-    // The highest numbers of who has sent something since the opening.
+    // The highest numbers of the clients that have sent a transaction since the opening.
     std::unordered_map<ClientId, std::uint64_t> highest_;
     std::atomic<Revision> forgotten_ = 0;  // see forgottenUpTo()
 
-    std::mutex compactMutex_;   // held while the base moves
-    std::mutex snapshotMutex_;  // held while one is written; guards the next
-    // Of layers, that were written since the opening: revision and bytes.
+    std::mutex compactMutex_;   // held while the base changes
+    std::mutex snapshotMutex_;  // held while a snapshot is written; guards the next
+    // Snapshots written since the opening: revision and size by layer.
     std::map<std::uint32_t, std::pair<Revision, std::size_t>> snapshots_;
 
     mutable std::mutex olderMutex_;                      // guards the next
-    std::map<std::uint32_t, std::set<Revision>> older_;  // snapshots beside the newest of a layer
+    std::map<std::uint32_t, std::set<Revision>> older_;  // older snapshots of a layer
 
     mutable std::mutex spaceMutex_;  // guards the next four
     mutable Reserve reserve_;
     mutable std::chrono::steady_clock::time_point spaceTime_;
     mutable bool hasSpace_ = false;
-    mutable std::uint64_t plenty_ = 0;  // beyond what edits leave free
+    mutable std::uint64_t plenty_ = 0;  // bytes above the space that edits keep free
 };
 
 template <Number T>

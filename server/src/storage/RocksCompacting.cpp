@@ -1,4 +1,4 @@
-// The base: commits of long ago are replaced by what the layers held then.
+// Replaces old commits by a base: the content of the layers at that revision.
 #include <rocksdb/convenience.h>
 #include <unistd.h>
 
@@ -10,15 +10,15 @@ namespace usdlive::server {
 namespace {
 
 const tl::unexpected<Error> kEnded =
-    fail(ErrorCode::ShuttingDown, "the commits of long ago are kept for now: this was ended");
+    fail(ErrorCode::ShuttingDown, "compaction was cancelled; no commits were removed");
 
 }  // namespace
 
-/// Until the one record is written that says so, nothing refers to what is new. From then on
-/// nothing reads what is old, which is removed afterwards, or when the store is opened next.
+/// Nothing refers to the new files until one record is written. From then on nothing reads the old
+/// data, which is removed afterwards or at the next opening.
 Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& wanted) {
     const std::lock_guard alone(compactMutex_);
-    // A store that has failed is to be opened anew, which waits for this.
+    // Stops if the store has failed, because reopening it waits for this.
     const GoesOn goesOn = [&] { return wanted() && checkFailed(); };
     if (revision <= base().revision) return isRemoved() ? Result<void>() : removeReplaced();
     const auto hash = hashAt(revision);
@@ -48,7 +48,7 @@ Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& wanted) 
             .and_then([&] { return write(batch, true); });
     };
     if (const auto done = makeAll(); !done) {
-        // Whether the record was written only opening anew tells, which removes what is not wanted.
+        // Only reopening shows whether the record was written; it also removes unneeded files.
         if (checkFailed()) removeStrayBases();
         return done;
     }
@@ -63,13 +63,13 @@ Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& wanted) 
     options.exclusive_manual_compaction = false;
     const std::string first = storekeys::commit(0), last = storekeys::commit(to.revision);
     const rocksdb::Slice from(first), end(last);
-    // Without room for that now, RocksDB does it some time.
+    // If there is no room for this now, RocksDB does it later.
     db_->CompactRange(options, family(Family::Commits), &from, &end).PermitUncheckedError();
     (void)measureSpace();
     return {};
 }
 
-/// What cannot be read, or breaks the chain, is not replaced: somebody may want to look at it.
+/// Data that cannot be read or breaks the chain is not replaced, so that it can be examined.
 Result<void> RocksCommitStore::verifyReplaced(Revision to, const GoesOn& goesOn) const {
     bool ended = false;
     const auto read = this->read(0, to, [&](const StoredCommit&) {
@@ -104,9 +104,9 @@ Result<std::optional<RocksCommitStore::LayerBase>> RocksCommitStore::makeBase(
     const auto again = written ? decodeSnapshot(*written) : std::nullopt;
     if (!again || again->revision != made.revision || again->hash != made.hash ||
         !(again->doc == made.doc))
-        return fail(ErrorCode::StorageFailed, "what " + layer.value + " held at revision " +
-                                                  std::to_string(to.revision) +
-                                                  " was written and is not in " + path.string());
+        return fail(ErrorCode::StorageFailed,
+                    "the base of " + layer.value + " at revision " + std::to_string(to.revision) +
+                        " was written but cannot be read back from " + path.string());
     return std::optional(LayerBase{to.revision, sha256(content)});
 }
 
@@ -119,9 +119,10 @@ bool RocksCommitStore::isRemoved() const {
     return !at->Valid() || storekeys::bigEndian64(text(at->key())) > base;
 }
 
-/// The commits last: while there are some, it is done again when the store is opened.
+/// Removes the commits last. While some are left, this is repeated at the next opening.
 Result<void> RocksCommitStore::removeReplaced() {
-    // Files of commits go without a word in the log, and so the base must not stand there alone.
+    // Removing whole files is not recorded in the log, so the new base has to be in the tables
+    // first.
     auto status = db_->Flush(rocksdb::FlushOptions(), handles_);
     if (!status.ok()) return tl::unexpected(error(status, "write to"));
     if (auto done = removeReplacedRecords(); !done) return done;
@@ -129,15 +130,15 @@ Result<void> RocksCommitStore::removeReplaced() {
     removeOldSnapshots();
     const std::string first = storekeys::commit(0), end = storekeys::commit(base().revision + 1);
     const rocksdb::Slice from(first), to(end);
-    // Whole files go at once, which makes room also where there is too little to merge any.
+    // Removes whole files, which frees space even if too little is left for merging tables.
     const rocksdb::RangePtr range(&from, &to);
     status = rocksdb::DeleteFilesInRanges(db_.get(), family(Family::Commits), &range, 1, false);
     if (!status.ok()) return tl::unexpected(error(status, "take commits out of"));
     return removeCommitsBefore(end);
 }
 
-/// One by one: RocksDB 7.8 looks for the place of a deleted range by the hints of single keys,
-/// which this family has, and stops the process. Without a sync: what is not done is done again.
+/// Deletes one by one, because RocksDB 7.8 searches the place of a deleted range with the hints of
+/// single keys, which this family uses, and aborts. Without sync: unfinished work is repeated.
 Result<void> RocksCommitStore::removeCommitsBefore(const std::string& end) {
     constexpr std::uint32_t kAtOnce = 1'000;
     rocksdb::ReadOptions options;
@@ -158,12 +159,13 @@ Result<void> RocksCommitStore::removeCommitsBefore(const std::string& end) {
     return writeOut();
 }
 
-/// Moves and deletes that nobody asks for any more, and the runs of commits before the one in which
-/// the base is. The last run of a layer stays: it tells when the layer was changed last.
+/// Removes the moves and deletes that nobody needs any more, and the runs of commits before the one
+/// that includes the base. Keeps the last run of a layer, because it tells when the layer was
+/// changed last.
 Result<void> RocksCommitStore::removeReplacedRecords() {
     const Revision base = this->base().revision, newest = head().revision;
     rocksdb::WriteBatch batch;
-    std::string previous;  // key of a run that begins at the base or before
+    std::string previous;  // key of a run that begins at or before the base
     const auto read = each(kEditedPrefix, {}, [&](std::string_view run, ByteView) {
         constexpr std::size_t kNumberBytes = sizeof(std::uint32_t);
         if (run.size() != kNumberBytes + sizeof(Revision)) return false;
@@ -181,8 +183,8 @@ Result<void> RocksCommitStore::removeReplacedRecords() {
     return write(batch);
 }
 
-/// Files that no record names: of a base before, or of one that never was. What cannot be removed
-/// only takes space.
+/// Removes files that no record refers to: of an earlier base, or of an unfinished one. A file that
+/// cannot be removed only takes space.
 void RocksCommitStore::removeStrayBases() {
     std::set<std::string> wanted;
     {
@@ -195,7 +197,7 @@ void RocksCommitStore::removeStrayBases() {
         if (!wanted.contains(entry.path().filename().string())) ::unlink(entry.path().c_str());
 }
 
-/// A snapshot of before the base says less than the base does.
+/// Removes snapshots older than the base, which replaces them.
 void RocksCommitStore::removeOldSnapshots() {
     std::vector<std::uint32_t> numbers;
     {

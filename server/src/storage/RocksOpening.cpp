@@ -1,3 +1,4 @@
+// Opens the store: locks the folder, opens the database and verifies its content.
 #include <charconv>
 
 #include "RocksCommitStoreImpl.h"
@@ -7,7 +8,7 @@ namespace usdlive::server {
 
 namespace {
 
-// Opening writes what is in the log to tables.
+// The estimated space for opening, which writes the log to tables.
 constexpr std::uint64_t kOpeningBytes = 2 * kMib;
 
 std::uint64_t logBytes(const std::filesystem::path& database) {
@@ -38,7 +39,7 @@ Result<void> RocksCommitStore::open() {
         });
 }
 
-// RocksDB (as Debian builds it) ends the process when the disk is full.
+// Checks the space first, because RocksDB (as built by Debian) aborts when the disk is full.
 Result<void> RocksCommitStore::checkRoom() {
     logBytes_ = logBytes(folder_.database());
     const std::uint64_t needed = 2 * logBytes_ + kOpeningBytes;
@@ -51,7 +52,7 @@ Result<void> RocksCommitStore::checkRoom() {
 
 Result<void> RocksCommitStore::openDatabase() {
     rocksdb::DBOptions options = databaseOptions(files_);
-    // Where commits were acknowledged nothing is to be made anew.
+    // Never creates a database where commits were acknowledged.
     const auto mark = folder_.mark();
     options.create_if_missing = !mark || mark->revision == 0;
     auto families = columnFamilies();
@@ -59,9 +60,9 @@ Result<void> RocksCommitStore::openDatabase() {
     const auto status =
         rocksdb::DB::Open(options, folder_.database().string(), families, &handles_, &opened);
     db_.reset(opened);
-    // RocksDB syncs what is in its folder, and not that there is one.
+    // RocksDB syncs the files in its folder but not the folder's entry.
     if (status.ok()) return syncFolder(folder_.path());
-    // Files that are missing, short or from elsewhere come as these two.
+    // RocksDB reports missing, short or foreign files with these two statuses.
     const bool broken = status.IsInvalidArgument() || status.IsPathNotFound();
     Error what = error(status, "open");
     if (broken) what.code = ErrorCode::StorageCorrupt;
@@ -181,7 +182,7 @@ Result<void> RocksCommitStore::verifyMark() const {
         return damagedAt(mark->revision, ("was acknowledged, and the history ends at " +
                                           std::to_string(head_.revision))
                                              .c_str());
-    // A crash of the machine may leave an older mark than the one that was written last.
+    // After a crash of the machine the mark may be older than the last one written.
     if (mark->revision < base_.revision) return {};
     const auto hash = hashAt(mark->revision);
     if (!hash) return tl::unexpected(hash.error());
@@ -189,7 +190,7 @@ Result<void> RocksCommitStore::verifyMark() const {
     return {};
 }
 
-// Newest first, as what was written last is what a crash damages.
+// Verifies the newest commits first, because a crash damages the last writes.
 Result<void> RocksCommitStore::verifyChain() const {
     const auto end = std::chrono::steady_clock::now() + options_.verifyTime;
     rocksdb::ReadOptions options;
@@ -200,7 +201,7 @@ Result<void> RocksCommitStore::verifyChain() const {
         return chainHash(before, withoutLength(*commit.frame)) == commit.hash;
     };
     Revision revision = head_.revision;
-    std::optional<StoredCommit> later;  // not verified yet: it needs the hash before it
+    std::optional<StoredCommit> later;  // needs the hash of the commit before it
     for (at->SeekToLast(); at->Valid() && revision > base_.revision; at->Prev(), --revision) {
         auto commit = commitAt(*at);
         if (!commit || commit->revision != revision)
@@ -218,9 +219,9 @@ Result<void> RocksCommitStore::verifyChain() const {
     return {};
 }
 
-/// What the log says may not be on the disk: whoever wrote it died before the sync, or the sync
-/// failed, after which the system takes it for written. So it goes to tables, which are synced,
-/// before anything builds on it.
+/// Writes the log to tables, which are synced, before anything depends on it. The end of the log
+/// may not be on the disk: its writer may have died before the sync, or the sync may have failed,
+/// after which the system treats the data as written.
 Result<void> RocksCommitStore::writeLogOut() {
     if (logBytes_ == 0) return {};
     const auto status = db_->Flush(rocksdb::FlushOptions(), handles_);

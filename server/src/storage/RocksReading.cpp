@@ -1,3 +1,4 @@
+// Reads commits, layers and checkpoints from the store.
 #include "RocksCommitStoreImpl.h"
 #include "StoreRules.h"
 

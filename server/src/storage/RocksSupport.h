@@ -20,7 +20,7 @@ namespace usdlive::server {
 }
 [[nodiscard]] inline ByteView bytes(const rocksdb::Slice& slice) { return asBytes(text(slice)); }
 
-/// `verb` and `folder` make the sentence: "cannot append to the store /a/b: IO error: ...".
+/// Returns the error "cannot <verb> the store <folder>: IO error: ...".
 [[nodiscard]] inline Error rocksError(const rocksdb::Status& status, const char* verb,
                                       const std::filesystem::path& folder) {
     ErrorCode code = ErrorCode::StorageFailed;

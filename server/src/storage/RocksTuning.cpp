@@ -1,3 +1,4 @@
+// The options of RocksDB.
 #include "RocksTuning.h"
 
 #include <rocksdb/cache.h>
@@ -31,11 +32,11 @@ rocksdb::ColumnFamilyOptions familyOptions(const std::shared_ptr<rocksdb::Cache>
     rocksdb::ColumnFamilyOptions options;
     options.table_factory.reset(rocksdb::NewBlockBasedTableFactory(table));
     options.write_buffer_size = kWriteBufferBytes;
-    // Writing goes on while the tables of a large import are written, which takes seconds.
+    // Lets writes continue while the tables of a large import are written, which takes seconds.
     options.max_write_buffer_number = 8;
     options.compression = rocksdb::kLZ4Compression;
     options.bottommost_compression = rocksdb::kZSTD;
-    // Bounds the disk that one compaction needs beside what is there.
+    // Limits the extra disk space of one compaction.
     options.target_file_size_base = 16 * kMib;
     options.max_bytes_for_level_base = 64 * kMib;
     options.max_compaction_bytes = 128 * kMib;
@@ -48,13 +49,12 @@ rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> file
     rocksdb::DBOptions options;
     options.create_missing_column_families = true;
     options.paranoid_checks = true;
-    // The default would open a log that is damaged in the middle, and silently end before the
-    // damage.
+    // The default would open a log with damage in the middle and silently stop before it.
     options.wal_recovery_mode = rocksdb::WALRecoveryMode::kTolerateCorruptedTailRecords;
     options.track_and_verify_wals_in_manifest = true;
-    options.atomic_flush = true;  // the families tell of the same commits at any time
-    // What is flushed while opening is told of family by family: were the end of the MANIFEST lost
-    // later, some would have lost a table and others not, and nothing would tell.
+    options.atomic_flush = true;  // all families contain the same commits at any time
+    // A flush during recovery is recorded separately for each family. If the end of the MANIFEST
+    // were lost later, some families would lose a table without notice.
     options.avoid_flush_during_recovery = true;
     options.db_write_buffer_size = kWriteBufferBytes;
     options.max_total_wal_size = 4 * kWriteBufferBytes;
@@ -73,8 +73,8 @@ std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies() {
     std::vector<rocksdb::ColumnFamilyDescriptor> families;
     for (const char* name : {"default", "commits", "clients"})
         families.emplace_back(name, familyOptions(cache));
-    // Commits come in the order of their keys, and so do each client's transactions: each is put
-    // beside the one before that begins like it.
+    // Keys of commits increase, and so do those of each client's transactions. The hint inserts
+    // each key next to the previous one with the same prefix.
     const auto inOrder = [&](Family family, std::size_t beginning) {
         families[std::size_t(family)].options.memtable_insert_with_hint_prefix_extractor.reset(
             rocksdb::NewFixedPrefixTransform(beginning));

@@ -11,11 +11,12 @@ namespace usdlive::server {
 
 inline constexpr std::uint64_t kMib = 1024 * 1024;
 
-/// The column families of the store, in the order they are opened. `default` holds what is said
-/// about the store: head, epoch, layers and the runs of their commits, checkpoints, moves, deletes.
+/// The column families of the store, in the order of opening. Meta (`default`) holds the head,
+/// epoch, layers, runs of their commits, checkpoints, moves and deletes.
 enum class Family { Meta, Commits, Clients };
 
-/// Small in memory and files: a project is edited by people, and the log is read rarely.
+/// Returns options for little memory and small files, because people edit a project and the log is
+/// rarely read.
 [[nodiscard]] rocksdb::DBOptions databaseOptions(std::shared_ptr<rocksdb::SstFileManager> files);
 [[nodiscard]] std::vector<rocksdb::ColumnFamilyDescriptor> columnFamilies();
 

@@ -1,3 +1,4 @@
+// The folder of a store: its lock, format and mark.
 #include "StoreFolder.h"
 
 #include <fcntl.h>
@@ -13,7 +14,7 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMostBytes = 4096;  // of a sealed file
+constexpr std::size_t kMostBytes = 4096;  // size limit of a file with a checksum
 
 }  // namespace
 
@@ -25,7 +26,7 @@ Result<StoreFolder> StoreFolder::open(const std::filesystem::path& path) {
                     .and_then([&] { return folder.lock(); })
                     .and_then([&] { return folder.checkFormat(); });
     if (!done) return tl::unexpected(done.error());
-    std::error_code ignored;  // drafts that were never finished only take space
+    std::error_code ignored;  // unfinished drafts only take space
     for (const auto& files : {folder.snapshots(), folder.bases()})
         for (const auto& entry : std::filesystem::directory_iterator(files, ignored))
             if (entry.path().extension() == sealedfile::kDraft)
@@ -36,8 +37,7 @@ Result<StoreFolder> StoreFolder::open(const std::filesystem::path& path) {
     return folder;
 }
 
-// Of the open file and not of the process, so that it also keeps a second store of this process
-// out.
+// Locks the open file and not the process, so that a second store in this process is refused, too.
 Result<void> StoreFolder::lock() {
     const auto name = path_ / "lock";
     auto file = openFile(name, O_RDWR | O_CREAT);
@@ -66,14 +66,14 @@ Result<void> StoreFolder::checkFormat() {
     const auto sealed = file ? readAt(*file, 0, kMostBytes, name) : Result<Bytes>(Bytes());
     const auto content = sealed ? sealedfile::unseal(*sealed) : std::nullopt;
     if (!content)
-        return fail(ErrorCode::StorageCorrupt, "the format of the store is not told: " +
+        return fail(ErrorCode::StorageCorrupt, "the format of the store is unknown: " +
                                                    name.string() + " is missing or damaged");
     ByteReader in(*content);
     format_ = in.u32();
     if (format_ >= kOldestFormat && format_ <= kFormat) return {};
     return fail(format_ > kFormat ? ErrorCode::StorageTooNew : ErrorCode::StorageCorrupt,
                 "the store " + path_.string() + " has format " + std::to_string(format_) +
-                    ", this version reads " + std::to_string(kOldestFormat) + " to " +
+                    ", but this version reads " + std::to_string(kOldestFormat) + " to " +
                     std::to_string(kFormat));
 }
 

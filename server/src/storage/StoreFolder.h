@@ -9,55 +9,55 @@
 
 namespace usdlive::server {
 
-/// The files that stand beside the database: `lock`, `format`, `head`, `reserve`, and those in
-/// `snapshots` and `base`; and `db`, the database itself. Whoever has one, has the folder to
-/// themselves.
+/// The files beside the database: `lock`, `format`, `head`, `reserve`, the folders `snapshots` and
+/// `base`, and the database itself in `db`. While one exists, no other process or store can open
+/// the folder.
 class StoreFolder {
 public:
     static constexpr std::uint32_t kFormat = 4;
-    /// The oldest that is read. In 2 there is no base, until 3 no commit is compressed.
+    /// The oldest format that can be read. Format 2 has no base; formats up to 3 have no compressed
+    /// commits.
     static constexpr std::uint32_t kOldestFormat = 2;
 
-    /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is not told, or
-    /// older than what is read), or of the disk.
+    /// Errors: StorageLocked, StorageTooNew, StorageCorrupt (the format is unknown or too old), or
+    /// those of the disk.
     [[nodiscard]] static Result<StoreFolder> open(const std::filesystem::path& path);
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     [[nodiscard]] std::filesystem::path database() const { return path_ / "db"; }
     [[nodiscard]] std::filesystem::path reserve() const { return path_ / "reserve"; }
 
-    /// Of what a layer held, by its number.
+    /// Returns the path of a layer's snapshot, by the layer's number.
     [[nodiscard]] std::filesystem::path snapshot(std::uint32_t layer) const {
         return snapshots() / std::to_string(layer);
     }
 
-    /// An older one, of that revision.
+    /// Returns the path of the older snapshot at that revision.
     [[nodiscard]] std::filesystem::path snapshot(std::uint32_t layer, Revision revision) const {
         return snapshots() / (std::to_string(layer) + "-" + std::to_string(revision));
     }
-    /// Of what a layer held at the revision of a base. Unlike a snapshot it must not be lost.
+    /// Returns the path of a layer's content at a base. Unlike a snapshot it must not be lost.
     [[nodiscard]] std::filesystem::path base(std::uint32_t layer, Revision revision) const {
         return bases() / (std::to_string(layer) + "-" + std::to_string(revision));
     }
     [[nodiscard]] std::filesystem::path bases() const { return path_ / "base"; }
     [[nodiscard]] std::filesystem::path snapshots() const { return path_ / "snapshots"; }
 
-    /// The store is of kFormat from now on, durably.
+    /// Marks the store as being of kFormat, durably.
     [[nodiscard]] Result<void> takeFormat();
 
-    /// False: somebody has deleted the folder, moved it, or put another one in its place.
+    /// Returns false if the folder was deleted, moved or replaced.
     [[nodiscard]] bool isThere() const;
 
-    /// A commit that was acknowledged: what the database holds may not end before it. RocksDB takes
-    /// a log that was cut off for one whose end was never written; this tells the difference.
+    /// An acknowledged commit; the database must not end before it. RocksDB cannot distinguish a
+    /// truncated log from one whose end was never written, but this can.
     struct Mark {
         Revision revision = 0;
         Hash hash;
     };
-    /// Nothing: not written yet, or not readable.
+    /// Returns nothing if it was not written yet or is unreadable.
     [[nodiscard]] std::optional<Mark> mark() const;
-    /// Written without sync, as any earlier mark does no harm. A failure is passed over for the
-    /// same reason.
+    /// Writes the mark without sync and ignores failures, because an older mark does no harm.
     void setMark(const Mark& mark);
 
 private:

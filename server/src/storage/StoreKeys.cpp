@@ -1,3 +1,4 @@
+// Builds and parses the keys of the store's records.
 #include "StoreKeys.h"
 
 #include "StoreRules.h"
@@ -57,7 +58,7 @@ std::optional<ClientId> clientOf(std::string_view key) {
     return ClientId{std::string(key.substr(sizeof size, size))};
 }
 
-// No slot number is as high as this, and late transactions have their own behind it.
+// No slot number is that high. Late transactions have their keys after it.
 std::string behindClient(const ClientId& client) {
     return lateTransaction(client, ~std::uint64_t(0)) + '\0';
 }

@@ -9,29 +9,31 @@
 
 namespace usdlive::server {
 
-/// The keys of the store's records. Numbers are big-endian, so that keys sort as the numbers do.
+/// The keys of the store's records. Numbers are big-endian, so that keys sort like the numbers.
 namespace storekeys {
 
 void appendBigEndian(std::string& key, std::uint32_t number);
 void appendBigEndian(std::string& key, std::uint64_t number);
-/// Precondition: at least so many bytes.
+/// Precondition: at least 8 bytes.
 [[nodiscard]] std::uint64_t bigEndian64(std::string_view bytes);
 
 // Column family `commits`.
 [[nodiscard]] std::string commit(Revision revision);
-inline constexpr std::size_t kCommitBeginning = 4;  ///< of a key, which rarely changes
+inline constexpr std::size_t kCommitBeginning = 4;  ///< length of the key's rarely changing prefix
 
-// Column family `clients`: a transaction's number and revision. Each takes the place of the one
-// kRemembered numbers before. Slot 0 holds the highest number so far.
+// Column family `clients`: a transaction's number and revision. Each replaces the one kRemembered
+// numbers before. Slot 0 holds the highest number.
 [[nodiscard]] std::string transaction(const ClientId& client, std::uint64_t sequence);
 [[nodiscard]] std::string highestTransaction(const ClientId& client);
-/// One that comes behind those that are remembered (SE4): of its number alone, for ever.
+/// The key of a transaction that is committed after kRemembered later ones (SE4). It has its number
+/// only and is kept for ever.
 [[nodiscard]] std::string lateTransaction(const ClientId& client, std::uint64_t sequence);
-/// Whose record it is; nothing: no client's.
+/// Returns the client of a record, or nothing for other keys.
 [[nodiscard]] std::optional<ClientId> clientOf(std::string_view key);
-/// Behind all keys of the client, and before those of the next one.
+/// Returns the key after all keys of the client and before those of the next one.
 [[nodiscard]] std::string behindClient(const ClientId& client);
-inline constexpr std::size_t kClientBeginning = 4 + 32;  ///< the same in all keys of a client
+/// length of the prefix that all keys of a client share
+inline constexpr std::size_t kClientBeginning = 4 + 32;
 
 }  // namespace storekeys
 }  // namespace usdlive::server

@@ -1,3 +1,4 @@
+// Encodes and decodes the store's records.
 #include "StoreRecords.h"
 
 #include <algorithm>
@@ -59,7 +60,7 @@ std::optional<SavedState> decodedSaved(ByteView bytes) {
     ByteReader in(bytes);
     SavedState saved;
     saved.revision = in.u64();
-    const std::uint8_t has = in.left() > 0 ? in.u8() : 0;  // a store of before has no more
+    const std::uint8_t has = in.left() > 0 ? in.u8() : 0;  // records of earlier versions end here
     const auto hash = [&] {
         const ByteView bytes = in.take(kHashBytes);
         return bytes.empty() ? Hash() : hashOf(bytes);

@@ -11,10 +11,11 @@
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/server/project/CommitStore.h"
 
-// The records of the meta family: their keys and what stands in them.
+// The records of the meta family: their keys and content.
 namespace usdlive::server {
 
-// Keys of the meta family. Lower-case names stand alone, a capital begins the key of each of many.
+// Keys of the meta family. Lower-case keys are single records. An upper-case letter is the prefix
+// of many.
 inline constexpr const char* kHeadKey = "head";            // revision, hash
 inline constexpr const char* kEpochKey = "epoch";          // u64
 inline constexpr const char* kBaseKey = "base";            // revision, hash; absent: 0
@@ -25,10 +26,10 @@ inline constexpr char kSavedPrefix = 'S';       // number -> revision, file
 inline constexpr char kLayerBasePrefix = 'B';   // number -> revision, SHA-256 of its file
 inline constexpr char kCheckpointPrefix = 'K';  // name -> revision, time, user
 inline constexpr char kNamespacePrefix = 'N';   // revision -> its moves and deletes
-// In `clients`, behind them all: the revision that it is of.
+// Key of the last record in `clients`: the revision that the family corresponds to.
 inline const std::string kClientsRevisionKey(4, '\xff');
 
-/// A run of commits for a layer, and another one that begins so close behind it, are read as one.
+/// Runs of a layer's commits with a gap of at most this size are joined.
 inline constexpr Revision kSmallGap = 8;
 
 inline constexpr std::size_t kHashBytes = sizeof(Hash::bytes);
@@ -44,7 +45,7 @@ template <Number T>
     std::memcpy(bytes.data(), &number, sizeof(T));
     return bytes;
 }
-/// Nothing: the bytes are no such record. Likewise below.
+/// Returns nothing if the bytes are not such a record. The same below.
 template <Number T>
 [[nodiscard]] std::optional<T> decoded(ByteView bytes) {
     ByteReader in(bytes);
@@ -52,28 +53,29 @@ template <Number T>
     return in.finished() ? std::optional(number) : std::nullopt;
 }
 
-/// Precondition: kHashBytes of them at least.
+/// Precondition: at least kHashBytes.
 [[nodiscard]] Hash hashOf(ByteView bytes);
 
 [[nodiscard]] Bytes encodedSaved(const SavedState& saved);
 [[nodiscard]] std::optional<SavedState> decodedSaved(ByteView bytes);
 
-/// A revision and a hash: the head, the base, and the file of a layer's base.
+/// A revision and a hash: the head, the base, or the file of a layer's base.
 [[nodiscard]] Bytes encoded(Revision revision, const Hash& hash);
 [[nodiscard]] std::optional<std::pair<Revision, Hash>> decodedRevision(ByteView bytes);
 
 inline constexpr std::size_t kBigFrame = 256 * 1024;
-/// What stands behind the hash in a commit's record. A small frame as it is, with its length in
-/// front; one of kBigFrame or more, such as an import's, compressed: a length of 0, which no frame
-/// has, then the size as a u64, then zstd. `storage` holds the latter while the view is used.
+/// Returns the part of a commit's record after the hash. A small frame is stored unchanged after
+/// its length. A frame of kBigFrame or more, such as an import's, is compressed: the length 0,
+/// which no frame has, then the size as a u64, then zstd. `storage` holds the compressed bytes
+/// while the view is used.
 [[nodiscard]] ByteView recordOf(ByteView frame, Bytes& storage);
-[[nodiscard]] SharedBytes frameOf(ByteView record);  ///< nullptr: it is none
+[[nodiscard]] SharedBytes frameOf(ByteView record);  ///< nullptr: not a record
 
 [[nodiscard]] Bytes encodedCheckpoint(const Checkpoint& checkpoint);
 [[nodiscard]] std::optional<Checkpoint> decodedCheckpoint(std::string_view name, ByteView bytes);
 
 [[nodiscard]] Bytes encoded(std::span<const NamespaceChange> changes);
-/// False: the bytes are none; `changes` has those before.
+/// Returns false if the bytes are invalid; `changes` has then the ones before.
 [[nodiscard]] bool decodeInto(std::vector<NamespaceChange>& changes, Revision revision,
                               ByteView bytes);
 

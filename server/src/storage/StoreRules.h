@@ -7,14 +7,14 @@
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/server/project/CommitContent.h"
 
-// What is the same in every store.
+// Rules that all commit stores share.
 namespace usdlive::server {
 
 inline constexpr std::uint64_t kRemembered = 1'024;  ///< transactions of a client (M9)
-/// Where clients are too many, all but so many less one of as many parts are forgotten at once.
+/// If there are too many clients, the oldest fifth is forgotten at once.
 inline constexpr std::size_t kForgetPart = 5;
 
-/// The commits continue the log that ends at `head`: a wrong number or hash would make the whole
+/// Checks that the commits continue the log after `head`. A wrong number or hash would make the
 /// store unreadable from there on.
 inline Result<void> mayAppend(std::span<const CommitRecord> commits, CommitStore::Head head) {
     for (const CommitRecord& commit : commits) {
@@ -32,7 +32,7 @@ inline Result<void> mayAppend(std::span<const CommitRecord> commits, CommitStore
     return {};
 }
 
-/// `head`: the store's newest revision; `known`: it has one of that name.
+/// `head` is the store's newest revision; `known`: the name exists.
 inline Result<void> mayAdd(const Checkpoint& checkpoint, Revision head, bool known) {
     if (checkpoint.revision > head)
         return fail(ErrorCode::FutureRevision, "the newest revision is " + std::to_string(head));

@@ -1,3 +1,4 @@
+// Publishes layer states and presences to all clients over DDS.
 #include "DdsNews.h"
 
 #include <chrono>
@@ -24,7 +25,8 @@ void DdsNews::tell(const LayerStates& states, Revision afterCommit) {
         out.sample.server = server_;
         out.sample.number = ++last_;
         out.sample.afterCommit = afterCommit;
-        // Cyclone keeps the latest of each layer and sends it again; it only fails without memory.
+        // Cyclone DDS keeps the latest state of each layer and sends it again. It fails only
+        // without memory.
         static_cast<void>(states_.write(out.sample));
     }
 }
@@ -57,7 +59,7 @@ void DdsNews::repeat(dds::TimePoint now) {
     for (auto entry = people_.begin(); entry != people_.end();) {
         const Person& person = entry->second;
         write(person);
-        // By then whoever has lost all of it knows from hearing nothing.
+        // After this time, a client that received none of the samples has noticed the silence.
         if (!person.isGone() || now - person.gone <= kPresenceTime) {
             ++entry;
             continue;

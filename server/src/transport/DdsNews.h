@@ -8,26 +8,25 @@
 
 namespace usdlive::server {
 
-/// What a server tells once for all its clients: layer states (DD11) and presences (DD12). Network
-/// thread.
+/// Sends layer states (DD11) and presences (DD12) once for all clients. Network thread.
 class DdsNews {
 public:
     DdsNews(const dds::Domain& domain, std::uint64_t server);
 
     void tell(const LayerStates& states, Revision afterCommit);
     void tell(const Presences& presences, dds::TimePoint now);
-    /// The number of what is told next.
+    /// Returns the number of the next sample.
     [[nodiscard]] std::uint64_t next() const { return last_ + 1; }
-    /// Says again what may have been lost; to be called a few times a second.
+    /// Sends samples again that may have been lost. Call it a few times a second.
     void repeat(dds::TimePoint now);
-    /// The project is made anew: nothing is known.
+    /// Forgets all states. Call it when the project is loaded again.
     void clear();
 
 private:
     struct Person {
         Presence presence;
         std::uint64_t number = 0;
-        dds::TimePoint gone{};  ///< since then, unless zero
+        dds::TimePoint gone{};  ///< zero: still present
         [[nodiscard]] bool isGone() const { return gone != dds::TimePoint{}; }
     };
 
@@ -37,8 +36,8 @@ private:
     dds::Writer<dds::LayerStateSample> states_;
     dds::Writer<dds::PresenceSample> presences_;
     std::uint64_t last_ = 0;
-    std::set<LayerId> layers_;           ///< of which a state was told
-    std::map<ClientId, Person> people_;  ///< who is there, or has gone just now
+    std::set<LayerId> layers_;           ///< layers with a published state
+    std::map<ClientId, Person> people_;  ///< people who are present or left a moment ago
     dds::TimePoint repeated_{};
 };
 

@@ -1,3 +1,4 @@
+// Serves the sessions of one project over DDS.
 #include "usdlive/server/transport/DdsServer.h"
 
 #include <algorithm>
@@ -27,17 +28,18 @@ using dds::TimePoint;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-// A larger commit goes to each session by itself, in pieces and at the reader's own pace. With the
-// depth of the writer it bounds what Cyclone keeps for readers that are behind.
+// A larger commit is sent to each session individually, in pieces and at the reader's own pace.
+// Together with the writer's depth this limits the memory of Cyclone DDS for slow readers.
 constexpr std::size_t kBroadcastBytes = 64 * 1024;
 constexpr milliseconds kSweep{250};
 constexpr milliseconds kStoppingSweep{20};
-// All sessions are looked at when one has something to do: not more often than this.
+// Sessions are checked when one has something to do, but not more often than this.
 constexpr milliseconds kLeastPause{5};
-// When the project has moved on; and anyway, for who took the server for dead while it hung.
+// Pauses between announcements: after a new revision, and without one, for clients that considered
+// the server lost.
 constexpr milliseconds kAnnouncePause{1'000};
 constexpr milliseconds kAnnounceAnyway{2'000};
-// The DDS thread sleeps until something comes.
+// The DDS thread sleeps until samples arrive, at most this long.
 constexpr std::chrono::seconds kWait{10};
 
 Submit copyOf(const dds::SubmitSample& sample, const dds::SampleInfo& info) {
@@ -61,7 +63,7 @@ Submit copyOf(const dds::SubmitSample& sample, const dds::SampleInfo& info) {
     return submit;
 }
 
-/// Takes what clients send, on a thread of its own.
+/// Receives the samples of clients on its own thread.
 class SubmitThread {
 public:
     using Take = std::function<void(std::vector<Submit>)>;
@@ -122,7 +124,7 @@ public:
     }
 
     ~DdsTransport() override {
-        // Not before: clients take it for the end, whatever is still on its way to them.
+        // Disposed last, because clients treat it as the end and ignore everything that follows.
         projectWriter_.dispose(projectSample());
     }
 
@@ -179,7 +181,7 @@ public:
         const auto found = find(session);
         return found && found->congested();
     }
-    bool lags(SessionId) override { return false; }  // commits go to all at once
+    bool lags(SessionId) override { return false; }  // commits are sent once for all sessions
     void sendBeside(SessionId session, FrameSource source) override {
         if (const auto found = find(session)) found->sendBeside(std::move(source));
     }
@@ -207,7 +209,7 @@ public:
 
     Carrier carrier() const override { return Carrier::Dds; }
 
-    // What sessions ask for (DdsHub).
+    // Implements DdsHub.
     void flushLater(std::shared_ptr<DdsSession> session) override {
         toFlush_.push_back(std::move(session));
         if (toFlush_.size() > 1) return;
@@ -221,7 +223,7 @@ public:
     }
 
     void finished(DdsSession& session) override {
-        // It is still at work, and goes with the turn.
+        // The session is still executing. It is destroyed after this turn of the event loop.
         const auto entry = sessions_.find(session.id());
         gone_.push_back(std::move(entry->second));
         asio::post(io, whileAlive(life_, [this] { gone_.clear(); }));
@@ -243,26 +245,27 @@ private:
         return sessions;
     }
 
-    // --- What comes
+    // --- Receiving
 
     void received(Submit submit) {
         if (const auto oddity = oddityOf(submit)) return ignored(*oddity, submit);
         if (const auto session = sessionOf(submit)) session->received(std::move(submit));
     }
 
-    /// DD13.
+    /// DD13: returns the reason for ignoring the sample, if any.
     std::optional<Oddity> oddityOf(const Submit& submit) const {
         if (submit.protocol != dds::kDdsProtocol) return Oddity::OtherProtocol;
         if (submit.isTooLarge) return Oddity::Malformed;
         const auto entry = clients_.find(submit.client);
         if (entry != clients_.end() && find(entry->second)->participant() != submit.participant)
             return Oddity::OtherClient;
-        // Of a session that has ended something may still be on the way.
+        // Samples of an ended session may still arrive.
         if (!opens(submit) && !greeted_.contains(submit.participant)) return Oddity::NotGreeted;
         return std::nullopt;
     }
 
-    /// DD3: the session of its connection; a new one for one that opens a connection.
+    /// DD3: returns the session of the sample's connection. Opens one if the sample opens a
+    /// connection.
     std::shared_ptr<DdsSession> sessionOf(const Submit& submit) {
         if (const auto entry = clients_.find(submit.client); entry != clients_.end()) {
             const auto session = find(entry->second);
@@ -273,7 +276,7 @@ private:
         return opens(submit) && !stopDeadline_ ? open(submit) : nullptr;
     }
 
-    /// Forgets those without a session when there are too many.
+    /// Remembers the participant. Drops those without a session if there are too many.
     void greeted(const OddSamples::Participant& participant) {
         if (greeted_.size() >= 2 * options.maxSessions) {
             greeted_.clear();
@@ -306,7 +309,7 @@ private:
         }
     }
 
-    // --- What leaves
+    // --- Sending
 
     void write(Revision revision, const Bytes& frame, const std::vector<SentCommits::Mark>& marks) {
         std::vector<usdlive_dds_Mark> list;
@@ -320,12 +323,12 @@ private:
         ++DdsHub::counters.messagesOut;
         ++DdsHub::counters.framesOut;
         DdsHub::counters.bytesOut += frame.size();
-        // Clients ask again for what was not taken.
+        // Clients request a lost commit again.
         static_cast<void>(commitWriter_.write(sample));
     }
 
     void flush() {
-        // A flush can ask for another one, which is then of the next turn.
+        // A flush can request another one, which then happens in the next turn.
         flushing_.swap(toFlush_);
         const TimePoint now = steady_clock::now();
         for (const auto& session : flushing_) {
@@ -361,7 +364,8 @@ private:
         wakeBy(next);
     }
 
-    /// DD1. What is disposed of or written holds no memory of its own.
+    /// DD1: builds the announcement of the project. It owns no memory, so that it can be written or
+    /// disposed.
     dds::ProjectSample projectSample() const {
         dds::ProjectSample sample{};
         sample.server = server;
@@ -387,9 +391,9 @@ private:
     std::unordered_map<SessionId, std::shared_ptr<DdsSession>> sessions_;
     std::unordered_map<std::uint64_t, SessionId> clients_;
     std::vector<std::shared_ptr<DdsSession>> toFlush_, flushing_, gone_;
-    std::set<OddSamples::Participant> greeted_;  // who has, or had, a session
+    std::set<OddSamples::Participant> greeted_;  // participants that have or had a session
     OddSamples odd_;
-    mutable TransportCounters counters_;  // with what is counted when asked for
+    mutable TransportCounters counters_;  // some are computed when they are requested
 
     Revision revision_, announced_ = 0;
     const std::int64_t started_;
@@ -402,7 +406,7 @@ private:
     bool timerSet_ = false;
     std::optional<TimePoint> stopDeadline_;
     std::function<void()> stopped_;
-    SubmitThread submitThread_;  // the last: it posts to the rest
+    SubmitThread submitThread_;  // the last member, because it posts to the others
 };
 
 }  // namespace

@@ -1,3 +1,4 @@
+// One client's session over DDS.
 #include "DdsSession.h"
 
 #include <algorithm>
@@ -16,9 +17,9 @@ using dds::TimePoint;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-// The other end takes a server for dead that says nothing.
+// The client treats a silent server as lost, so a sign of life is sent this often.
 constexpr milliseconds kKeepAlive{2'000};
-// What one request for missed commits brings at most.
+// The limit for one answer to a request for missed commits.
 constexpr std::size_t kResentBytes = 1024 * 1024;
 
 std::uint8_t flagsOf(const dds::Segment& segment) {
@@ -47,7 +48,8 @@ public:
     }
 
     ~PeerSession() override {
-        // Cyclone may wait for a reader that hangs.
+        // Destroyed in the background, because Cyclone DDS may wait for a reader that does not
+        // respond.
         if (writers_) hub_.background([writers = std::move(writers_)] {});
     }
 
@@ -140,7 +142,7 @@ public:
         };
         if (sweepGoodbye(now) || !isOpen()) return;
         if (now - heard_ >= hub_.options.peerTime)
-            end("nothing was heard of it", LogLevel::Info);
+            end("the client sent nothing for too long", LogLevel::Info);
         else if (stalled(replies_) || stalled(beside_))
             endSlowReader("it did not read for too long");
     }
@@ -157,7 +159,7 @@ public:
     }
 
 private:
-    // What SessionCore asks for.
+    // Implements SessionCore.
     std::size_t waitingBytes() const override { return replies_.queuedBytes(); }
     bool hasRoomBeside() const override {
         return beside_.waitingBytes() <= Transport::kBesideBytes;
@@ -174,7 +176,7 @@ private:
         flushLater();
     }
     void finish() override {
-        // Should it still be there, it comes again at once.
+        // If the client is still there, it connects again at once.
         dds::ReplySample reset{};
         reset.flags = dds::kEnd;
         write(reset);
@@ -196,7 +198,7 @@ private:
 
     // --- Samples
 
-    /// Without a number it only acknowledges, and says that the server lives.
+    /// A segment without a number only acknowledges and is a sign of life.
     void write(const dds::Segment& segment) {
         dds::ReplySample sample{};
         sample.number = segment.sequence;
@@ -217,7 +219,7 @@ private:
         answer_ = false;
         spoke_ = steady_clock::now();
         count(sample.frames._length);
-        // What is not taken is sent again with what is not acknowledged.
+        // A sample that DDS does not accept is sent again like an unacknowledged one.
         static_cast<void>(writers_->reply.write(sample));
     }
 
@@ -237,11 +239,11 @@ private:
         hub_.counters.bytesOut += bytes;
     }
 
-    /// DD7. What is too old is had by resuming.
+    /// DD7: sends missed commits again. Older ones require the client to resume.
     void resend(Revision from, Revision to) {
         if (from > hub_.commits.newest()) return;
         if (!hub_.commits.find(from)) {
-            return endSlowReader("it has missed more commits than are kept");
+            return endSlowReader("the client has missed more commits than are kept");
         }
         std::size_t bytes = 0;
         for (Revision revision = from; revision <= to && bytes < kResentBytes; ++revision) {
@@ -258,7 +260,7 @@ private:
         }
     }
 
-    // --- What comes
+    // --- Receiving
 
     void deliver() {
         while (isOpen() && reading_) {
@@ -270,9 +272,9 @@ private:
             if (message->end) return end("it left", LogLevel::Info);
         }
         if (submits_.isTooLarge())
-            close(Error{
-                ErrorCode::FrameTooLarge,
-                "a message may have " + std::to_string(hub_.options.maxMessageBytes) + " bytes"});
+            close(Error{ErrorCode::FrameTooLarge, "a message may have at most " +
+                                                      std::to_string(hub_.options.maxMessageBytes) +
+                                                      " bytes"});
     }
 
     DdsHub& hub_;
@@ -282,15 +284,15 @@ private:
 
     dds::SegmentReceiver submits_;
     bool reading_ = true;
-    bool answer_ = false;  // it waits for a sign of life
+    bool answer_ = false;  // the client waits for a sign of life
     TimePoint heard_ = steady_clock::now();
 
     dds::SegmentSender replies_, beside_;
-    std::uint64_t streamEnd_ = 0;  // bytes of all that was pushed
-    std::uint64_t marked_ = 0;     // as the latest commits say
-    Revision lastCommit_ = 0;      // that it was sent, or was sent with the others
+    std::uint64_t streamEnd_ = 0;  // total bytes pushed
+    std::uint64_t marked_ = 0;     // stream position in the latest commits' marks
+    Revision lastCommit_ = 0;      // last commit sent to it, individually or to all
     bool live_ = false;
-    bool flushing_ = false;  // flush() was asked for and has not come yet
+    bool flushing_ = false;  // flush() is requested and has not run yet
     TimePoint spoke_;
 };
 

@@ -19,7 +19,7 @@ namespace usdlive::server {
 
 class DdsSession;
 
-/// A Submit sample, once it has been copied out of DDS.
+/// A Submit sample that was copied out of DDS.
 struct Submit {
     OddSamples::Participant participant{};
     std::uint8_t protocol = 0;
@@ -27,23 +27,23 @@ struct Submit {
     std::uint64_t ackReply = 0, ackBeside = 0;
     Revision resendFrom = 0, resendTo = 0;
     bool answer = false;
-    bool isTooLarge = false;  ///< its bytes are not here
+    bool isTooLarge = false;  ///< its bytes were not copied
     dds::Segment segment;
 };
 
-/// What sessions know of the server they belong to, and outlive for a moment.
+/// The part of the server that sessions use. It outlives them for a moment.
 class DdsHub : public SessionHub {
 public:
     const DdsServerOptions options;
     const std::unique_ptr<dds::Domain> domain;
-    const std::uint64_t server;  ///< its name in DDS
+    const std::uint64_t server;  ///< its number in DDS
     SentCommits commits;
 
-    /// Calls flush() of it at the end of the turn.
+    /// Calls the session's flush() at the end of this turn of the event loop.
     virtual void flushLater(std::shared_ptr<DdsSession> session) = 0;
-    /// It is forgotten.
+    /// Called when the session has ended; the hub forgets it.
     virtual void finished(DdsSession& session) = 0;
-    /// A sample is ignored: counts it, and says so the first time (DD13).
+    /// Counts an ignored sample, and logs the first one of a participant (DD13).
     virtual void ignored(Oddity oddity, const Submit& submit) = 0;
 
 protected:
@@ -57,35 +57,36 @@ protected:
     ~DdsHub() = default;
 };
 
-/// One client's session over DDS: its streams, and what a Transport does with one.
+/// One client's session over DDS: its streams and the calls of Transport for one session.
 class DdsSession : public SessionCore {
 public:
     [[nodiscard]] virtual std::uint64_t client() const = 0;
     [[nodiscard]] virtual std::uint64_t connection() const = 0;
-    /// Who alone may speak for the client.
+    /// Returns the only participant that may send for this client.
     [[nodiscard]] virtual const OddSamples::Participant& participant() const = 0;
 
-    /// Tells the handler that it is there.
+    /// Reports the new session to the handler.
     virtual void start() = 0;
     virtual void received(Submit submit) = 0;
 
-    /// The commit goes to all: marks the stream, and says what of it the client has to have before.
+    /// Marks the stream for a commit that is sent to all. Returns the position of the stream that
+    /// the client must have received before.
     virtual std::optional<SentCommits::Mark> commitSent(Revision revision) = 0;
-    /// A commit too large for that.
+    /// Sends a commit that is too large to be sent to all.
     virtual void sendCommit(SharedBytes frame, Revision revision) = 0;
     virtual void holdCommits() = 0;
     virtual void releaseCommits(Revision next) = 0;
-    /// News of one kind (nullptr: there is none); from now on the session is told what has this
-    /// number or a higher one.
+    /// Sends the present states of one kind (`frame` is nullptr if there are none). From then on
+    /// the session takes samples with this number or a higher one.
     virtual void sendFirst(SharedBytes frame, std::uint64_t statesFrom,
                            std::uint64_t presencesFrom) = 0;
     virtual void setReading(bool reading) = 0;
 
-    /// Writes what is due.
+    /// Writes everything that is due.
     virtual void flush(dds::TimePoint now) = 0;
-    /// Looks for a peer that is gone or does not read.
+    /// Ends the session if the peer is lost or does not read.
     virtual void sweep(dds::TimePoint now) = 0;
-    /// When flush() is due again.
+    /// Returns the time when flush() is due again.
     [[nodiscard]] virtual dds::TimePoint deadline() const = 0;
     [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
 
@@ -93,7 +94,7 @@ protected:
     using SessionCore::SessionCore;
 };
 
-/// Throws std::runtime_error when Cyclone cannot make its writers.
+/// Throws std::runtime_error if Cyclone DDS cannot create the writers.
 [[nodiscard]] std::shared_ptr<DdsSession> createDdsSession(DdsHub& hub, SessionId id,
                                                            const Submit& first);
 

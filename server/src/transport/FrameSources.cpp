@@ -1,3 +1,4 @@
+// Produces the frames of a session's sources in the background.
 #include "FrameSources.h"
 
 #include <boost/asio/post.hpp>
@@ -22,7 +23,7 @@ void FrameSources::produce() {
         try {
             frame = (*source)();
         } catch (const std::exception&) {
-            // Without it the client would wait for the rest for ever.
+            // Without failed() the client would wait for the rest for ever.
         }
         boost::asio::post(io, [source, frame = std::move(frame), weak] {
             if (const auto self = weak.lock()) self->onProduced(source, frame);

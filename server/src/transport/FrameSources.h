@@ -10,25 +10,25 @@
 
 namespace usdlive::server {
 
-/// What one session is sent beside its stream: frames that sources make in the background, one at a
-/// time, by turns. Network thread.
+/// Produces the frames that one session is sent beside its stream: in the background, one at a
+/// time, in turns. Network thread.
 class FrameSources : public std::enable_shared_from_this<FrameSources> {
 public:
-    /// Not called after clear(), nor once the session, which alone holds this, is gone.
+    /// Not called after clear() or after the session, the only owner of this object, is destroyed.
     struct Session {
         std::function<bool()> hasRoom;
         std::function<void(SharedBytes)> send;
-        std::function<void()> failed;  ///< a source threw: a bug, without the rest of it
+        std::function<void()> failed;  ///< a source threw, which is a bug
     };
 
     FrameSources(boost::asio::io_context& io, const Background& background, Session session)
         : io_(io), background_(background), session_(std::move(session)) {}
 
-    /// False: there are Transport::kMaxSources already.
+    /// Returns false if there are Transport::kMaxSources already.
     [[nodiscard]] bool add(FrameSource source);
-    /// Has the next frame made, if there is room: to be called when some has become free.
+    /// Produces the next frame if there is room. Call it when room has become free.
     void produce();
-    /// For good.
+    /// Drops all sources for good.
     void clear();
 
 private:
@@ -39,7 +39,7 @@ private:
     const Background& background_;
     const Session session_;
     std::deque<std::shared_ptr<FrameSource>> sources_;
-    bool producing_ = false;  // one of them is at work, and not in sources_
+    bool producing_ = false;  // one source is running and not in sources_
     bool cleared_ = false;
 };
 

@@ -1,3 +1,4 @@
+// Reads one HTTP request and answers it, or hands the connection over as a session.
 #include "HttpConnection.h"
 
 #include <array>
@@ -23,7 +24,7 @@ namespace http = beast::http;
 using std::chrono::steady_clock;
 
 constexpr std::size_t kHeaderBytes = 8 * 1024;
-// For answers to leave and for the peer to close after them.
+// The time limit for sending the answer and for the peer to close afterwards.
 constexpr std::chrono::seconds kAnswerTime{5};
 
 constexpr unsigned kBadRequest = 400, kForbidden = 403, kNotAllowed = 405, kUpgradeRequired = 426,
@@ -34,7 +35,7 @@ using Response = http::response<http::string_body>;
 
 std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
-/// The path without a query.
+/// Returns the path without the query.
 std::string_view pathOf(const Request& request) {
     const std::string_view target = view(request.target());
     return target.substr(0, target.find('?'));
@@ -99,7 +100,7 @@ private:
         } catch (const std::exception& fault) {
             hub_.log.write(LogLevel::Error, "http route failed",
                            {{"path", path}, {"error", fault.what()}});
-            answer({"text/plain", "the server met a fault of its own\n", kInternal});
+            answer({"text/plain", "internal error of the server\n", kInternal});
         }
     }
 
@@ -116,14 +117,15 @@ private:
     }
 
     void session(const Request& request, WebSocketTransport& transport) {
-        // A client waits for the answer before it goes on: more bytes are not WebSocket.
+        // A client has to wait for the answer, so further bytes are not WebSocket.
         if (!beast::websocket::is_upgrade(request) || buffer_.size() != 0)
             return answer({"text/plain", "this is a WebSocket endpoint\n", kUpgradeRequired});
         if (!originAllowed(request)) {
             hub_.log.write(LogLevel::Warning, "origin refused",
                            {{"origin", view(request[http::field::origin])}});
             return answer({"text/plain",
-                           "pages of this origin may not connect; see --allow-origin\n",
+                           "pages of this origin may not connect. Start the server with "
+                           "--allow-origin to allow it\n",
                            kForbidden});
         }
         done_ = true;
@@ -164,7 +166,8 @@ private:
                           });
     }
 
-    // Closing with unread bytes would reset the connection and could take the answer along.
+    // Reads the rest, because closing with unread bytes would reset the connection and could lose
+    // the answer.
     void drain() {
         socket_.async_read_some(asio::buffer(scratch_),
                                 [self = shared_from_this()](beast::error_code error, std::size_t) {

@@ -13,14 +13,14 @@ class HttpConnection {
 public:
     virtual ~HttpConnection() = default;
     virtual void start() = 0;
-    /// Closes it when its time is over.
+    /// Closes the connection if its time is over.
     virtual void sweep(TimePoint now) = 0;
     virtual void cut() = 0;
-    /// The same, and the hub is not called any more.
+    /// Cuts the connection and does not call the hub any more.
     virtual void abandon() = 0;
 };
 
-/// `slot` is held as long as the connection is open, also as a session.
+/// Holds `slot` while the connection is open, also as a session.
 [[nodiscard]] std::shared_ptr<HttpConnection> createHttpConnection(HttpHub& hub, Socket socket,
                                                                    std::shared_ptr<void> slot);
 

@@ -8,8 +8,8 @@ namespace usdlive::server {
 
 class HttpConnection;
 
-/// What connections know of the server they belong to. It abandons them when it goes; operations
-/// that end after that do not call it any more.
+/// The part of the server that connections use. Its destructor abandons them; operations that end
+/// later do not call it any more.
 class HttpHub {
 public:
     boost::asio::io_context& io;
@@ -17,7 +17,7 @@ public:
     const HttpRouter router;
     Log& log;
 
-    /// The connection has answered, failed, or become a session. The hub forgets it.
+    /// Called when the connection has answered, failed, or become a session. The hub forgets it.
     virtual void finished(HttpConnection& connection) = 0;
 
 protected:

@@ -22,7 +22,7 @@ using std::chrono::steady_clock;
 using Executor = asio::io_context::executor_type;
 using Acceptor = asio::basic_socket_acceptor<tcp, Executor>;
 
-// Most likely no file descriptors are left: open connections are served on.
+// Pause after a failed accept. Usually no file descriptors are left, and open connections continue.
 constexpr milliseconds kAcceptPause{100};
 constexpr milliseconds kLongestHeaderSweep{1'000};
 
@@ -90,18 +90,19 @@ private:
         accept();
     }
 
-    /// Counts a connection until the last copy goes, on any thread.
+    /// Counts a connection until the last copy is destroyed, on any thread.
     std::shared_ptr<void> slot() {
         ++*open_;
         return {nullptr, [open = open_](void*) { --*open; }};
     }
 
-    // One timer for all connections.
+    // One timer checks all connections.
     void sweepLater() {
         sweepTimer_.expires_after(std::min(kLongestHeaderSweep, options.headerTime / 4));
         sweepTimer_.async_wait(whileAlive(life_, [this](boost::system::error_code error) {
             if (error) return;
-            const auto connections = connections_;  // its members go while they are visited
+            // connections are removed while they are visited
+            const auto connections = connections_;
             for (const auto& [key, connection] : connections)
                 connection->sweep(steady_clock::now());
             sweepLater();

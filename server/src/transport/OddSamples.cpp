@@ -1,3 +1,4 @@
+// Counts the DDS samples that the server ignores.
 #include "usdlive/server/transport/OddSamples.h"
 
 namespace usdlive::server {

@@ -1,3 +1,4 @@
+// A queue of frames for one connection.
 #include "usdlive/server/transport/SendQueue.h"
 
 #include <utility>
@@ -12,7 +13,7 @@ void SendQueue::push(SharedBytes frames) {
 void SendQueue::take(std::size_t most, std::vector<SharedBytes>& out) {
     out.clear();
     if (bytes_ <= most) {
-        out.swap(entries_);  // each keeps its capacity for the next round
+        out.swap(entries_);  // both vectors keep their capacity for reuse
         bytes_ = 0;
         return;
     }

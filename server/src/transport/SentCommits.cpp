@@ -1,3 +1,4 @@
+// Keeps the latest broadcast commits.
 #include "usdlive/server/transport/SentCommits.h"
 
 #include <utility>
@@ -19,7 +20,7 @@ std::uint64_t SentCommits::Sent::positionOf(std::uint64_t client) const {
 }
 
 void SentCommits::add(Revision revision, Sent sent) {
-    // For a while nobody was there to be sent any.
+    // There was a gap without any client.
     if (revision != newest() + 1) {
         sent_.clear();
         bytes_ = 0;

@@ -1,4 +1,4 @@
-// What sessions of all transports have in common.
+// The common part of sessions on all transports.
 #include "SessionCore.h"
 
 #include <boost/asio/post.hpp>
@@ -13,7 +13,7 @@ namespace {
 
 using std::chrono::steady_clock;
 
-// To send what is queued and to say goodbye.
+// The time limit for sending the queue and the goodbye.
 constexpr std::chrono::milliseconds kCloseTime{5'000};
 
 }  // namespace
@@ -44,7 +44,7 @@ void SessionCore::send(SharedBytes frames) {
 
 bool SessionCore::admit(std::size_t bytes) {
     if (limit_.admit(waitingBytes(), bytes)) return true;
-    tooSlow("more is waiting to be read than a connection may have");
+    tooSlow("the client reads too slowly: too much data waits for it");
     return false;
 }
 
@@ -56,7 +56,7 @@ bool SessionCore::congested() {
 
 void SessionCore::sendBeside(FrameSource source) {
     if (isOpen() && !sources_->add(std::move(source)))
-        tooSlow("more was asked for at once than a connection may have");
+        tooSlow("the client requested too many things at once");
 }
 
 void SessionCore::left() {
@@ -86,13 +86,13 @@ void SessionCore::close(const std::optional<Error>& why) {
 
 void SessionCore::tooSlow(std::string message) {
     ++core_.counters.slowReaders;
-    dropQueue();  // the error comes right after the message that is on its way
+    dropQueue();  // the error follows the message that is being sent
     close(Error{ErrorCode::SlowReader, std::move(message)});
 }
 
 bool SessionCore::sweepGoodbye(steady_clock::time_point now) {
     if (state_ != State::Closing || now < closeDeadline_) return false;
-    end("it did not close in time", LogLevel::Debug);
+    end("the client did not close in time", LogLevel::Debug);
     return true;
 }
 

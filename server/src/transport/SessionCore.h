@@ -13,7 +13,7 @@
 
 namespace usdlive::server {
 
-/// What the sessions of a transport share. It belongs to the thread that runs `io`.
+/// The part of a transport that its sessions share. Belongs to the thread that runs `io`.
 class SessionHub {
 public:
     boost::asio::io_context& io;
@@ -22,7 +22,7 @@ public:
     Log& log;
     TransportCounters counters;
 
-    /// Tells the handler that the session is closed, later in this turn of the event loop.
+    /// Notifies the handler of the closed session, later in this turn of the event loop.
     void tellClosed(SessionId session);
 
 protected:
@@ -31,12 +31,12 @@ protected:
         : io(io), handler(handler), background(std::move(background)), log(log) {}
     ~SessionHub() = default;
 
-    /// Ends with the hub: whileAlive() of it.
+    /// The life of the hub for whileAlive().
     const std::shared_ptr<int> life_ = std::make_shared<int>();
 };
 
-/// A session on any transport: its state, its end, how much may wait for its reader, and the calls
-/// of the handler. What the bytes travel in is up to the class that derives from it.
+/// A session on any transport: its state, its end, the limit for its reader, and the calls to the
+/// handler. Derived classes send the bytes.
 class SessionCore {
 public:
     virtual ~SessionCore() = default;
@@ -46,50 +46,50 @@ public:
     /// See Transport::congested().
     [[nodiscard]] bool congested();
     void sendBeside(FrameSource source);
-    /// Sends what is queued and the error, then says goodbye. The handler is told at once.
+    /// Sends the queued frames and the error, then a goodbye. The handler is notified at once.
     void close(const std::optional<Error>& why);
     /// Ends the session without a goodbye.
     void cut() { end("cut", LogLevel::Debug); }
 
 protected:
     enum class State {
-        Opening,  ///< not yet known to the handler
+        Opening,  ///< the handler does not know it yet
         Open,
-        Closing,  ///< the handler has been told; the queue and the goodbye leave
+        Closing,  ///< the handler was notified; the queue and the goodbye are being sent
         Closed
     };
     SessionCore(SessionHub& hub, SessionId id, std::size_t slowReaderBytes, State state);
 
-    // Of the line.
-    /// Bytes of the stream that wait or are on their way; what is sent beside it does not count.
+    // Implemented by the derived class.
+    /// Returns the bytes of the stream that wait or are being sent, without those beside the
+    /// stream.
     [[nodiscard]] virtual std::size_t waitingBytes() const = 0;
     virtual void queue(SharedBytes frames) = 0;
-    /// Queues a frame of a source, which takes turns with the stream.
+    /// Queues a frame of a source. It takes turns with the stream.
     virtual void queueBeside(SharedBytes frame) = 0;
     [[nodiscard]] virtual bool hasRoomBeside() const = 0;
-    /// Drops what is queued and not on its way.
+    /// Drops the queued frames that are not being sent.
     virtual void dropQueue() = 0;
-    /// Begins to say goodbye, after what is queued.
+    /// Starts the goodbye after the queued frames.
     virtual void beginGoodbye(const std::optional<Error>& why) = 0;
-    /// The session is over: closes the line, and has the hub forget it.
+    /// Closes the connection and makes the hub forget the session.
     virtual void finish() = 0;
 
     [[nodiscard]] State state() const { return state_; }
     [[nodiscard]] bool isOpen() const { return state_ == State::Open; }
-    /// Tells the handler of the session.
+    /// Reports the new session to the handler.
     void open();
-    /// Returns whether more may wait for the reader. If not, the session is closed with slowReader.
+    /// Returns true if more may wait for the reader. Otherwise closes the session with SlowReader.
     [[nodiscard]] bool admit(std::size_t bytes);
-    /// Call it when something has left: tells the handler and asks sources for more.
+    /// Call it after data was sent: notifies the handler and asks the sources for more.
     void left();
-    /// Closes a session that has not finished its goodbye in time; true if it has.
+    /// Closes a session that has not finished its goodbye in time. Returns true if it is closing.
     bool sweepGoodbye(std::chrono::steady_clock::time_point now);
     void endSlowReader(std::string_view reason);
     void end(std::string_view reason, LogLevel level);
-    /// Ends it without telling anybody: the hub goes.
+    /// Ends the session without notifying the handler, because the hub is being destroyed.
     void endSilently();
-    /// Calls the handler. What it throws is a bug that concerns this session only, as far as one
-    /// knows.
+    /// Calls the handler. An exception is a bug that probably concerns this session only.
     template <class Function>
     void guarded(Function&& function) try {
         function();

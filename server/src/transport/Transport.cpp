@@ -1,3 +1,4 @@
+// The default implementations of a Transport, which send to each session individually.
 #include "usdlive/server/transport/Transport.h"
 
 namespace usdlive::server {

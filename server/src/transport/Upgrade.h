@@ -1,4 +1,4 @@
-// A connection on its way from HttpServer to the transport that serves its session.
+// A connection that HttpServer hands to the transport of its session.
 #pragma once
 
 #include <boost/asio/ip/tcp.hpp>
@@ -10,10 +10,10 @@
 
 namespace usdlive::server {
 
-/// The request that asks for a WebSocket session, not yet answered.
+/// The request for a WebSocket session, not answered yet.
 struct Upgrade {
     boost::beast::http::request<boost::beast::http::empty_body> request;
-    Socket socket;               ///< still of HttpServer's io_context
+    Socket socket;               ///< still belongs to HttpServer's io_context
     std::shared_ptr<void> slot;  ///< counts as a connection while it is held
 };
 

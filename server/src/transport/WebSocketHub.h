@@ -11,8 +11,8 @@ namespace usdlive::server {
 
 class WebSocketSession;
 
-/// What sessions know of the transport they belong to. It abandons them when it goes; operations
-/// that end after that do not call it any more.
+/// The part of the transport that sessions use. Its destructor abandons them; operations that end
+/// later do not call it any more.
 class WebSocketHub : public SessionHub {
 public:
     const WebSocketOptions options;

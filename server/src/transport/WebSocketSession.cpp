@@ -1,3 +1,4 @@
+// One client's session over a WebSocket.
 #include "WebSocketSession.h"
 
 #include <netinet/tcp.h>
@@ -21,22 +22,22 @@ namespace websocket = beast::websocket;
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-// A message holds what is queued, up to this; a single larger frame makes a larger message.
+// A message contains the queued frames up to this size. A single larger frame makes a larger
+// message.
 constexpr std::size_t kMessageBytes = 1024 * 1024;
-// Larger messages leave in fragments, between which pings and pongs can pass.
+// Larger messages are sent in fragments, so that pings and pongs can pass between them.
 constexpr std::size_t kFragmentBytes = 256 * 1024;
-// Above this a message has more than slowReaderTime: a 64 MiB commit takes its time over a thin
-// line.
+// Above this size a message gets more time than slowReaderTime, for example a commit of 64 MiB on a
+// slow line.
 constexpr std::size_t kThinLineBytesPerSecond = 256 * 1024;
-// The system joins at most 16 buffers in a call: of a message of more, the small ones are joined
-// first.
+// The system takes at most 16 buffers per call. Small buffers of longer messages are joined first.
 constexpr std::size_t kManyBuffers = 15;
 constexpr std::size_t kSmallFrameBytes = 1024;
-// Read buffers: grown to what a client sends, given back when it was much.
+// The limits of the read buffer. It grows with the data of the client and shrinks again.
 constexpr std::size_t kLeastReadBytes = 4 * 1024;
 constexpr std::size_t kMostReadBytes = 1024 * 1024;
-// The WebSocket conformance suite speaks text as well; only its echo server (tests/conformance) is
-// built to let it in.
+// The WebSocket conformance suite also sends text. Only its echo server (tests/conformance) is
+// built to accept it.
 #ifdef USDLIVE_TEXT_MESSAGES
 constexpr bool kTextMessages = true;
 #else
@@ -59,7 +60,7 @@ websocket::close_code closeCode(const std::optional<Error>& why) {
     }
 }
 
-/// A sequence of buffers that copies as two pointers: Beast copies them a lot.
+/// A sequence of buffers that is copied as two pointers, because Beast copies it often.
 struct BufferList {
     using value_type = asio::const_buffer;
     using const_iterator = const asio::const_buffer*;
@@ -68,7 +69,7 @@ struct BufferList {
     [[nodiscard]] const_iterator end() const { return last; }
 };
 
-/// The message on its way.
+/// The message that is being sent.
 class Batch {
 public:
     void fill(SendQueue& queue) {
@@ -97,7 +98,7 @@ private:
         std::size_t small = 0;
         for (const SharedBytes& part : parts_)
             if (part->size() < kSmallFrameBytes) small += part->size();
-        joined_.reserve(small);  // so that nothing moves below
+        joined_.reserve(small);  // so that nothing is reallocated below
         std::size_t begin = 0;
         const auto endRun = [&] {
             if (begin != joined_.size())
@@ -129,8 +130,8 @@ public:
           hub_(hub),
           upgrade_(std::move(upgrade)),
           stream_(std::move(socket)) {
-        // Without these two a small commit waits for the acknowledgement of the one before, or
-        // behind megabytes of a snapshot that the system has taken in advance.
+        // Without these options a small commit waits for the acknowledgement of the previous one,
+        // or behind megabytes of a snapshot in the system's buffer.
         beast::error_code ignored;
         lowest().set_option(asio::ip::tcp::no_delay(true), ignored);
         const int notSent = kFragmentBytes;
@@ -142,7 +143,7 @@ public:
         timeout.idle_timeout = hub.options.peerTime;
         timeout.keep_alive_pings = true;
         stream_.set_option(timeout);
-        stream_.read_message_max(0);  // onRead() counts, so that it can still say why
+        stream_.read_message_max(0);  // onRead() counts, so that it can report the error
         stream_.auto_fragment(true);
         stream_.write_buffer_bytes(kFragmentBytes);
         stream_.binary(true);
@@ -172,7 +173,7 @@ public:
 
     void sweep(TimePoint now) override {
         if (writing_ && isOpen() && now >= writeDeadline_)
-            endSlowReader("it did not read for too long");
+            endSlowReader("the client did not read for too long");
         else
             sweepGoodbye(now);
     }
@@ -185,7 +186,7 @@ public:
 private:
     Socket& lowest() { return beast::get_lowest_layer(stream_); }
 
-    // What SessionCore asks for.
+    // Implements SessionCore.
     std::size_t waitingBytes() const override { return queue_.bytes() + batch_.bytes(); }
     bool hasRoomBeside() const override { return waitingBytes() <= Transport::kBesideBytes; }
     void queueBeside(SharedBytes frame) override { queue(std::move(frame)); }
@@ -226,8 +227,8 @@ private:
             readPaused_ = true;
             return;
         }
-        // By what has come, not by what a header claims: nobody makes us allocate by promising
-        // much.
+        // Grows with the received bytes, not with the announced size, so that a client cannot cause
+        // large allocations.
         const std::size_t size = std::clamp(buffer_.size(), kLeastReadBytes, kMostReadBytes);
         stream_.async_read_some(
             buffer_, size, [self = shared_from_this()](beast::error_code error, std::size_t bytes) {
@@ -241,13 +242,13 @@ private:
         hub_.counters.bytesIn += bytes;
         if (!isOpen()) return;
         if constexpr (kTextMessages)
-            stream_.text(stream_.got_text());  // answers are alike
+            stream_.text(stream_.got_text());  // answer in the same mode
         else if (stream_.got_text())
             return close(Error{ErrorCode::TextFrame, std::string(errorText(ErrorCode::TextFrame))});
         if (buffer_.size() > hub_.options.maxMessageBytes)
-            return close(Error{
-                ErrorCode::FrameTooLarge,
-                "a message may have " + std::to_string(hub_.options.maxMessageBytes) + " bytes"});
+            return close(Error{ErrorCode::FrameTooLarge,
+                               "a message may have at most " +
+                                   std::to_string(hub_.options.maxMessageBytes) + " bytes"});
         if (stream_.is_message_done()) {
             ++hub_.counters.messagesIn;
             const auto data = buffer_.data();
@@ -292,17 +293,17 @@ private:
     }
 
     WebSocketHub& hub_;
-    const std::unique_ptr<Upgrade> upgrade_;  // holds a connection's slot
+    const std::unique_ptr<Upgrade> upgrade_;  // holds a slot for connections
     websocket::stream<Socket, false> stream_;
 
     beast::flat_buffer buffer_;
     bool reading_ = true;
-    bool readPaused_ = false;  // a read would be running, were it not for reading_
+    bool readPaused_ = false;  // a read would be running if reading_ were true
 
     SendQueue queue_;
     Batch batch_;
-    bool writing_ = false;   // batch_ is on its way
-    bool flushing_ = false;  // flush() was asked for and has not come yet
+    bool writing_ = false;   // batch_ is being sent
+    bool flushing_ = false;  // flush() is requested and has not run yet
     TimePoint writeDeadline_;
     websocket::close_code closeCode_ = websocket::close_code::normal;
     bool saidGoodbye_ = false;

@@ -11,15 +11,15 @@ namespace usdlive::server {
 /// One client's session. Belongs to the thread of the hub's io_context.
 class WebSocketSession : public SessionCore {
 public:
-    /// Answers the request and begins to read.
+    /// Answers the request and starts to read.
     virtual void start() = 0;
     virtual void setReading(bool reading) = 0;
 
-    /// Writes what is queued, unless a write is on its way, which will go on with it.
+    /// Writes the queued frames. If a write is running, it continues with them.
     virtual void flush() = 0;
-    /// Cuts it when it did not read or did not close in time.
+    /// Cuts the session off if it did not read or close in time.
     virtual void sweep(TimePoint now) = 0;
-    /// Closes the socket, and the hub is not called any more.
+    /// Closes the socket and does not call the hub any more.
     virtual void abandon() = 0;
 
 protected:

@@ -1,4 +1,4 @@
-// The WebSocket sessions of one project.
+// Serves the WebSocket sessions of one project.
 #include "usdlive/server/transport/WebSocketTransport.h"
 
 #include <unistd.h>
@@ -27,7 +27,7 @@ using std::chrono::steady_clock;
 constexpr milliseconds kLongestSweep{1'000};
 constexpr milliseconds kStopSweep{50};
 
-/// A connection between two io_contexts.
+/// Moves a connection from one io_context to another.
 class Descriptor {
 public:
     explicit Descriptor(Socket& socket) {
@@ -108,7 +108,7 @@ public:
         tellStopped();
     }
 
-    // What sessions ask for (WebSocketHub).
+    // Implements WebSocketHub.
     void flushLater(std::shared_ptr<WebSocketSession> session) override {
         toFlush_.push_back(std::move(session));
         if (toFlush_.size() > 1) return;
@@ -124,7 +124,7 @@ public:
 private:
     template <class Map>
     static Map copy(const Map& map) {
-        return map;  // to walk while its members go
+        return map;  // a copy, because sessions are removed while it is visited
     }
 
     const std::shared_ptr<WebSocketSession>* find(SessionId id) const {
@@ -134,7 +134,7 @@ private:
 
     void closeFor(SessionId id, const std::optional<Error>& why) {
         if (const auto* found = find(id)) {
-            const auto session = *found;  // it may take itself out of sessions_
+            const auto session = *found;  // it may remove itself from sessions_
             session->close(why);
         }
     }
@@ -152,14 +152,14 @@ private:
     }
 
     void flush() {
-        // A flush can ask for another one, which is then of the next turn.
+        // A flush can request another one, which then happens in the next turn.
         flushing_.swap(toFlush_);
         for (const auto& session : flushing_) session->flush();
         flushing_.clear();
     }
 
-    // One timer for all that waits for a peer: a timer for each write would cost more than the
-    // write.
+    // One timer checks all time limits of sessions, because a timer for each write would cost more
+    // than the write.
     void sweepLater() {
         const milliseconds pause =
             stopDeadline_ ? kStopSweep : std::min(kLongestSweep, options.slowReaderTime / 4);

@@ -5,7 +5,7 @@
 
 namespace usdlive::server {
 
-/// Returns a handler that does nothing once the object, whose `life` it is, has gone.
+/// Returns a handler that does nothing after the owner of `life` is destroyed.
 template <class Function>
 auto whileAlive(const std::shared_ptr<int>& life, Function function) {
     return

@@ -1,3 +1,4 @@
+// Changes a layer's content by writing only the differences.
 #include "usdlive/client/usd/content/LayerEdits.h"
 
 #include <pxr/base/tf/errorMark.h>
@@ -39,12 +40,12 @@ Places placesOf(const TfTokenVector& names) {
 void reorder(const SdfLayerHandle& layer, const SdfPath& path, std::size_t index) {
     pxr::SdfBatchNamespaceEdit edits;
     edits.Add(pxr::SdfNamespaceEdit::Reorder(path, int(index)));
-    pxr::TfErrorMark errors;  // OpenUSD 26.8 does it, and reports that the paths overlap
+    pxr::TfErrorMark errors;  // OpenUSD 26.8 succeeds but reports that the paths overlap
     layer->Apply(edits);
     errors.Clear();
 }
 
-// The fewest names that have to move for `names` to be in `order`.
+// Returns the smallest set of names that have to move to bring `names` into `order`.
 std::set<TfToken> misplaced(const TfTokenVector& names, const TfTokenVector& order) {
     const Places places = placesOf(order);
     std::vector<std::size_t> numbers;
@@ -81,7 +82,7 @@ bool modifyItems(VtValue& value, const Move& move) {
     return true;
 }
 
-// Changes the value if it leads to an old path.
+// Changes the value if it refers to an old path. Returns true if it did.
 bool retargeted(VtValue& value, const Moves& moves) {
     const auto arc = [&](const auto& item) { return movedArc(item, moves); };
     return modifyItems<SdfPath>(value, [&](const auto& path) { return movedPath(path, moves); }) ||
@@ -114,7 +115,7 @@ TfTokenVector primChildren(const SdfLayerHandle& layer, const SdfPath& parent) {
 void arrange(const SdfLayerHandle& layer, const SdfPath& parent, const TfTokenVector& order,
              const std::set<TfToken>& names) {
     Places places = placesOf(primChildren(layer, parent));
-    std::size_t next = 0;  // behind all that were visited
+    std::size_t next = 0;  // after all visited ones
     for (const TfToken& name : order) {
         const auto place = places.find(name);
         if (place == places.end()) continue;

@@ -1,3 +1,4 @@
+// Undoes changes of lists and list ops item by item.
 #include "ListMerge.h"
 
 #include <pxr/usd/sdf/listOp.h>
@@ -12,7 +13,7 @@ using pxr::VtValue;
 
 namespace {
 
-// Absent is an empty list, or a list op without items.
+// An absent value counts as an empty list or a list op without items.
 template <class List>
 bool areLists(const VtValue& present, const VtValue& after, const VtValue& before) {
     const auto is = [](const VtValue& value) { return value.IsEmpty() || value.IsHolding<List>(); };

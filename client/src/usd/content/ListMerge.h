@@ -8,9 +8,9 @@
 
 namespace usdlive::content {
 
-/// Takes back what came from `before` to `after` in a list that others have changed to `present`:
-/// added items go, removed ones come back behind the items they followed, and items that only
-/// changed their order get the earlier one where others left that order.
+/// Undoes the change from `before` to `after` in a list that others have changed to `present`:
+/// removes added items, and inserts removed ones behind the items that they followed. Restores the
+/// order of the remaining items if others have not changed it.
 template <class Item>
 std::vector<Item> listTakenBack(const std::vector<Item>& present, const std::vector<Item>& after,
                                 const std::vector<Item>& before) {
@@ -44,8 +44,8 @@ std::vector<Item> listTakenBack(const std::vector<Item>& present, const std::vec
     return kept;
 }
 
-/// The same for the value of a field: sublayers and list ops. Nothing for other values, and where
-/// the list op has been made explicit, or no longer is, by one of the two.
+/// Does the same for the value of a field: sublayers and list ops. Returns nothing for other
+/// values, and if only one of the list ops is explicit.
 [[nodiscard]] std::optional<pxr::VtValue> listTakenBack(const pxr::VtValue& present,
                                                         const pxr::VtValue& after,
                                                         const pxr::VtValue& before);

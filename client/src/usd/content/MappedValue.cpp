@@ -1,3 +1,4 @@
+// Converts values between the times of layers and combines list ops.
 #include "usdlive/client/usd/content/MappedValue.h"
 
 #include <pxr/base/ts/spline.h>
@@ -49,8 +50,8 @@ VtValue mappedSpline(pxr::TsSpline spline, const SdfLayerOffset& times) {
     return VtValue::Take(spline);
 }
 
-// Where Sdf has no single op that says the same (added and ordered items, of old files): what the
-// weaker one says of items that the stronger one says nothing of stays.
+// Used if Sdf has no single equivalent op (added and ordered items, in old files): keeps the weaker
+// op's items that the stronger one does not mention.
 template <class Op>
 Op composedLoosely(const Op& stronger, const Op& weaker) {
     Op result = weaker;

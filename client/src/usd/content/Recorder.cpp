@@ -1,3 +1,4 @@
+// Compares the states of recorded specs and undoes the difference.
 #include "usdlive/client/usd/content/Recorder.h"
 
 #include <pxr/usd/sdf/changeBlock.h>
@@ -23,18 +24,18 @@ using pxr::TfToken;
 using pxr::TfTokenVector;
 using pxr::VtValue;
 
-/// What a layer has at a path, and below when `deep`, at some time.
+/// The content of a layer at a path, with `deep` also below, at one moment.
 class LayerScope {
 public:
     LayerScope(SdfLayerRefPtr layer, SdfPath root, bool deep);
 
-    /// Does it hold what a scope of `path` would hold?
+    /// Returns true if it includes the content that a scope of `path` would have.
     [[nodiscard]] bool covers(const SdfLayerHandle& layer, const SdfPath& path, bool deep) const {
         if (SdfLayerHandle(this->layer) != layer) return false;
         return (root == path && this->deep >= deep) || (this->deep && path.HasPrefix(root));
     }
     [[nodiscard]] bool has(const SdfPath& path) const { return fields.contains(path); }
-    /// Keeps the specs themselves, for those that are going to be deleted.
+    /// Copies the specs themselves, for those that will be deleted.
     void keepSpecs();
 
     SdfLayerRefPtr layer;
@@ -75,7 +76,7 @@ void LayerScope::keepSpecs() {
     }
 }
 
-/// What was written in a scope, and how to take it back.
+/// The edits in one scope and their undo.
 class ScopeDifference {
 public:
     ScopeDifference(LayerScope before, LayerScope after);
@@ -84,11 +85,11 @@ public:
         return created_.empty() && deleted_.empty() && changes_.empty();
     }
     [[nodiscard]] const SdfLayerRefPtr& layer() const { return before_.layer; }
-    /// `force`: whatever others have done since.
+    /// `force` ignores later edits by others.
     void undo(bool force, std::vector<Kept>& kept) const;
 
 private:
-    // Return why something stays as it is; nothing: it was taken back.
+    // Return the reason why something was not undone, or an empty text on success.
     std::string takeBack(const Change& change) const;
     std::string uncreate(const SdfPath& path) const;
     std::string restore(const SdfPath& path, bool force) const;
@@ -100,7 +101,7 @@ private:
     }
 
     LayerScope before_, after_;
-    std::vector<SdfPath> created_, deleted_;  // deleted: without what went with them
+    std::vector<SdfPath> created_, deleted_;  // deleted_: without the specs below them
     std::vector<Change> changes_;
 };
 
@@ -136,7 +137,8 @@ void ScopeDifference::undo(bool force, std::vector<Kept>& kept) const {
     }
     removeCreated(force, kept);
     std::vector<SdfPath> restored;
-    for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path) {  // siblings in order
+    // restores siblings in their order
+    for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path) {
         if (auto reason = restore(*path, force); !reason.empty())
             keep(*path, std::move(reason));
         else
@@ -154,13 +156,13 @@ std::string ScopeDifference::takeBack(const Change& change) const {
     }
     if (isSame(present, change.before)) return {};
     const auto merged = listTakenBack(present, change.after, change.before);
-    if (!merged) return "it was written by another one since";
+    if (!merged) return "another user has changed it since";
     write(change, *merged);
     return {};
 }
 
-// By force with all that is below them, else from the leaves up: a spec that others have written,
-// or added to, stays.
+// With force removes the specs with everything below. Otherwise removes them from the leaves up and
+// keeps specs that others have written or extended.
 void ScopeDifference::removeCreated(bool force, std::vector<Kept>& kept) const {
     if (force) {
         for (const SdfPath& path : created_)
@@ -175,15 +177,15 @@ void ScopeDifference::removeCreated(bool force, std::vector<Kept>& kept) const {
 std::string ScopeDifference::uncreate(const SdfPath& path) const {
     if (!layer()->HasSpec(path)) return {};
     if (!changesBetween(path, after_.fields.at(path), readFields(layer(), path)).empty())
-        return "another one has written it since";
-    if (pathsBelow(layer(), path).size() > 1) return "another one's work is below it";
+        return "another user has changed it since";
+    if (pathsBelow(layer(), path).size() > 1) return "another user's edits are below it";
     removeSpec(layer(), path);
     return {};
 }
 
 std::string ScopeDifference::restore(const SdfPath& path, bool force) const {
-    if (!force && layer()->HasSpec(path)) return "another one has made it anew";
-    if (!layer()->HasSpec(ownerOf(path))) return "what it was in is no longer there";
+    if (!force && layer()->HasSpec(path)) return "another user has created it again";
+    if (!layer()->HasSpec(ownerOf(path))) return "its parent is no longer there";
     pxr::SdfCopySpec(before_.specs, path, layer(), path);
     return {};
 }
@@ -199,7 +201,7 @@ void ScopeDifference::arrangeChildren(bool force, const std::vector<SdfPath>& re
     }
 }
 
-// Has nobody since moved the children that were there all the time?
+// Returns true if nobody has moved the children that existed all the time.
 bool ScopeDifference::isOrderAsWritten(const SdfPath& parent) const {
     const auto after = after_.order.find(parent);
     if (after == after_.order.end()) return primChildren(layer(), parent).empty();

@@ -1,3 +1,4 @@
+// Reads, compares and writes the registers of a layer.
 #include "usdlive/client/usd/content/Registers.h"
 
 #include <pxr/base/vt/dictionary.h>
@@ -53,7 +54,7 @@ VtValue readField(const SdfLayerHandle& layer, const SdfPath& path, const TfToke
     return layer->HasField(path, field) ? VtValue(sublayersOf(layer)) : VtValue();
 }
 
-// An empty dictionary within another is an entry.
+// An empty dictionary inside another one counts as an entry.
 void flatten(const VtDictionary& dictionary, Keys& keys, Parts& parts) {
     for (const auto& [key, value] : dictionary) {
         keys.push_back(key);
@@ -87,7 +88,7 @@ Parts partsOf(const VtValue& value) {
     return parts;
 }
 
-// A dictionary that loses its last entry goes as well.
+// Also erases a dictionary that loses its last entry.
 void setKey(VtDictionary& dictionary, std::span<const std::string> keys, const VtValue& value) {
     if (keys.size() > 1) {
         auto inner = dictionary[keys.front()].GetWithDefault<VtDictionary>();
@@ -195,7 +196,7 @@ bool isSame(const VtValue& left, const VtValue& right) {
     if (left == right) return true;
     if (left.IsEmpty() || left.GetTypeid() != right.GetTypeid()) return false;
     if (left == left) return false;
-    NoBlobs blobs;  // a NaN differs from itself; its bytes do not
+    NoBlobs blobs;  // a NaN differs from itself, but its bytes do not
     const auto bytes = usd::encodeValue(left, blobs);
     return bytes && bytes == usd::encodeValue(right, blobs);
 }

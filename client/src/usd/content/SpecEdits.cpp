@@ -1,3 +1,4 @@
+// Creates, removes and moves specs.
 #include "usdlive/client/usd/content/SpecEdits.h"
 
 #include <pxr/usd/sdf/attributeSpec.h>
@@ -60,7 +61,7 @@ bool makeSpecLike(const SdfLayerHandle& layer, const SdfPath& path, const SdfLay
     const auto selection = path.GetVariantSelection();
     if (!path.IsPrimVariantSelectionPath() || !selection.second.empty())
         return pxr::SdfJustCreatePrimInLayer(layer, path);
-    // /Prim{set=}, the set itself
+    // The path of the variant set itself: /Prim{set=}
     const SdfPath owner = path.GetParentPath();
     if (!layer->HasSpec(owner) && !pxr::SdfJustCreatePrimInLayer(layer, owner)) return false;
     if (const auto variant = layer->GetObjectAtPath(owner);

@@ -1,3 +1,4 @@
+// Keeps the delegate layer of auto authoring and distributes its edits.
 #include "usdlive/client/usd/layers/AutoAuthoring.h"
 
 #include <pxr/usd/sdf/changeBlock.h>
@@ -24,7 +25,7 @@ AutoAuthoring::AutoAuthoring(LayersContext& context, DistributionRules& rules)
 
 AutoAuthoring::~AutoAuthoring() {
     if (!delegate_) return;
-    // The stage may outlive this, and must not author into a layer that nobody distributes.
+    // The stage may outlive this object and must not edit a layer that nobody distributes.
     removeFromSession();
     context_.host.setEditTarget(context_.host.rootLayer());
 }
@@ -43,7 +44,7 @@ LayerResult<void> AutoAuthoring::setDefaultLayer(const std::string& identifier) 
     if (!found) return tl::unexpected(found.error());
     if (found->ofSession)
         return fail(LayerErrorType::InvalidParam,
-                    "new specs cannot go to the session's layer " + identifier);
+                    "new specs cannot be created in the session's layer " + identifier);
     if (found->layer->GetIdentifier() == defaultLayer()) return {};
     default_ = found->layer;
     context_.events.push(LayerEventType::DefaultLayerChanged);
@@ -54,7 +55,7 @@ LayerResult<void> AutoAuthoring::enable() {
     if (delegate_) return {};
     if (!context_.host.sessionLayer())
         return fail(LayerErrorType::InvalidStage,
-                    "a stage without a session layer has no place for the delegate");
+                    "a stage without a session layer cannot use auto authoring");
     delegate_ = pxr::SdfLayer::CreateAnonymous(kTag);
     writes_ = pxr::TfCreateRefPtr(new DelegateWrites);
     delegate_->SetStateDelegate(writes_);
@@ -63,7 +64,8 @@ LayerResult<void> AutoAuthoring::enable() {
     keepInPlace();
     if (delegate() == context_.host.editTarget()) return {};
     disable();
-    return fail(LayerErrorType::InvalidStage, "the session layer takes no delegate");
+    return fail(LayerErrorType::InvalidStage,
+                "the session layer does not accept the delegate as a sublayer");
 }
 
 void AutoAuthoring::disable() {
@@ -98,8 +100,8 @@ void AutoAuthoring::removeFromSession() {
         if (paths[std::size_t(i)] == delegate_->GetIdentifier()) session->RemoveSubLayerPath(i);
 }
 
-// Who makes it the edit target as a plain layer does not map times; so there is nothing to be
-// mapped.
+// Gives the delegate the stage's time codes, because a plain layer as edit target does not map
+// times.
 void AutoAuthoring::followTime() {
     const double rate = context_.stack.timeCodesPerSecond();
     if (delegate_->GetTimeCodesPerSecond() == rate) return;

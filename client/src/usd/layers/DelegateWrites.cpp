@@ -1,3 +1,4 @@
+// Records writes to the delegate layer.
 #include "DelegateWrites.h"
 
 #include <pxr/base/vt/dictionary.h>
@@ -15,7 +16,7 @@ namespace usdlive::layers {
 
 namespace {
 
-// Key paths of `before` that `after` has no more, joined by ':'.
+// Collects the key paths of `before` that `after` does not have, joined by ':'.
 void collectErased(const pxr::VtDictionary& before, const pxr::VtValue& after,
                    const std::string& prefix, std::vector<pxr::TfToken>& erased) {
     static const pxr::VtDictionary none;
@@ -95,7 +96,7 @@ void DelegateWrites::noteKey(const Path& path, const Token& name, const Token& k
 void DelegateWrites::noteTime(const Path& path, double time) {
     if (ignoring_) return;
     auto& times = field(path, pxr::SdfFieldKeys->TimeSamples).times;
-    // A drag sets one again and again; what is left is sorted out by who takes it.
+    // A drag sets the same time repeatedly. The caller of take() removes the remaining duplicates.
     if (times.empty() || times.back() != time) times.push_back(time);
 }
 
@@ -144,7 +145,7 @@ void DelegateWrites::_OnDeleteSpec(const Path& path, bool inert) {
     Base::_OnDeleteSpec(path, inert);
     if (ignoring_ || path.ContainsTargetPath()) return;
     forgetBelow(path);
-    // A prim that says nothing is cleared away, by Sdf itself also; that is nobody's removal.
+    // Prims without opinions are also removed by Sdf itself, so their removal is not an edit.
     if (!inert || path.IsPropertyPath()) namespaceEdits_.push_back({path, {}});
 }
 

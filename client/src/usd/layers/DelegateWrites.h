@@ -9,15 +9,15 @@
 
 namespace usdlive::layers {
 
-/// What was written into the delegate layer since take(). As its state delegate it is called before
-/// each change, so that removals and moves are seen, too. Of a field only the place is noted: what
-/// stands there in the end counts.
+/// Records what was written into the delegate layer since take(). Works as the layer's state
+/// delegate, which is called before each change, so that it also sees removals and moves. Of a
+/// field only the place is recorded, because its final content counts.
 class DelegateWrites final : public pxr::SdfSimpleLayerStateDelegate {
 public:
     struct Field {
         pxr::TfToken name;
-        bool existed = false;  ///< the layer had an opinion of it before
-        bool whole = false;    ///< not only the parts below
+        bool existed = false;  ///< the layer had an opinion before
+        bool whole = false;    ///< the whole field, not only parts of it
         std::vector<pxr::TfToken> keyPaths;
         std::vector<double> times;
     };
@@ -26,22 +26,22 @@ public:
         bool created = false;
         std::vector<Field> fields;
     };
-    /// `to` is empty: removed.
+    /// A move, or a removal if `to` is empty.
     struct NamespaceEdit {
         pxr::SdfPath from, to;
     };
     struct Taken {
-        std::vector<NamespaceEdit> namespaceEdits;  ///< in order, before all others
+        std::vector<NamespaceEdit> namespaceEdits;  ///< in order; to be applied before all others
         std::vector<Spec> specs;                    ///< parents before children
     };
 
     [[nodiscard]] bool empty() const { return specs_.empty() && namespaceEdits_.empty(); }
     [[nodiscard]] Taken take();
     [[nodiscard]] bool has(const pxr::SdfPath& path) const { return index_.contains(path); }
-    /// The whole content came at once and told nothing of single writes: all of it is new.
+    /// Call when the whole content was replaced without single writes: all of it is new.
     void contentReplaced();
 
-    /// While it lives, writes are ours and not noted.
+    /// While it lives, writes are ours and are not recorded.
     class Ignoring {
     public:
         explicit Ignoring(DelegateWrites& writes) : writes_(writes) { ++writes_.ignoring_; }
@@ -80,7 +80,7 @@ private:
     void forgetBelow(const Path& path);
 
     std::vector<NamespaceEdit> namespaceEdits_;
-    std::vector<Spec> specs_;  // forgotten ones have an empty path
+    std::vector<Spec> specs_;  // dropped ones have an empty path
     std::unordered_map<Path, std::size_t, Path::Hash> index_;
     int ignoring_ = 0;
 };

@@ -1,3 +1,4 @@
+// Distributes edits of the delegate layer to the layers of the stack.
 #include "Distribution.h"
 
 #include <pxr/base/vt/dictionary.h>
@@ -32,11 +33,11 @@ using pxr::VtValue;
 
 namespace {
 
-// An attribute with more samples than this is not mirrored: the delegate would have to hold all of
-// them, as the strongest layer with samples is the only one that counts.
+// Attributes with more samples are not mirrored. The delegate would have to hold all of them,
+// because only the strongest layer with samples counts.
 constexpr std::size_t kMaxMirroredSamples = 256;
 
-// By value: a reference to the schema's would be looked up at each use.
+// References to the schema's tokens, so that they are not looked up at each use.
 struct LayerFields {
     const TfToken& value = pxr::SdfFieldKeys->Default;
     const TfToken& samples = pxr::SdfFieldKeys->TimeSamples;
@@ -51,7 +52,7 @@ const LayerFields& names() {
     return all;
 }
 
-// Default, samples and spline are one register: together they are the attribute's value.
+// Default, samples and spline are one register, the attribute's value.
 bool isValue(const TfToken& field) {
     return field == names().value || field == names().samples || field == names().spline;
 }
@@ -62,7 +63,7 @@ bool isRequiredOfProperties(const TfToken& field) {
 
 bool hasOpinion(const SdfLayerHandle& layer, const SdfPath& path, const TfToken& field) {
     if (field == names().specifier) {
-        // `over` says nothing.
+        // `over` states nothing.
         const VtValue specifier = layer->GetField(path, field);
         return specifier.IsHolding<pxr::SdfSpecifier>() &&
                specifier.UncheckedGet<pxr::SdfSpecifier>() != pxr::SdfSpecifierOver;
@@ -76,7 +77,7 @@ bool hidesDefault(const SdfLayerHandle& layer, const SdfPath& path) {
     return layer->HasField(path, names().samples) || layer->HasField(path, names().spline);
 }
 
-// The sample that stands at this time but for rounding.
+// Returns the time of an existing sample that equals `time` except for rounding.
 double sampleNear(const SdfLayerHandle& layer, const SdfPath& path, double time) {
     double lower = 0, upper = 0;
     if (!layer->GetBracketingTimeSamplesForPath(path, time, &lower, &upper)) return time;
@@ -133,8 +134,8 @@ std::vector<RefusedEdit> Distribution::distribute(const DelegateWrites::Taken& t
 
 // ------------------------------------------------------------------ namespace
 
-// A prim goes wherever the stack has it, as its remover wants it gone and knows of no layers; of a
-// property the strongest opinion goes.
+// Removes a prim from all layers of the stack, because its remover wants it gone and knows nothing
+// of layers. Removes only the strongest opinion of a property.
 void Distribution::remove(const SdfPath& path) {
     const Having all = having(path);
     if (all.empty()) return;
@@ -153,7 +154,8 @@ void Distribution::removePrim(const SdfPath& path, const Having& having) {
     for (const Target* target : having) removeSpec(target->layer, path);
 }
 
-// Usd.NamespaceEditor has moved it in all layers already; who renames the delegate's spec has not.
+// Usd.NamespaceEditor has moved the spec in all layers already. A direct rename of the delegate's
+// spec has not.
 void Distribution::move(const SdfPath& from, const SdfPath& to) {
     Having moving;
     for (const Target* target : having(from))
@@ -167,7 +169,7 @@ void Distribution::move(const SdfPath& from, const SdfPath& to) {
     for (const Target* target : moving) moveSpec(target->layer, from, to);
 }
 
-// ------------------------------------------------------------------ where
+// ------------------------------------------------------------------ finding the layer
 
 Distribution::Having Distribution::having(const SdfPath& path) const {
     Having having;
@@ -195,8 +197,8 @@ bool Distribution::mayHaveVariants(const SdfPath& path) {
     return variants_[path] = any;
 }
 
-// Local opinions beat all that a prim gets by arcs, and variants beat some of it; so an edit goes
-// into a variant only where that is what one sees.
+// Local opinions are stronger than those from arcs, and variants are stronger than some of them. An
+// edit goes to a variant only if the variant's opinion is the visible one.
 std::optional<Distribution::Place> Distribution::strongestInVariants(const SdfPath& path,
                                                                      const TfToken& field) {
     const SdfPath prim = path.GetPrimPath();
@@ -229,7 +231,7 @@ Distribution::Place Distribution::strongestKey(const Spec& spec, const TfToken& 
     return placeFor(spec.path, field, having);
 }
 
-// ------------------------------------------------------------------ what
+// ------------------------------------------------------------------ planning
 
 void Distribution::planSpec(const Spec& spec) {
     if (spec.path == SdfPath::AbsoluteRootPath()) return distributeRelocates();
@@ -281,12 +283,13 @@ void Distribution::carryOut(const Planned& planned) {
     if (!linked_.contains(spec)) settle(place, spec->path, field->name);
 }
 
-// A spec that Usd makes in the delegate to write into it repeats what it takes from the others.
+// Returns true for fields that repeat the opinions of other layers, because Usd creates a spec in
+// the delegate before it writes to it.
 bool Distribution::isRedundant(const Spec& spec, const Field& field, const Having& having) const {
     if (!spec.created) return false;
     const auto& name = field.name;
     if (spec.path.IsPropertyPath() && isRequiredOfProperties(name)) {
-        if (having.empty()) return true;  // made with the spec
+        if (having.empty()) return true;  // created with the spec
         if (name != names().typeName) return true;
         return having.front()->layer->GetField(spec.path, name) ==
                delegate_->GetField(spec.path, name);
@@ -313,7 +316,7 @@ void Distribution::write(const Place& place, const Spec& spec, const Field& fiel
     if (field.name == names().samples && !field.whole) return writeSamples(place, spec, field);
     VtValue result = mapped(value, place.target->toTarget);
     if (field.name != names().value && isListOp(result)) {
-        // One that mirrored the layer's is the whole of it; another one is laid over it.
+        // A list op that mirrored the layer's is complete. A new one is combined with the layer's.
         if (!field.existed)
             result = composedListOp(result, layer->GetField(place.path, field.name));
         return setListOp(layer, place.path, field.name, result);
@@ -350,7 +353,7 @@ void Distribution::writeKey(const Planned& planned) {
                                                     mapped(mine, place.target->toTarget));
 }
 
-// Relocates are metadata of a layer; the namespace editor writes them into the edit target.
+// Relocates are metadata of a layer. The namespace editor writes them to the edit target.
 void Distribution::distributeRelocates() {
     const auto root = SdfPath::AbsoluteRootPath();
     const TfToken& field = pxr::SdfFieldKeys->LayerRelocates;
@@ -365,8 +368,8 @@ void Distribution::distributeRelocates() {
     delegate_->EraseField(root, field);
 }
 
-// `stage.OverridePrim()`: an over that says nothing is wanted for itself, unless it only stands
-// above something that was written elsewhere.
+// Keeps an empty over from `stage.OverridePrim()`, unless it is only the ancestor of a spec that
+// was written elsewhere.
 void Distribution::keepBareOver(const Spec& spec) {
     if (!spec.created || !spec.path.IsPrimPath() || !default_ || !delegate_->HasSpec(spec.path))
         return;
@@ -382,11 +385,11 @@ void Distribution::keepBareOver(const Spec& spec) {
 
 // ------------------------------------------------------------------ the mirror
 
-// Where the delegate's opinion would say more than the layer's does, it goes.
+// Erases or replaces the delegate's opinion if it differs from the layer's.
 void Distribution::settle(const Place& place, const SdfPath& path, const TfToken& field) {
     const auto& layer = place.target->layer;
     if (place.path != path) {
-        // It would hide the other variants.
+        // The opinion would hide the other variants.
         delegate_->EraseField(path, field);
         maybeEmpty_.push_back(path);
     } else if (field == names().value) {
@@ -410,7 +413,7 @@ void Distribution::refresh(const SdfPath& path, bool below) {
     }
     const Having all = having(path);
     if (all.empty()) {
-        // Mirrors nothing any more, unless something of a variant stands below it.
+        // The spec mirrors nothing any more, unless a variant's content is below it.
         if (path.IsPropertyPath() || !delegate_->GetPrimAtPath(path) ||
             delegate_->GetPrimAtPath(path)->GetNameChildren().empty())
             removeSpec(delegate_, path);
@@ -459,7 +462,7 @@ void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const 
     }
 }
 
-// ------------------------------------------------------------------ what goes back
+// ------------------------------------------------------------------ refused edits
 
 void Distribution::refuse(const SdfPath& path, const std::string& field, const std::string& layer,
                           const LayerError& why) {

@@ -14,26 +14,27 @@
 
 namespace usdlive::layers {
 
-/// What decides where an edit may go.
+/// Decides which layers and specs accept edits.
 class DistributionRules {
 public:
     virtual ~DistributionRules() = default;
-    /// Why the layer takes no edits; nothing: it does.
+    /// Returns the reason why the layer accepts no edits, or nothing if it does.
     [[nodiscard]] virtual std::optional<LayerError> whyNotWritable(
         const pxr::SdfLayerHandle& layer) = 0;
-    /// Why the spec takes none.
+    /// Returns the reason why the spec accepts no edits.
     [[nodiscard]] virtual std::optional<LayerError> whyLocked(const pxr::SdfPath& spec) = 0;
-    /// The layers that edits of the spec are for; none: the one with the strongest opinion.
+    /// Returns the layers for edits of the spec. Empty: the layer with the strongest opinion.
     [[nodiscard]] virtual std::vector<pxr::SdfLayerHandle> linkedLayers(
         const pxr::SdfPath& spec) = 0;
 };
 
-/// Brings what was written into the delegate layer to the layers of the stack, and keeps in the
-/// delegate what mirrors them. For one frame; within a change block and DelegateWrites::Ignoring.
+/// Moves edits of the delegate layer to the layers of the stack, and keeps the delegate a mirror of
+/// them. Used for one frame, within a change block and DelegateWrites::Ignoring.
 ///
-/// Of each register (a metadata field, a key of a dictionary, the value of a property) the layer
-/// with the strongest opinion is written, else the strongest that has the spec, else the default
-/// layer. A property whose strongest opinion is inside a selected variant of the stack's own is
+/// Each register (a metadata field, a key of a dictionary, the value of a property) is written to
+/// the layer with the strongest opinion, otherwise to the strongest layer with the spec, otherwise
+/// to the default layer. If the strongest opinion of a property is inside a selected variant of the
+/// stack, it is written there.
 /// written there.
 class Distribution {
 public:
@@ -41,10 +42,10 @@ public:
                  const pxr::SdfLayerHandle& defaultLayer, DistributionRules& rules);
     ~Distribution();
 
-    /// Returns what went back.
+    /// Returns the refused edits.
     [[nodiscard]] std::vector<RefusedEdit> distribute(const DelegateWrites::Taken& taken);
-    /// The delegate says again what the stack says of the spec and, when it came or went, of all
-    /// below.
+    /// Updates the delegate from the stack at the spec. With `below`, after it was created or
+    /// removed, also everything below.
     void refresh(const pxr::SdfPath& path, bool below);
 
 private:
@@ -56,12 +57,12 @@ private:
     struct Place {
         const Target* target = nullptr;
         pxr::SdfPath path;
-        bool exists = false;  ///< the spec is there already
+        bool exists = false;  ///< the spec exists already
     };
-    // Most specs stand in few layers.
+    // Most specs exist in few layers.
     using Having = pxr::TfSmallVector<const Target*, 4>;
-    /// A register that was written, and where it belongs. Decided for all before the first is
-    /// written, so that edits of one frame do not attract each other.
+    /// A written register and its destination. All are planned before the first is written, so that
+    /// edits of one frame do not influence each other.
     struct Planned {
         const DelegateWrites::Spec* spec = nullptr;
         const DelegateWrites::Field* field = nullptr;

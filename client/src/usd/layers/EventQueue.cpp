@@ -1,3 +1,4 @@
+// Merges the events of a frame.
 #include "usdlive/client/usd/layers/EventQueue.h"
 
 #include <algorithm>
@@ -24,7 +25,7 @@ void append(LayerEvent::Entries& all, LayerEvent::Entries more) {
     }
 }
 
-// Once each, in the order of the first.
+// Removes duplicates and keeps the order.
 void distinct(std::vector<pxr::SdfPath>& paths) {
     std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> seen;
     std::erase_if(paths, [&](const auto& path) { return !seen.insert(path).second; });

@@ -1,3 +1,4 @@
+// Detects changes of layer files.
 #include "usdlive/client/usd/layers/FileWatch.h"
 
 #include <pwd.h>
@@ -13,13 +14,13 @@ namespace {
 
 constexpr std::int64_t kMaxHashedBytes = 16 * 1024 * 1024;
 
-// The system's permission bits count for who may ignore them, too: a file without any is meant not
-// to be written.
+// Respects the permission bits even for users who may ignore them: a file without write permission
+// should not be written.
 bool isReadOnly(const std::string& path, const struct stat& status) {
     return (status.st_mode & 0222) == 0 || access(path.c_str(), W_OK) != 0;
 }
 
-// Kept for each user: the system reads a file for each answer.
+// Cached for each user, because the system reads a file for each query.
 const std::string& userName(uid_t user) {
     thread_local std::map<uid_t, std::string> names;
     const auto [entry, isNew] = names.try_emplace(user);
@@ -81,7 +82,7 @@ FileWatch::Seen FileWatch::look(const std::string& path) {
     return seen;
 }
 
-// Looked at anew at once: what another process writes from now on is a change.
+// Checks the file again at once, so that any later write of another process is a change.
 void FileWatch::accept(const std::string& path) {
     files_.erase(path);
     (void)look(path);

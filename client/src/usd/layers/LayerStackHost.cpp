@@ -1,4 +1,4 @@
-// A layer stack composed by Pcp, as the stage that layers are worked with.
+// A layer stack composed by Pcp, used as a stage.
 #include "usdlive/client/usd/layers/LayerStackHost.h"
 
 #include <pxr/usd/pcp/layerStack.h>
@@ -19,7 +19,7 @@ stage::Composition* LayerStackHost::composition() const {
     return composition_.get();
 }
 
-// What other threads tell is of layers that are not used here.
+// Ignores notices from other threads: they concern layers that are not used here.
 void LayerStackHost::onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
     if (composition_ && std::this_thread::get_id() == thread_)
         composition_->follow(notice.GetChangeListVec());

@@ -1,3 +1,4 @@
+// The names of layer events.
 #include "usdlive/client/usd/layers/LayerTypes.h"
 
 #include <array>

@@ -1,3 +1,4 @@
+// Operations on layers and sublayers, as in Kit's LayerUtils.
 #include "usdlive/client/usd/layers/LayerUtils.h"
 
 #include <pxr/base/vt/dictionary.h>
@@ -33,7 +34,7 @@ namespace {
 
 const std::string kCustomName = "custom_name";
 
-// Where Sdf would put it; nothing: there is no such place.
+// Returns the index for the position, or nothing if it is invalid.
 std::optional<std::size_t> placeFor(const SdfLayerHandle& layer, int position) {
     if (!layer || position < -1) return std::nullopt;
     const std::size_t count = layer->GetNumSubLayerPaths();
@@ -49,7 +50,7 @@ SdfLayerRefPtr open(const std::string& identifier) {
     return pxr::SdfLayer::FindOrOpen(identifier);
 }
 
-// How the parent is to name it.
+// Returns the path that the parent uses for the layer.
 std::string nameIn(const SdfLayerHandle& parent, const SdfLayerHandle& layer) {
     return relativeTo(parent, layer->GetIdentifier());
 }
@@ -61,7 +62,7 @@ std::string fileOf(const std::string& path) {
 
 bool hasDots(const std::string& path) { return path.starts_with("./") || path.starts_with("../"); }
 
-// Neither absolute, an address, in memory nor an expression.
+// Returns true if the path is not absolute, an address, in memory, or an expression.
 bool isRelative(const std::string& path) {
     if (hasDots(path)) return true;
     return !path.empty() && !path.starts_with('/') && !path.starts_with('`') &&
@@ -76,13 +77,13 @@ std::string dotted(const std::string& relative) {
     return relative.starts_with("../") ? relative : "./" + relative;
 }
 
-// Without `./` the resolver first looks beside the layer, and then in its search paths.
+// Without `./` the resolver searches first beside the layer and then in its search paths.
 bool isBeside(const SdfLayerHandle& layer, const std::string& path) {
     namespace fs = std::filesystem;
     const auto folder = fs::path(layer->GetRealPath()).parent_path();
     const auto file = fileOf(path);
     if (const auto udim = file.find("<UDIM>"); udim != std::string::npos) {
-        // The tiles are numbered from 1001 on; the first one that exists is enough.
+        // Tiles are numbered from 1001 on. The first existing one is enough.
         for (int tile = 1001; tile < 1101; ++tile) {
             std::error_code ignored;
             auto one = file;
@@ -171,7 +172,7 @@ SdfLayerRefPtr insertSublayer(const SdfLayerHandle& layer, int position,
     const auto found = open(absoluteFrom(layer, identifier));
     if (!found) return {};
     if (contains(found, layer) || sublayerPosition(layer, found->GetIdentifier()) >= 0) return {};
-    // A layer of nothing at all is most often a file that was not read.
+    // A layer without a format is usually a file that was not read.
     if (checkEmptyLayer && !found->IsAnonymous() && found->GetFileFormat() == nullptr) return {};
     layer->InsertSubLayerPath(nameIn(layer, found), int(*place));
     return found;
@@ -359,7 +360,7 @@ void resolvePaths(const SdfLayerHandle& base, const SdfLayerHandle& target, bool
     const auto& anchor = relativeToBaseLayer ? base : target;
     const Rename rename = [&](const std::string& path) {
         if (base->IsAnonymous() || !isRelative(path)) return path;
-        // Search paths ("X.mdl") mean the same everywhere.
+        // Search paths ("X.mdl") mean the same in every layer.
         if (!hasDots(path) && !isBeside(base, path)) return path;
         const auto absolute = absoluteFrom(base, hasDots(path) ? path : "./" + path);
         return storeRelativePath ? relativeTo(anchor, absolute) : absolute;
@@ -422,7 +423,7 @@ bool saveLayers(const std::vector<std::string>& identifiers, std::vector<std::st
 std::string withoutFileScheme(const std::string& url) {
     constexpr std::string_view scheme = "file://";
     if (!url.starts_with(scheme)) return url;
-    const auto path = url.find('/', scheme.size());  // a host may stand before it
+    const auto path = url.find('/', scheme.size());  // after an optional host
     return path == std::string::npos ? url : unquoted(url.substr(path));
 }
 

@@ -1,3 +1,4 @@
+// Connects the parts of Layers with the notices of a stage, and runs the frame.
 #include "usdlive/client/usd/layers/Layers.h"
 
 #include <pxr/base/tf/notice.h>
@@ -33,7 +34,7 @@ bool isInfo(const TfToken& field) {
     return kFields.contains(field.GetString());
 }
 
-// Which of offset and scale another list of offsets changes.
+// Returns whether offset, scale or both differ in another list of offsets.
 std::vector<std::string> offsetTokens(const pxr::SdfChangeList::Entry::InfoChange& change) {
     using Offsets = pxr::SdfLayerOffsetVector;
     const auto before = change.first.GetWithDefault<Offsets>();
@@ -49,7 +50,7 @@ std::vector<std::string> offsetTokens(const pxr::SdfChangeList::Entry::InfoChang
     return tokens;
 }
 
-// May the stage use other layers than before?
+// Returns true if the changes may change which layers the stage uses.
 bool changesComposition(const pxr::SdfChangeList& changes) {
     const auto& keys = pxr::SdfFieldKeys;
     for (const auto& [path, entry] : changes.GetEntryList()) {
@@ -110,7 +111,7 @@ public:
         const bool wasDelegating = mode_ != LayerEditMode::Normal;
         const bool delegates = mode != LayerEditMode::Normal;
         if (wasDelegating) {
-            // Of the mode it was written in.
+            // The edits belong to the mode in which they were written.
             authoring.resume();
             distribute();
         }
@@ -161,7 +162,7 @@ private:
     std::vector<RefusedEdit> distribute() {
         std::vector<RefusedEdit> refused;
         {
-            // What the block tells at its end is our own: nothing of it is news to the delegate.
+            // The block's notices at its end are caused by us, so the delegate ignores them.
             distributing_ = true;
             const pxr::SdfChangeBlock block;
             refused = locking.update(authoring.delegate());
@@ -193,7 +194,7 @@ private:
 
     // --- notices
 
-    // Notices from other threads are ignored: they are of layers that the stage does not use.
+    // Ignores notices from other threads: they concern layers that the stage does not use.
     void onChanged(const pxr::SdfNotice::LayersDidChange& notice) {
         if (isElsewhere()) return;
         context_.stack.follow(notice.GetChangeListVec());
@@ -252,7 +253,7 @@ private:
         if (entry.flags.didReplaceContent) onData(layer);
     }
 
-    // Our own delegate coming and going is no change of the stage's sublayers.
+    // Returns true if only our own delegate was inserted or removed, which is no change for users.
     [[nodiscard]] bool isDelegateAlone(const SdfLayerHandle& layer) {
         if (layer != host_->sessionLayer()) return false;
         std::vector<std::string> now;
@@ -286,7 +287,7 @@ private:
     void onReloaded(const pxr::SdfNotice::LayerDidReloadContent&, const SdfLayerHandle& layer) {
         if (!isElsewhere()) state.fileAgrees(layer);
     }
-    // Of SdfLayer itself, whose content is gone while it is muted.
+    // A notice of SdfLayer itself. A layer has no content while it is muted.
     void onMuteness(const pxr::SdfNotice::LayerMutenessChanged&) {
         if (isElsewhere()) return;
         authoring.structureChanged();

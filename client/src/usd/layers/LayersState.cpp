@@ -1,3 +1,4 @@
+// Answers queries about the layers of a stage and sets their flags.
 #include "usdlive/client/usd/layers/LayersState.h"
 
 #include <pxr/base/tf/stringUtils.h>
@@ -29,7 +30,7 @@ LayersState::LayersState(LayersContext& context) : context_(context) {
 
 LayersState::~LayersState() = default;
 
-// ------------------------------------------------------------------ what there is
+// ------------------------------------------------------------------ layers
 
 bool LayersState::isRoot(const std::string& id) const {
     return id == context_.host.rootLayer()->GetIdentifier();
@@ -123,7 +124,7 @@ void LayersState::learnUsed() {
     learnStructure();
 }
 
-// What queries answer before watch() has looked.
+// Reads the state for queries before the first watch().
 void LayersState::readFileState(Known& known) {
     if (!known.layer || known.layer->IsAnonymous()) return;
     if (const auto live = context_.live ? context_.live->state(known.layer) : std::nullopt) {
@@ -180,14 +181,14 @@ void LayersState::followMuteness() {
     const auto root = context_.host.rootLayer();
     auto flags = std::exchange(unwrittenFlags_, {});
     const auto written = layerFlags(root, kMuteness);
-    // A layer that was taken out of the stack is unmuted with its flag already removed.
+    // A layer that was removed from the stack is unmuted, and its flag is removed already.
     std::erase_if(flags, [&](const auto& flag) {
         return !flag.second && !written.contains(flag.first) && !hasLocalLayer(flag.first);
     });
     setLayerFlags(root, kMuteness, flags);
 }
 
-// May come from within the stage, which is muting: nothing is written here.
+// Writes nothing, because it may be called by the stage while it mutes.
 void LayersState::mutenessChanged() {
     if (applying_) return;
     const auto muted = context_.host.mutedLayers();
@@ -219,7 +220,7 @@ LayerResult<void> LayersState::setLayerGlobalMuteness(const std::string& id, boo
         return fail(LayerErrorType::InvalidParam, id + " cannot be muted");
     if (!setLayerFlags(context_.host.rootLayer(), kMuteness, {{id, muted}}))
         return fail(LayerErrorType::ReadOnly,
-                    "the root layer, in which muteness is kept, takes no edits");
+                    "the root layer, which stores muteness, accepts no edits");
     learnFlags();
     if (globalScope_)
         applyScope(globalMuted_);
@@ -261,11 +262,11 @@ LayerResult<void> LayersState::setLayerLockState(const std::string& id, bool loc
     if (isRoot(id)) return fail(LayerErrorType::InvalidParam, "the root layer cannot be locked");
     if (!known->local || known->session)
         return fail(LayerErrorType::InvalidParam,
-                    id + " is no sublayer of the stage; it cannot be locked");
+                    id + " is not a sublayer of the stage, so it cannot be locked");
     if (isLayerLocked(id) == locked) return {};
     const pxr::SdfLayerHandle layer = known->layer;
-    // A layer that is the root of another stage keeps that one's map where its own lock would
-    // stand; then the lock is in our root layer alone.
+    // A layer that is the root of another stage has that stage's map in the place of its own lock.
+    // Then only our root layer stores the lock.
     const bool hasPlace = layer && !omniValue(layer, kLocked).IsHolding<pxr::VtDictionary>();
     bool kept = false;
     if (hasPlace && context_.live && context_.live->state(layer))
@@ -274,7 +275,8 @@ LayerResult<void> LayersState::setLayerLockState(const std::string& id, bool loc
         kept = setOmniValue(layer, kLocked, pxr::VtValue(locked));
     kept = setLayerFlags(context_.host.rootLayer(), kLocked, {{id, locked}}) || kept;
     if (!kept)
-        return fail(LayerErrorType::ReadOnly, "neither " + id + " nor the root layer takes edits");
+        return fail(LayerErrorType::ReadOnly,
+                    "neither " + id + " nor the root layer accepts edits");
     learnFlags();
     if ((known = find(id))) known->ownLock = hasOwnLock(layer);
     tellLocks();
@@ -293,7 +295,7 @@ void LayersState::tellLocks() {
 }
 
 void LayersState::dataChanged(const pxr::SdfLayerHandle& layer) {
-    if (!structureKnown_) return;  // all of it is read again
+    if (!structureKnown_) return;  // everything is read again
     if (const auto found = known_.find(layer->GetIdentifier()); found != known_.end())
         found->second.ownLock = hasOwnLock(layer);
     if (layer == context_.host.rootLayer()) {
@@ -303,7 +305,7 @@ void LayersState::dataChanged(const pxr::SdfLayerHandle& layer) {
         std::ranges::set_symmetric_difference(before, globalMuted_, std::back_inserter(changed));
         if (!changed.empty()) {
             context_.events.push(LayerEventType::MutenessStateChanged, std::move(changed));
-            // Not from within a notice: the stage follows with the frame.
+            // The stage follows in the next frame, because this may be inside a notice.
             scopeDue_ = true;
         }
     }
@@ -324,7 +326,7 @@ std::optional<LayerError> LayersState::whyNotWritable(const pxr::SdfLayerHandle&
                           id + " is locked" + (named ? " by " + live->lockHolder.value : "")};
     }
     if (!layer->PermissionToEdit())
-        return LayerError{LayerErrorType::ReadOnly, id + " may not be edited"};
+        return LayerError{LayerErrorType::ReadOnly, id + " does not permit edits"};
     if (known && known->readOnly)
         return LayerError{LayerErrorType::ReadOnly, "the file of " + id + " is read-only"};
     return std::nullopt;
@@ -365,7 +367,7 @@ std::vector<std::string> LayersState::dirtyLayerIdentifiers() {
 
 void LayersState::dirtinessChanged(const pxr::SdfLayerHandle& layer) {
     if (!layer || layer->IsAnonymous() || !find(layer->GetIdentifier())) return;
-    // The server tells of a live layer; its file here is a placeholder.
+    // The server reports the state of a live layer; its local file is a placeholder.
     if (!context_.live || !context_.live->state(layer))
         context_.events.push(LayerEventType::DirtyStateChanged, {layer->GetIdentifier()});
 }
@@ -377,7 +379,7 @@ LayerResult<void> LayersState::setLayerName(const std::string& id, const std::st
     const auto* known = find(id);
     if (!known->layer) return fail(LayerErrorType::NotFound, id + " is not loaded");
     if (!LayerUtils::setCustomLayerName(known->layer, name))
-        return fail(LayerErrorType::ReadOnly, id + " may not be edited");
+        return fail(LayerErrorType::ReadOnly, id + " does not permit edits");
     return {};
 }
 
@@ -453,7 +455,7 @@ LayerResult<void> LayersState::reloadOutdatedLayers(Which which, bool notAuto) {
     return fail(LayerErrorType::NotFound, "not all outdated layers can be read");
 }
 
-/// Of a live layer the server is asked, which says when it is no longer outdated.
+/// Asks the server to reload a live layer; the server reports when it is up to date.
 bool LayersState::reload(const std::vector<std::string>& ids) {
     std::vector<std::string> files;
     for (const auto& id : ids) {
@@ -501,7 +503,7 @@ void LayersState::look(double) {
     for (auto& [id, known] : known_) {
         if (!known.layer || known.layer->IsAnonymous()) continue;
         if (const auto live = context_.live ? context_.live->state(known.layer) : std::nullopt) {
-            // Its file here is a placeholder.
+            // Its local file is a placeholder.
             if (std::exchange(known.readOnly, !live->writable) == live->writable)
                 permission.push_back(id);
             if (std::exchange(known.dirty, live->dirty) != live->dirty) dirty.push_back(id);
@@ -555,7 +557,7 @@ LayerResult<LayersState::Outcome> LayersState::addAutoReloadLayer(const std::str
     return Outcome::Changed;
 }
 
-/// Files are with the next look, which is soon.
+/// Files are reloaded with the next check, which follows soon.
 void LayersState::reloadWhatReloadsItself() {
     nextLookMs_ = 0;
     std::vector<std::string> live;

@@ -1,3 +1,4 @@
+// The live layers of a client connection.
 #include "usdlive/client/usd/layers/LiveLayers.h"
 
 #include "usdlive/client/usd/Client.h"

@@ -1,4 +1,5 @@
-// The local layers of a stage and the places where a prim has opinions, as Pcp composes them.
+// Finds the local layers of a stage and the places with opinions about a prim, as Pcp composes
+// them.
 #include "usdlive/client/usd/layers/LocalStack.h"
 
 #include <pxr/usd/pcp/layerStack.h>
@@ -15,7 +16,7 @@ using pxr::SdfPath;
 
 namespace {
 
-// Reached from the prim's own node by variants alone?
+// Returns true if the node is reached from the prim's own node by variants only.
 bool isLocal(const pxr::PcpNodeRef& node) {
     for (auto at = node; at.GetArcType() != pxr::PcpArcTypeRoot; at = at.GetParentNode())
         if (at.GetArcType() != pxr::PcpArcTypeVariant) return false;

@@ -1,3 +1,4 @@
+// Reads and writes Kit's data in a layer's customLayerData.
 #include "usdlive/client/usd/layers/OmniLayerData.h"
 
 #include <pxr/base/vt/types.h>
@@ -124,7 +125,7 @@ bool setLayerFlags(const pxr::SdfLayerHandle& root, const std::string& name,
     for (const auto& [identifier, flag] : flags) {
         if (identifier.empty()) return false;
         const auto known = keys.find(absoluteFrom(root, identifier));
-        if (!flag && known == keys.end()) continue;  // no flag says the same
+        if (!flag && known == keys.end()) continue;  // a missing flag means the same
         stored[known == keys.end() ? relativeTo(root, identifier) : known->second] = VtValue(flag);
     }
     return stored == before || setOmniDictionary(root, name, std::move(stored));

@@ -1,3 +1,4 @@
+// Finds the specs at and below a path of a stage.
 #include "usdlive/client/usd/layers/SpecPaths.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Reads and writes the links between specs and layers.
 #include "usdlive/client/usd/layers/SpecsLinking.h"
 
 #include <pxr/base/vt/array.h>
@@ -139,7 +140,7 @@ LayerResult<SpecsLinking::Paths> SpecsLinking::change(Table changed) {
     if (!setOmniDictionary(root, kLinks, std::move(stored))) {
         links_ = before;
         return fail(LayerErrorType::ReadOnly,
-                    "the root layer, in which links are kept, takes no edits");
+                    "the root layer, which stores links, accepts no edits");
     }
     tell(before);
     std::ranges::sort(paths);

@@ -1,3 +1,4 @@
+// Keeps the locks of specs and takes back edits of locked specs.
 #include "usdlive/client/usd/layers/SpecsLocking.h"
 
 #include <pxr/base/vt/dictionary.h>
@@ -29,7 +30,7 @@ namespace {
 
 const std::string kLocks = "specs_locking";
 
-// The spec's own fields in `to` as they are in `from`. True: something was other.
+// Copies the spec's own fields from `from` to `to`. Returns true if a field differed.
 bool copyFields(const SdfLayerHandle& from, const SdfLayerHandle& to, const SdfPath& path) {
     bool changed = false;
     auto fields = from->ListFields(path);
@@ -50,7 +51,7 @@ bool copyFields(const SdfLayerHandle& from, const SdfLayerHandle& to, const SdfP
     return changed;
 }
 
-// Have the two specs, with all below them, the same content?
+// Returns true if both specs have the same content, including everything below.
 bool isLike(const SdfLayerHandle& one, const SdfPath& there, const SdfLayerHandle& other,
             const SdfPath& path) {
     std::vector<SdfPath> specs;
@@ -100,7 +101,7 @@ SpecsLocking::Unlocked SpecsLocking::unlockSpec(const SdfPath& path, bool hierar
     if (!path.IsAbsolutePath())
         return {{},
                 LayerError{LayerErrorType::InvalidParam,
-                           "'" + path.GetString() + "' is no path of a spec"}};
+                           "'" + path.GetString() + "' is not the path of a spec"}};
     return unlock([&](const SdfPath& lock) {
         if (lock == path) return true;
         if (hierarchy) return lock.HasPrefix(path);
@@ -108,7 +109,7 @@ SpecsLocking::Unlocked SpecsLocking::unlockSpec(const SdfPath& path, bool hierar
     });
 }
 
-// One lock of somebody else would make the server refuse all of it.
+// Skips the locks of others, because one of them would make the server refuse the whole edit.
 template <class Chosen>
 SpecsLocking::Unlocked SpecsLocking::unlock(Chosen chosen) {
     Table changed = all();
@@ -174,7 +175,8 @@ std::optional<SdfPath> SpecsLocking::additionAt(const SdfPath& path) const {
     return std::nullopt;
 }
 
-// Of our own layers the shadows say what they had; what comes by arcs has not been edited here.
+// In our own layers the shadows tell the earlier content. Content from arcs has not been edited
+// here.
 bool SpecsLocking::hadSpec(const SdfPath& path) const {
     const SdfPath prim = path.GetPrimPath();
     for (const auto& [site, foreign] : context_.stack.sites(prim)) {
@@ -191,7 +193,7 @@ bool SpecsLocking::hadSpec(const SdfPath& path) const {
         shadows_, [&](const auto& entry) { return entry.second.content->HasSpec(path); });
 }
 
-// A lock with all below it is not stored as such: it shows in the children that are there.
+// A lock of a whole hierarchy is not stored as such. It shows in the locks of all children.
 bool SpecsLocking::takesChildren(const SdfPath& prim) const {
     const auto [answer, isNew] = takesChildren_.try_emplace(prim);
     if (isNew)
@@ -214,18 +216,18 @@ LayerResult<SpecsLocking::Paths> SpecsLocking::change(Table changed) {
         context_.live ? context_.live->state(context_.host.rootLayer()) : std::nullopt;
     if (root && isForeign(root->lockHolder))
         return fail(LayerErrorType::ReadOnly,
-                    "the root layer, in which locks of specs are kept, is locked by " +
+                    "the root layer, which stores the locks of specs, is locked by " +
                         root->lockHolder.value);
     pxr::VtDictionary stored;
     for (const auto& [path, owner] : changed) stored[path.GetString()] = pxr::VtValue(owner.value);
     const pxr::SdfChangeBlock block;
-    settleAll();  // under the locks it was written under
+    settleAll();  // under the locks at the time of the edits
     changing_ = true;
     const bool kept = setOmniDictionary(context_.host.rootLayer(), kLocks, std::move(stored));
     changing_ = false;
     if (!kept)
         return fail(LayerErrorType::ReadOnly,
-                    "the root layer, in which locks of specs are kept, takes no edits");
+                    "the root layer, which stores the locks of specs, accepts no edits");
     follow(std::move(changed));
     admit();
     return paths;
@@ -240,7 +242,7 @@ void SpecsLocking::dataChanged() {
     follow(std::move(stored));
 }
 
-// May come from within a notice: nothing is written here.
+// Writes nothing, because it may be called inside a notice.
 void SpecsLocking::follow(Table locks) {
     const Table now = all();
     if (locks == now) return;
@@ -255,7 +257,8 @@ void SpecsLocking::follow(Table locks) {
     for (const auto& [path, owner] : now)
         if (path.IsPropertyPath() && !locks.contains(path) && locks.contains(path.GetPrimPath()))
             released_.insert(path);
-    // Whoever unlocks and edits at once means the edit; whoever locks means what stands there then.
+    // An edit in the same frame as its unlock stays. A new lock protects the content after the
+    // frame's edits.
     std::erase_if(locks_, [&](const auto& lock) { return !locks.contains(lock.first); });
     incoming_ = std::move(locks);
     std::erase_if(incoming_, [&](const auto& lock) { return locks_.contains(lock.first); });
@@ -306,7 +309,7 @@ void SpecsLocking::takeShadow(const SdfLayerHandle& layer, Shadow& shadow) {
     shadow.content = pxr::SdfLayer::CreateAnonymous(".usda");
     SdfPath top;
     for (const auto& [path, owner] : locks_) {
-        // Sorted: what stands below a locked prim comes with it.
+        // Sorted: specs below a locked prim are copied with it.
         if (!top.IsEmpty() && path.HasPrefix(top)) continue;
         if (path.IsPrimPath()) top = path;
         if (layer->HasSpec(path)) copySpec(layer, shadow.content, path);
@@ -364,7 +367,7 @@ void SpecsLocking::settleLayer(const SdfLayerHandle& layer, Shadow& shadow) {
     for (const auto& path : applied) adopt(layer, shadow, path);
     auto changed = std::exchange(shadow.changed, {});
     for (const auto& path : applied) changed.erase(path);
-    // What is gone comes back from above; what is too much goes from below.
+    // Restores missing specs from the top down, then removes additions from the bottom up.
     for (const auto& path : changed)
         if (!layer->HasSpec(path)) settleMissing(layer, shadow, path);
     removeAdditions(layer, changed);
@@ -389,7 +392,7 @@ void SpecsLocking::removeAdditions(const SdfLayerHandle& layer, const std::set<S
         const SdfPath composed = path.StripAllVariantSelections();
         const auto addition = additionAt(composed);
         if (!addition) continue;
-        // In a variant it stands at another depth, but as many names from the end.
+        // Inside a variant the path has another depth, but the same number of names at its end.
         SdfPath there = path;
         for (SdfPath at = composed; at != *addition; at = at.GetParentPath())
             there = there.GetParentPath();
@@ -415,7 +418,7 @@ void SpecsLocking::settleMissing(const SdfLayerHandle& layer, Shadow& shadow, co
     if (shadow.content->HasSpec(path)) removeSpec(shadow.content, path);
 }
 
-// Sdf tells of a rename as such; what was moved to another parent is found by its content.
+// Sdf reports a rename as such. A prim that was moved to another parent is found by its content.
 bool SpecsLocking::moveBack(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
     SdfPath now;
     if (const auto renamed = shadow.renamed.find(path); renamed != shadow.renamed.end()) {
@@ -454,7 +457,7 @@ void SpecsLocking::restore(const SdfLayerHandle& layer, const Shadow& shadow, co
     if (copyFields(shadow.content, layer, path)) refuse(layer, path);
 }
 
-// Something is gone from the layer that is locked, or that has locked specs below it.
+// Restores a spec that is missing in the layer and is locked, or has locked specs below it.
 void SpecsLocking::restoreBelow(const SdfLayerHandle& layer, const Shadow& shadow,
                                 const SdfPath& path) {
     if (locks_.contains(path) && shadow.content->HasSpec(path)) {
@@ -468,7 +471,7 @@ void SpecsLocking::restoreBelow(const SdfLayerHandle& layer, const Shadow& shado
     }
 }
 
-// The layer had nothing there; what stands below and is not locked stays.
+// Removes a spec that the layer did not have. Unlocked specs below it stay.
 void SpecsLocking::removeStray(const SdfLayerHandle& layer, const SdfPath& path) {
     const auto prim = path.IsPrimPath() ? layer->GetPrimAtPath(path) : pxr::SdfPrimSpecHandle();
     const bool stays = prim && (!prim->GetNameChildren().empty() || !prim->GetProperties().empty());

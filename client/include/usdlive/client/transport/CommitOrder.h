@@ -8,15 +8,15 @@
 
 namespace usdlive::client {
 
-/// Makes one ordered stream of a server's Reply stream, which is this client's alone, and the
-/// commits that it sends once for all (rules DD5-DD7). Without I/O; one thread.
+/// Merges the Reply stream of a server, which is for this client only, with the commits that the
+/// server sends once for all clients (rules DD5-DD7). No I/O; one thread.
 class CommitOrder {
 public:
-    /// A commit that is missing so long is asked for; before, it may just be late.
+    /// A missing commit is requested after this time, because it may only be late.
     static constexpr std::chrono::milliseconds kPatience{100};
-    /// Asked for at once.
+    /// The most commits in one request.
     static constexpr Revision kAsked = 64;
-    /// Commits that came too early are kept up to here; what is over is asked for later.
+    /// Limits for commits that arrived too early. Further ones are dropped and requested later.
     static constexpr std::size_t kHeldCommits = 1'024;
     static constexpr std::size_t kHeldBytes = 64 * 1024 * 1024;
 
@@ -25,23 +25,23 @@ public:
     [[nodiscard]] dds::SegmentReceiver& replies() { return replies_; }
     [[nodiscard]] std::optional<dds::TimePoint> ackDue() const { return replies_.ackDue(); }
 
-    /// A commit, as it came. `position`: it follows so many bytes of the Reply stream.
+    /// Adds a received commit. `position`: the number of bytes of the Reply stream before it.
     void commit(Revision revision, std::uint64_t position, SharedBytes frame);
-    /// The server has sent commits up to this one.
+    /// Call when the server has sent commits up to this one.
     void sent(Revision revision) { sent_ = std::max(sent_, revision); }
 
-    /// This commit was taken, and those that come now follow it.
+    /// Returns true if this commit was taken and later ones follow from the topic.
     [[nodiscard]] bool hasReached(Revision revision) const { return live_ && next_ > revision; }
 
-    /// What is next, in order; nothing while it is missing.
+    /// Returns the next message in order, or nothing while it is missing.
     [[nodiscard]] std::optional<dds::SegmentReceiver::Message> take(dds::TimePoint now);
 
     struct Range {
         Revision from = 0, to = 0;
     };
-    /// Commits to ask for now; they are not told again for a while.
+    /// Returns the commits to request now. Does not return them again for a while.
     [[nodiscard]] std::optional<Range> toAsk(dds::TimePoint now);
-    /// When toAsk() may have something; nothing while none is missing.
+    /// Returns the time when toAsk() may return something, or nothing if no commit is missing.
     [[nodiscard]] std::optional<dds::TimePoint> deadline() const;
 
 private:
@@ -59,12 +59,12 @@ private:
     dds::SegmentReceiver replies_;
     std::map<Revision, Held> held_;
     std::size_t heldBytes_ = 0;
-    Revision next_ = 0;  ///< of the commits
-    bool live_ = false;  ///< commits come by the topic
+    Revision next_ = 0;  ///< next commit
+    bool live_ = false;  ///< commits are taken from the topic
     Revision sent_ = 0;
-    Revision asked_ = 0;                          ///< up to here
-    Revision missing_ = 0;                        ///< `next_` at the last look
-    std::optional<dds::TimePoint> missingSince_;  ///< or asked for then
+    Revision asked_ = 0;                          ///< requested up to this one
+    Revision missing_ = 0;                        ///< value of `next_` at the last check
+    std::optional<dds::TimePoint> missingSince_;  ///< or the time of the last request
 };
 
 }  // namespace usdlive::client

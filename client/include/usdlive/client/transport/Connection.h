@@ -14,54 +14,54 @@
 
 namespace usdlive::client {
 
-/// Where a project is: `ws://host:port`, `usdlive://host:port` or `host:port` (all the same), with
-/// `/project` where the server has several; or `dds://project`. A path after it names a layer:
-/// `ws://127.0.0.1:7447/shot.usda`, `ws://127.0.0.1:7447/project/shot.usda`.
+/// The address of a project: `ws://host:port`, `usdlive://host:port` or `host:port` (all the same),
+/// followed by `/project` if the server has several projects; or `dds://project`. A further path
+/// names a layer: `ws://127.0.0.1:7447/shot.usda`, `ws://127.0.0.1:7447/project/shot.usda`.
 struct ServerAddress {
     std::string host;
     std::uint16_t port = 7447;
-    std::string layer;         ///< empty: none named
-    std::string project = {};  ///< empty: the only one of the server
-    bool dds = false;          ///< with an empty project: all that are there
+    std::string layer;         ///< empty: no layer
+    std::string project = {};  ///< empty: the server's only project
+    bool dds = false;          ///< with an empty project: all projects found
 
     [[nodiscard]] std::string url() const;
 };
-/// InvalidArgument says what is wrong with the text.
+/// Error: InvalidArgument names the problem of the text.
 [[nodiscard]] Result<ServerAddress> parseServerAddress(const std::string& text);
 
-/// A project of a server, as it says over HTTP.
+/// A project of a server, as reported over HTTP.
 struct ListedProject {
     std::string name;
-    std::string status;  ///< "ok", or what is the matter
-    std::string reason;  ///< why it cannot be opened
+    std::string status;  ///< "ok", or the problem
+    std::string reason;  ///< the reason why it cannot be opened
     std::uint64_t revision = 0;
     std::size_t sessions = 0;
 };
 struct ListedProjects {
-    bool areSeveral = false;  ///< they need their names in the address
+    bool areSeveral = false;  ///< addresses have to name the project
     std::vector<ListedProject> all;
 };
-/// Asks a server for its projects, over HTTP. A server that does not know the question has one. The
-/// call blocks for at most `timeout`. NotConnected, or Internal for an answer that makes no sense.
+/// Requests the projects of a server over HTTP. Older servers that do not know the request have one
+/// project. Blocks for at most `timeout`. Errors: NotConnected, or Internal for an invalid answer.
 [[nodiscard]] Result<ListedProjects> listProjects(const ServerAddress& server,
                                                   std::chrono::milliseconds timeout);
-/// Tells the project from the layer in the path `/A/B.usda`, which can be the layer B.usda of the
-/// project A, or the layer A/B.usda of the only project: asks the server whether it has a project
-/// A. Other addresses are returned as they are, and so are those of servers that do not answer.
+/// Separates the project from the layer. The path `/A/B.usda` can be the layer B.usda of the
+/// project A, or the layer A/B.usda of the only project, so this asks the server whether it has a
+/// project A. Returns other addresses unchanged, and also those of servers that do not answer.
 [[nodiscard]] ServerAddress findProject(ServerAddress address, std::chrono::milliseconds timeout);
 
 inline constexpr std::size_t kMaxQueuedBytes = 4 * 1024 * 1024;
 
-/// One client's line to a server, kept up: connects, and after a loss connects again with growing
-/// delays (0.1 s to 5 s, full jitter), until closed. Works on a thread of its own; what happened is
-/// fetched by poll() from any one thread, so that nothing of it runs on the editor's.
+/// A client's connection to a server. Connects, and after a loss connects again with increasing
+/// delays (0.1 s to 5 s, full jitter) until it is destroyed. Works on its own thread. Results are
+/// fetched with poll() by any one thread, so that the work does not run on the editor's thread.
 class Connection {
 public:
     struct Opened {};
-    /// What messages come as: their bytes, or frames that the connection's thread has read.
+    /// The form of received messages: bytes, or frames that the connection's thread has decoded.
     enum class Brings { Bytes, Frames };
     struct Message {
-        /// The first for Brings::Bytes, the second for Brings::Frames.
+        /// The first type for Brings::Bytes, the second for Brings::Frames.
         std::variant<SharedBytes, ReceivedMessage> content;
     };
     struct Lost {
@@ -70,42 +70,43 @@ public:
     using Happening = std::variant<Opened, Message, Lost>;
 
     virtual ~Connection() = default;
-    /// In order. Dropped when not open.
+    /// Sends frames in order. Drops them if the connection is not open.
     virtual void send(SharedBytes frames) = 0;
-    /// What has happened since the last call, in order, at most `most`.
+    /// Returns the events since the last call, in order, at most `most`.
     [[nodiscard]] virtual std::vector<Happening> poll(std::size_t most) = 0;
-    /// Blocks until something is there for poll(), or the time is over. True: something is there.
+    /// Blocks until poll() has events or `time` is over. Returns true if it has events.
     virtual bool wait(std::chrono::milliseconds time) = 0;
-    /// Bytes handed to send() and not yet on their way: big values and their like wait for this,
-    /// while it is more than kMaxQueuedBytes, so that edits pass them soon.
+    /// Returns the bytes passed to send() and not yet being sent. Big values wait while this
+    /// exceeds kMaxQueuedBytes, so that edits can pass them.
     [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
-    /// Drops the connection; a new one is tried at once (for who saw nonsense).
+    /// Drops the connection and connects again at once. Call it after an invalid message.
     virtual void reset() = 0;
 };
 
-/// Of the address's kind; brings frames. InvalidConfiguration: this process cannot use DDS as it is
-/// told to.
+/// Returns a connection for the kind of address. It receives frames. Error: InvalidConfiguration if
+/// this process cannot use DDS with its settings.
 [[nodiscard]] Result<std::unique_ptr<Connection>> createConnection(const ServerAddress& address);
 
-/// WebSocket at `/live`. A dead peer is noticed within 15 s by pings.
+/// Connects over WebSocket to `/live`. A lost peer is detected within 15 s with pings.
 [[nodiscard]] std::unique_ptr<Connection> createWebSocketConnection(
     const ServerAddress& address, Connection::Brings brings = Connection::Brings::Bytes);
 
-/// DDS, to the project of that name. Several servers of the name: the one started last.
+/// Connects over DDS to the project with that name. If several servers have it, the one that
+/// started last.
 [[nodiscard]] Result<std::unique_ptr<Connection>> createDdsConnection(
     const ServerAddress& address, const dds::DomainSettings& settings,
     Connection::Brings brings = Connection::Brings::Bytes);
-/// What the environment says: USDLIVE_DDS_INTERFACE, USDLIVE_DDS_DOMAIN, USDLIVE_DDS_CONFIG (a
-/// file) and USDLIVE_DDS_SECURITY (a folder). InvalidConfiguration: the domain is no number.
+/// Reads the environment: USDLIVE_DDS_INTERFACE, USDLIVE_DDS_DOMAIN, USDLIVE_DDS_CONFIG (a file)
+/// and USDLIVE_DDS_SECURITY (a folder). Error: InvalidConfiguration if the domain is not a number.
 [[nodiscard]] Result<dds::DomainSettings> ddsSettings();
 
 /// A project that is served over DDS.
 struct DdsProject {
     std::string name;
-    std::string url;  ///< of the same by WebSocket
+    std::string url;  ///< WebSocket address of the same project
     std::uint64_t revision = 0;
 };
-/// Looks around for so long. Sorted by name.
+/// Listens for announcements during `time`. Returns the projects sorted by name.
 [[nodiscard]] Result<std::vector<DdsProject>> listDdsProjects(const dds::DomainSettings& settings,
                                                               std::chrono::milliseconds time);
 

@@ -8,30 +8,30 @@
 
 namespace usdlive::client {
 
-/// What a server tells once for all, until its session may hear of it (rules DD11, DD12). Without
-/// I/O; one thread.
+/// Holds back layer states and presences that a server sends once for all clients, until this
+/// session may use them (rules DD11, DD12). No I/O; one thread.
 class NewsOrder {
 public:
-    /// More than these are not taken: a project has fewer, and the server says so.
+    /// Limits for layers and people. A project has fewer, so further samples are dropped.
     static constexpr std::size_t kMostLayers = 100'000, kMostPeople = 10'000;
 
-    // --- As it comes, in any order, any number of times.
+    // --- Samples as they are received, in any order and any number of times.
     void state(std::uint64_t number, Revision afterCommit, LayerState state);
     void presence(std::uint64_t number, Presence presence, dds::TimePoint now);
     void gone(const ClientId& client);
 
-    // --- What the session's own stream says.
-    /// It was told all states below this number.
+    // --- Marks of the session's own stream.
+    /// Call when the session has received all states below this number.
     void statesFrom(std::uint64_t number);
-    /// It was told all presences below this number, which are `first`.
+    /// Call when the session has received all presences below this number, which are `first`.
     void presencesFrom(std::uint64_t number, const Presences& first, dds::TimePoint now);
 
-    // --- What is for the session now.
-    /// LS1: none before the commit it is of.
+    // --- Results for the session.
+    /// LS1: returns the states whose commits have been taken.
     [[nodiscard]] LayerStates takeStates(const CommitOrder& commits);
-    /// PS2: who is not heard of any more is gone.
+    /// PS2: returns changed presences. Users who were silent for too long are gone.
     [[nodiscard]] Presences takePresences(dds::TimePoint now);
-    /// When takePresences() has something again, if nothing comes.
+    /// Returns the time when takePresences() has a result even if nothing is received.
     [[nodiscard]] std::optional<dds::TimePoint> deadline() const;
 
 private:
@@ -46,7 +46,7 @@ private:
         dds::TimePoint heard;
     };
 
-    /// Numbers below are known from the stream; 0: the session is not told yet.
+    /// Lower numbers were received over the stream; 0: the session uses no samples yet.
     std::uint64_t statesFrom_ = 0, presencesFrom_ = 0;
     std::map<LayerId, Layer> layers_;
     std::size_t waitingStates_ = 0;

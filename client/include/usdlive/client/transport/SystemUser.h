@@ -4,7 +4,7 @@
 
 namespace usdlive::client {
 
-/// The name of the person this process runs for, as the system knows it; never empty.
+/// Returns the name of the user that runs this process. Never empty.
 [[nodiscard]] UserName systemUser();
 
 }  // namespace usdlive::client

@@ -6,8 +6,8 @@
 
 namespace usdlive::server {
 
-/// Who did what, as lines of the server's log. Somebody who does the same again and again fills no
-/// disk (LogLimit).
+/// Writes the actions of users to the server's log. Limits repeated lines, so that they do not fill
+/// the disk (LogLimit).
 class ActivityLog final : public ports::Activity {
 public:
     explicit ActivityLog(Log& log) : log_(log) {}

@@ -14,35 +14,37 @@
 
 namespace usdlive::server {
 
-/// Removes big values that nothing names any more (B6), round by round: workers look which values
-/// the history does not name, the project says which of them may go, workers remove these. Workers
-/// are given small steps, so that nobody waits for it.
+/// Removes big values that nothing refers to any more (B6). In each round, workers find the values
+/// that the history does not name, the project chooses those that may be removed, and workers
+/// remove them. Workers run in small steps, so that nobody waits for them.
 ///
-/// It may be killed at any point: what is removed nothing names, and what is left the next process
+/// The process may be killed at any point: everything removed was unused, and the next process
+/// finds the rest.
 /// finds again.
 class BlobCollector {
 public:
-    /// Project::unusedBlobs(); called on the network thread.
+    /// Calls Project::unusedBlobs() on the network thread.
     using Choose = std::function<std::vector<Hash>(const std::vector<Hash>& unnamed, Revision upTo,
                                                    std::int64_t nowMs)>;
 
-    /// `keep`: for how long a value is kept that nothing names. The rounds follow from it.
+    /// `keep`: the time before an unused value is removed. The interval of the rounds follows from
+    /// it.
     BlobCollector(boost::asio::io_context& network, boost::asio::thread_pool& workers,
                   SharedStore& store, BlobStore& blobs, std::chrono::milliseconds keep, Log& log);
 
     // Network thread.
     void start(Choose choose);
-    /// All that were removed since the start.
+    /// Returns the values removed since the start.
     [[nodiscard]] const BlobStore::Purged& removed() const { return removed_; }
 
 private:
     using Clock = std::chrono::steady_clock;
 
-    // By workers, one after the other.
+    // Run by workers, one after the other.
     void look();
     void readHistory();
     void purge(BlobStore::Purged removed);
-    // By the network thread.
+    // Run on the network thread.
     void roundIn(std::chrono::milliseconds pause);
     void choose(const std::vector<Hash>& unnamed, Revision upTo);
     void finished(const BlobStore::Purged& removed);
@@ -62,7 +64,7 @@ private:
     Choose choose_;
     BlobStore::Purged removed_;
 
-    // Of the round, and of its workers.
+    // The state of the current round and its workers.
     NamedBlobs named_;
     std::vector<Hash> stored_;
     std::chrono::nanoseconds spent_{};

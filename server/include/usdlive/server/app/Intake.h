@@ -10,15 +10,14 @@
 
 namespace usdlive::server {
 
-/// How much work is under way, and who is not read from until some of it is done: a session that
-/// gives more than its share (big values that wait for the disk), everybody who sends while more is
-/// waiting for the store than it should. So the socket's own flow control reaches back to the
-/// client.
+/// Measures the work in progress and pauses reading from sessions: from a session whose jobs exceed
+/// its share (big values that wait for the disk), and from every sender while too much waits for
+/// the store. The flow control of the socket then slows the client down.
 class Intake {
 public:
     static constexpr std::size_t kSessionBytes = 8 * 1024 * 1024;
     static constexpr std::size_t kStoreBytes = 64 * 1024 * 1024;
-    /// A job counts as so much beside what it holds.
+    /// The size that a job counts in addition to its data.
     static constexpr std::size_t kJobBytes = 64 * 1024;
 
     explicit Intake(std::function<void(SessionId, bool reading)> setReading)
@@ -40,7 +39,7 @@ public:
         if (store_ > kStoreBytes / 2) return;
         for (const SessionId session : std::vector(paused_.begin(), paused_.end())) resume(session);
     }
-    /// After each message of a session.
+    /// Call after each message of a session.
     void received(SessionId session) {
         if (store_ > kStoreBytes) pause(session);
     }

@@ -1,4 +1,4 @@
-// Keeps what clients cause from filling the log.
+// Prevents clients from filling the log.
 #pragma once
 
 #include <cstdint>
@@ -8,15 +8,16 @@
 
 namespace usdlive::server {
 
-/// Of what repeats, so many lines in a window are logged; the next line after it says how many were
-/// left out. Counts by key; a value, one thread.
+/// Limits repeated lines to kLines in a window of time. The next line after it reports how many
+/// were left out. Counts by key; a value for one thread.
 class LogLimit {
 public:
     static constexpr std::uint64_t kLines = 10;
     static constexpr std::int64_t kWindowMs = 10'000;
-    static constexpr std::size_t kMostKeys = 1'000;  ///< beyond, those without a window share one
+    static constexpr std::size_t kMostKeys = 1'000;  ///< more keys share one window
 
-    /// How many lines of this key were left out before this one; nothing: this one is, too.
+    /// Returns how many lines of this key were left out before this one, or nothing if this one is
+    /// to be left out.
     [[nodiscard]] std::optional<std::uint64_t> take(const std::string& key, std::int64_t nowMs);
 
 private:

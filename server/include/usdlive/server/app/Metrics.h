@@ -13,10 +13,10 @@
 
 namespace usdlive::server {
 
-/// What the moment looks like, asked of those who know.
+/// The present values of a project, collected from its parts.
 struct Figures {
     ProjectCounters project;
-    /// By name.
+    /// Keyed by name.
     std::vector<std::pair<std::string_view, TransportCounters>> transports;
     std::size_t sessions = 0;
     Revision durableRevision = 0;
@@ -29,12 +29,12 @@ struct Figures {
 /// The metrics of one project at one moment.
 struct MetricFamilies;
 
-/// Holds what is measured over time in one project; everything else comes as Figures.
+/// Measures the appends of one project over time. All other values are passed as Figures.
 class Metrics {
 public:
     Metrics();
     ~Metrics();
-    /// Any thread.
+    /// May be called from any thread.
     void appended(std::size_t commits, std::chrono::nanoseconds time);
     [[nodiscard]] std::shared_ptr<const MetricFamilies> collect(const Figures& figures) const;
 
@@ -43,7 +43,7 @@ private:
     const std::unique_ptr<Histograms> histograms_;
 };
 
-/// By name. An empty name: the metrics get no label for the project.
+/// Keyed by name. With an empty name, the metrics get no label for the project.
 using MetricsOfProjects =
     std::vector<std::pair<std::string, std::shared_ptr<const MetricFamilies>>>;
 /// Returns the page of `GET /metrics`, in Prometheus' text format.

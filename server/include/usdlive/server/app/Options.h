@@ -13,10 +13,10 @@
 
 namespace usdlive::server {
 
-/// What the command line and the configuration file say.
+/// The options of the command line and the configuration file.
 struct ServerOptions {
-    std::vector<std::filesystem::path> folders;  ///< each a project
-    std::filesystem::path projectsFolder;        ///< each of its subfolders a project; empty: none
+    std::vector<std::filesystem::path> folders;  ///< each is a project
+    std::filesystem::path projectsFolder;  ///< each of its subfolders is a project; empty: none
     std::string host = "127.0.0.1";
     std::uint16_t port = 7447;
     std::filesystem::path portFile;
@@ -24,12 +24,12 @@ struct ServerOptions {
     bool dds = false;
     std::string ddsInterface = "lo";
     std::uint64_t ddsDomain = 74;
-    std::string ddsConfig;                    ///< a file
-    std::string ddsSecurity;                  ///< a folder
+    std::string ddsConfig;                    ///< path of a file
+    std::string ddsSecurity;                  ///< path of a folder
     std::string durability = "sync";          ///< or "os"
-    std::optional<std::uint64_t> minFreeMib;  ///< else the store's own choice
+    std::optional<std::uint64_t> minFreeMib;  ///< not set: the store's default
     std::uint64_t keepUnusedBlobsMinutes = 15;
-    std::optional<std::uint64_t> historyDays;  ///< else the whole history is kept
+    std::optional<std::uint64_t> historyDays;  ///< not set: the whole history is kept
     std::uint64_t maxFrameMib = 64;
     std::uint64_t maxBlobMib = 4096;
     std::uint64_t maxTransactionMib = kMaxTransactionBytes >> 20;
@@ -42,8 +42,8 @@ struct ServerOptions {
     LogFormat logFormat = LogFormat::Text;
 };
 
-/// The options, or the exit code after help was printed (0) or one line that says what is wrong
-/// (2).
+/// Returns the options, or the exit code: 0 after printing the help, 2 after printing one line with
+/// the error.
 [[nodiscard]] std::variant<ServerOptions, int> parseOptions(int argc, const char* const* argv);
 
 }  // namespace usdlive::server

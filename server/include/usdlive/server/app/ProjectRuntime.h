@@ -29,20 +29,20 @@
 namespace usdlive::server {
 
 using WallClock = std::function<std::int64_t()>;  ///< milliseconds since 1970; the network thread
-/// What a project is made with.
+/// The initial content of a project.
 struct ProjectBeginning {
     StoreState store;
     std::vector<LayerFile> files;
 };
 struct ProjectSetup {
     Project::Options options;
-    std::function<Result<ProjectBeginning>()> read;  ///< any thread; takes time
+    std::function<Result<ProjectBeginning>()> read;  ///< may be called from any thread; slow
 };
 
-/// The project's folder and what is done to the files in it. Any thread.
+/// The project's folder and its files. Any thread.
 struct ProjectFiles {
     std::filesystem::path folder;
-    /// What is served: the files, and the layers that only the store holds by now.
+    /// Returns the served layers: the files, and layers that exist only in the store.
     std::function<Result<std::vector<LayerFile>>()> list;
     LayerFiles& layers;
 };
@@ -53,10 +53,9 @@ struct ProjectHealth {
     std::size_t sessions = 0;
 };
 
-/// A project that is served: the Project, its ports, and what has to happen now and then. The
-/// project's strand is the network thread, so that what a client sends is ordered and sent on
-/// without a hand-over; what blocks runs on the storage thread and on workers and comes back by a
-/// post.
+/// A project at run time: the Project, its ports and its periodic work. The project's strand is the
+/// network thread, so that messages are ordered and passed on without changing threads. Blocking
+/// work runs on the storage thread and on workers, and its results are posted back.
 class ProjectRuntime final : public SessionHandler, private ports::Clock {
 public:
     ProjectRuntime(boost::asio::io_context& network, WorkerLanes& workers, SharedStore& store,
@@ -64,13 +63,14 @@ public:
                    std::chrono::milliseconds keepUnusedBlobs, Metrics& metrics, WallClock clock,
                    Log& log);
 
-    // Network thread, as all that is not said otherwise.
+    // Call on the network thread, unless a comment says otherwise.
     Result<void> start(ProjectSetup setup);
-    /// Adds a transport, whose sessions are of this project.
+    /// Adds a transport for this project's sessions.
     void carry(Transport& transport) { transports_.add(transport); }
-    /// Begins what happens at intervals, such as looking for new files.
+    /// Starts the periodic work, such as looking for new files.
     void serve();
-    /// Sends what is acknowledged, says goodbye, appends the rest; then `done`.
+    /// Sends the acknowledgements, closes the sessions, appends the remaining commits, then calls
+    /// `done`.
     void stop(std::function<void()> done);
 
     [[nodiscard]] Revision durableRevision() const {
@@ -89,12 +89,12 @@ private:
     // Clock
     std::int64_t wallClockMs() override { return clock_(); }
 
-    // The project itself.
+    // Creating the project.
     void startAgain();
     void makeProject(ProjectBeginning beginning);
     void makeProjectAgain();
 
-    // Now and then.
+    // Periodic work.
     void scanFilesIn(std::chrono::milliseconds pause);
     void filesScanned(Result<std::vector<LayerFile>> files, std::chrono::milliseconds time);
     void sweepSoon();
@@ -126,8 +126,8 @@ private:
         spaceTimer_;
     BlobCollector collector_;
     bool sweeping_ = false;
-    bool hasSpace_ = true;            ///< as the store said last
-    std::vector<LayerFile> scanned_;  ///< the last time
+    bool hasSpace_ = true;            ///< last answer of the store
+    std::vector<LayerFile> scanned_;  ///< result of the last scan
 };
 
 }  // namespace usdlive::server

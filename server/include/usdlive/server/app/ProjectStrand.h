@@ -12,7 +12,7 @@
 
 namespace usdlive::server {
 
-/// What `work` returns, or what it threw as an error.
+/// Returns the result of `work`, or its exception as an error.
 template <class Work>
 auto resultOf(Work& work) -> decltype(work()) {
     try {
@@ -22,25 +22,25 @@ auto resultOf(Work& work) -> decltype(work()) {
     }
 }
 
-/// A project on its strand, which is the network thread, and how what blocks comes back to it. What
-/// was asked for by a project that has been replaced since is dropped.
+/// A project on its strand, the network thread, and the return path for blocking work. Drops
+/// results that were requested by a project that has since been replaced.
 class ProjectStrand {
 public:
-    /// `fault`: called for what a project throws while no session's message is at work.
+    /// `fault` is called when the project throws outside a session's message.
     ProjectStrand(boost::asio::io_context& network, Intake& intake,
                   std::function<void(const std::exception&)> fault)
         : network_(network), intake_(intake), fault_(std::move(fault)) {}
 
-    // The network thread.
-    /// nullptr: it is being made again.
+    // Call these on the network thread.
+    /// Returns nullptr while the project is being created again.
     [[nodiscard]] Project* project() const { return project_.get(); }
     void set(std::unique_ptr<Project> project) { project_ = std::move(project); }
-    /// What it has asked for is answered to nobody.
+    /// Removes the project. Results that it requested are dropped.
     void reset() {
         project_.reset();
         ++generation_;
     }
-    /// Calls `tell(Project&)`, if there is one.
+    /// Calls `tell(Project&)` if there is a project.
     template <class Tell>
     void use(Tell&& tell) {
         try {
@@ -49,8 +49,8 @@ public:
             fault_(fault);
         }
     }
-    /// Runs `work()`, which returns a Result, on `executor`, then `tell(Project&, result)` here.
-    /// Counts as `bytes` of the session's share until then.
+    /// Runs `work()`, which returns a Result, on `executor`, then calls `tell(Project&, result)`
+    /// here. Counts as `bytes` of the session's share until then.
     template <class Executor, class Work, class Tell>
     void inBackground(Executor& executor, SessionId session, std::size_t bytes, Work work,
                       Tell tell) {
@@ -67,8 +67,8 @@ public:
         });
     }
 
-    /// Any thread. Calls `tell(Project&)` on the network thread, of whichever project is there
-    /// then.
+    /// Calls `tell(Project&)` on the network thread, with the project of that moment. May be called
+    /// from any thread.
     template <class Tell>
     void post(Tell tell) {
         boost::asio::post(network_, [this, tell = std::move(tell)]() mutable { use(tell); });

@@ -16,34 +16,34 @@
 
 namespace usdlive::server {
 
-/// The projects of this process, by name, and what HTTP answers about them. Belongs to the thread
-/// that runs `io`.
+/// The projects of this process by name, and the HTTP pages about them. Belongs to the thread that
+/// runs `io`.
 class Projects {
 public:
     using MakeLog = std::function<std::unique_ptr<Log>(const std::string& project)>;
 
-    /// `options` and `log` have to outlive it. `makeLog` makes the log of one project.
+    /// `options` and `log` must outlive this object. `makeLog` returns the log for one project.
     Projects(boost::asio::io_context& io, const ServerOptions& options, MakeLog makeLog, Log& log);
     ~Projects();
 
-    /// Starts to open the projects that the options name. InvalidConfiguration: what is wrong with
-    /// them. `opened` is called once, when each of them is served or has failed.
+    /// Starts to open the projects of the options. Error: InvalidConfiguration names the wrong
+    /// option. `opened` is called once, when each project is served or has failed.
     Result<void> open(std::function<void()> opened);
-    /// Says at which URL the process listens, so that projects are served over DDS as well; and
-    /// looks for new folders from now on. `announced` gets the first error.
+    /// Sets the URL of the process, which starts DDS for the projects and the search for new
+    /// folders. `announced` gets the first error.
     void announce(const std::string& url, const HttpServer& http,
                   std::function<void(Result<void>)> announced);
-    /// Stops all of them; then `done`.
+    /// Stops all projects, then calls `done`.
     void stop(std::function<void()> done);
 
-    /// In the order of their names.
+    /// Returns the projects in the order of their names.
     [[nodiscard]] std::vector<const ServedProject*> all() const;
-    /// Does the process serve several projects, or may it come to?
+    /// Returns true if the process serves several projects or may do so later.
     [[nodiscard]] bool areSeveral() const;
     [[nodiscard]] std::string urlOf(const std::string& base, const ServedProject& project) const;
 
-    /// What is at a path: `/live` and `/NAME/live` take sessions, `/healthz`, `/metrics` and
-    /// `/projects` are pages.
+    /// Returns the target of a path: `/live` and `/NAME/live` open sessions; `/healthz`, `/metrics`
+    /// and `/projects` are pages.
     [[nodiscard]] HttpRoute route(std::string_view path);
 
 private:
@@ -64,9 +64,9 @@ private:
 
     struct Entry {
         std::unique_ptr<ServedProject> project;
-        unsigned missing = 0;   ///< how often in a row its folder was not found
-        bool isNamed = false;   ///< by the command line, so that it stays
-        bool isLogged = false;  ///< its failure
+        unsigned missing = 0;   ///< how often in a row its folder was missing
+        bool isNamed = false;   ///< given on the command line, so it is never removed
+        bool isLogged = false;  ///< its failure was logged
     };
 
     boost::asio::io_context& io_;

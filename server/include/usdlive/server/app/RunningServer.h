@@ -8,11 +8,12 @@
 
 namespace usdlive::server {
 
-/// Says in the served folder which process serves it, for people who start a second one. The file
-/// `DIR/.usdlive/server.json` is there while the server runs; what a killed server left is ignored.
+/// Records in the served folder which process serves it, for the error message of a second server.
+/// The file `DIR/.usdlive/server.json` exists while the server runs; the file of a killed server is
+/// ignored.
 class RunningServer {
 public:
-    /// Writes the file. A failure is ignored: the file only helps to explain.
+    /// Writes the file. Ignores a failure, because the file only improves an error message.
     RunningServer(std::filesystem::path folder, const std::string& url);
     ~RunningServer();
     RunningServer(const RunningServer&) = delete;
@@ -22,15 +23,16 @@ public:
         std::int64_t process = 0;
         std::string url;
     };
-    /// The server of this folder, if its process still runs.
+    /// Returns the server of this folder if its process still runs.
     static std::optional<Where> find(const std::filesystem::path& folder);
 
 private:
     std::filesystem::path file_;
 };
 
-/// The URLs at which others reach a server that listens at `host`: of 0.0.0.0 and :: one for the
-/// name of this machine and one for each of its addresses, except loopback if there is another.
+/// Returns the URLs at which other machines reach a server that listens at `host`. For 0.0.0.0 and
+/// :: there is one with the name of this machine and one for each of its addresses, without
+/// loopback if there is another.
 [[nodiscard]] std::vector<std::string> reachableUrls(const std::string& host, std::uint16_t port);
 
 }  // namespace usdlive::server

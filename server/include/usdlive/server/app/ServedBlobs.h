@@ -11,7 +11,7 @@
 
 namespace usdlive::server {
 
-/// A project's big values in its store, read and written by workers. The network thread.
+/// The big values of a project in its store, read and written by workers. Network thread.
 class ServedBlobs final : public ports::Blobs {
 public:
     ServedBlobs(ProjectStrand& strand, WorkerLanes& workers, const TransportTable& transports,
@@ -20,7 +20,7 @@ public:
     void findBlobs(std::vector<Hash> hashes) override;
     void writeBlob(SessionId session, BlobFrame part) override;
     void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
-    /// The session sends no more.
+    /// Call when the session has ended.
     void forget(SessionId session);
 
 private:
@@ -28,7 +28,7 @@ private:
 
     ProjectStrand& strand_;
     WorkerLanes& workers_;
-    boost::asio::strand<boost::asio::thread_pool::executor_type> writer_;  // parts in order
+    boost::asio::strand<boost::asio::thread_pool::executor_type> writer_;  // keeps parts in order
     const TransportTable& transports_;
     BlobStore& blobs_;
 };

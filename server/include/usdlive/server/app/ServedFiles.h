@@ -14,7 +14,7 @@
 
 namespace usdlive::server {
 
-/// The files of a project's folder, read and written by workers. The network thread.
+/// The files of a project's folder, read and written by workers. Network thread.
 class ServedFiles final : public ports::Files {
 public:
     ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles& files, SharedStore& store,
@@ -31,17 +31,17 @@ public:
     void listSkipped(SessionId session, std::uint64_t request) override;
 
 private:
-    // What workers do.
+    // Run by workers.
     Result<LoadedLayer> import(const LayerId& layer);
     SaveOutcome save(SessionId session, std::uint64_t request, const std::vector<SaveJob>& jobs);
     Result<FileStamp> save(const SaveJob& job);
 
     ProjectStrand& strand_;
     WorkerLanes& workers_;
-    // In order: of the saves of a layer the last has to win.
+    // Keeps saves in order, because the last save of a layer has to win.
     boost::asio::strand<boost::asio::thread_pool::executor_type> saver_;
-    // Of the saver: what it has written last. A save that was asked for before the one before it
-    // was done does not know of that.
+    // The files that `saver_` has written last. A save that was requested before the previous one
+    // finished does not know that one's result.
     std::unordered_map<LayerId, SavedState> written_;
     LayerFiles& files_;
     SharedStore& store_;

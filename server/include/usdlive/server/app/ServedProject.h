@@ -17,38 +17,39 @@
 namespace usdlive::server {
 
 /// One project of this process: its disk, its threads and its transports. Projects share no thread
-/// and no queue, so what one of them does delays no other. Functions may be called from any thread,
-/// except where they say otherwise.
+/// and no queue, so that no project delays another. Functions may be called from any thread, unless
+/// a comment says otherwise.
 class ServedProject {
 public:
     enum class State {
-        Opening,  ///< for the first time
+        Opening,  ///< opens for the first time
         Serving,
-        Failed,    ///< cannot be opened; tried again every kRetryPause
-        Stopping,  ///< sends what is acknowledged and closes its store
+        Failed,    ///< could not be opened; tried again after kRetryPause
+        Stopping,  ///< sends acknowledgements and closes its store
         Stopped
     };
     struct Status {
         State state = State::Opening;
-        std::optional<Error> error = {};  ///< why it failed last
-        std::size_t layers = 0;           ///< when it was opened
+        std::optional<Error> error = {};  ///< the error of the last attempt
+        std::size_t layers = 0;           ///< number at opening
         std::size_t skippedFiles = 0;
     };
-    /// What the project's own thread says of it.
+    /// The state of a project, as its own thread reports it.
     struct Report {
         std::string status;  ///< "ok", "storageFull", "starting", "opening", "failed", "stopping"
-        std::string reason = {};  ///< of "failed"
+        std::string reason = {};  ///< for "failed"
         Revision revision = 0;
         std::size_t sessions = 0;
-        std::shared_ptr<const MetricFamilies> metrics = {};  ///< nullptr unless it is served
+        /// nullptr unless the project is served
+        std::shared_ptr<const MetricFamilies> metrics = {};
     };
     static constexpr std::chrono::milliseconds kRetryPause{5'000};
 
     /// Opens the project on a thread of its own. `changed` is called there after each change of
-    /// status(). `log` and `options` have to outlive the project.
+    /// status(). `log` and `options` must outlive this object.
     ServedProject(std::string name, std::filesystem::path folder, const ServerOptions& options,
                   std::unique_ptr<Log> log, std::function<void()> changed);
-    /// Waits for stop() to be done.
+    /// Blocks until stop() has finished.
     ~ServedProject();
     ServedProject(const ServedProject&) = delete;
     ServedProject& operator=(const ServedProject&) = delete;
@@ -57,17 +58,16 @@ public:
     [[nodiscard]] const std::filesystem::path& folder() const { return folder_; }
     [[nodiscard]] Status status() const;
 
-    /// Says under which URL editors reach it. From then on it is served over DDS, too, if the
-    /// options say so, and people who start a second server for the folder are told of this one.
-    /// `done` gets the error of DDS; any thread.
+    /// Sets the URL for editors. From then on the project is also served over DDS if the options
+    /// say so, and a second server for the folder names this one in its error. `done` gets the
+    /// error of DDS, on any thread.
     void announce(std::string url, std::function<void(Result<void>)> done);
 
-    /// nullptr: it takes no sessions now. Valid until stop() is called.
+    /// Returns nullptr if the project accepts no sessions now. Valid until stop() is called.
     [[nodiscard]] WebSocketTransport* sessions() const;
-    /// Calls `done` once, on the project's thread or this one. A project that is very busy answers
-    /// late.
+    /// Calls `done` once, on the project's thread or this one. A busy project answers late.
     void report(std::function<void(Report)> done);
-    /// Tells all clients, sends what is acknowledged and closes the store. The status becomes
+    /// Notifies all clients, sends the acknowledgements and closes the store. The status becomes
     /// Stopped.
     void stop();
 
@@ -78,7 +78,7 @@ private:
     void serve(std::unique_ptr<Running> running);
     [[nodiscard]] bool waitForRetry();
     void change(Status status);
-    /// Calls `use(Running&)` on the project's thread; false if it is not served.
+    /// Calls `use(Running&)` on the project's thread. Returns false if the project is not served.
     bool post(std::function<void(Running&)> use);
 
     const std::string name_;
@@ -87,7 +87,7 @@ private:
     const std::unique_ptr<Log> log_;
     const std::function<void()> changed_;
 
-    mutable std::mutex mutex_;  // guards the next six
+    mutable std::mutex mutex_;  // guards the next six members
     std::condition_variable stop_;
     Status status_;
     bool stopping_ = false;

@@ -9,11 +9,11 @@
 
 namespace usdlive::server {
 
-/// The transports of a project, by their kind.
+/// The transports of a project, by kind.
 class TransportTable {
 public:
     void add(Transport& transport) { all_[std::size_t(transport.carrier())] = &transport; }
-    /// The transport that carries a session. It is there as long as its sessions are.
+    /// Returns the transport of a session. It exists as long as its sessions.
     [[nodiscard]] Transport& of(SessionId session) const {
         return *all_.at(std::size_t(carrierOf(session)));
     }
@@ -27,7 +27,7 @@ private:
     std::array<Transport*, kCarriers> all_{};
 };
 
-/// What a project sends goes to the transport of each session. The network thread.
+/// Sends a project's messages over the transport of each session. Network thread.
 class SessionOutbox final : public ports::Outbox {
 public:
     explicit SessionOutbox(const TransportTable& transports) : transports_(transports) {}

@@ -12,16 +12,16 @@ namespace usdlive::server {
 
 using StoreOpener = std::function<Result<std::unique_ptr<CommitStore>>()>;
 
-/// The open store for all threads. It can be opened anew after it has failed; between, it is
+/// The open store, shared by all threads. After a failure it can be opened again; until then it is
 /// missing.
 class SharedStore {
 public:
     explicit SharedStore(StoreOpener opener) : opener_(std::move(opener)) {}
 
-    /// Opens it, closing the one before first, which waits for who is using it.
+    /// Opens the store. First closes an open one, which waits for its users.
     Result<void> open() {
         const std::unique_lock lock(mutex_);
-        store_.reset();  // two cannot have the folder open
+        store_.reset();  // only one may have the folder open
         auto opened = opener_();
         if (!opened) return tl::unexpected(opened.error());
         store_ = std::move(*opened);
@@ -32,11 +32,12 @@ public:
         store_.reset();
     }
 
-    /// What `function(CommitStore&)` returns, a Result; StorageFailed while there is none.
+    /// Returns the result of `function(CommitStore&)`, a Result, or StorageFailed while the store
+    /// is missing.
     template <class Function>
     auto use(Function&& function) -> decltype(function(std::declval<CommitStore&>())) {
         const std::shared_lock lock(mutex_);
-        if (!store_) return fail(ErrorCode::StorageFailed, "the store is closed since it failed");
+        if (!store_) return fail(ErrorCode::StorageFailed, "the store is closed because it failed");
         return function(*store_);
     }
 

@@ -9,8 +9,8 @@ namespace usdlive::server {
 
 enum class LogFormat { Text, Json };
 
-/// Writes lines to stderr. `level` is one of kLogLevels. Each line names `project` unless it is
-/// empty.
+/// Returns a log that writes lines to stderr. `level` is one of kLogLevels. Each line contains
+/// `project` unless it is empty.
 inline constexpr const char* kLogLevels[] = {"debug", "info", "warning", "error"};
 [[nodiscard]] std::unique_ptr<Log> createSpdLog(const std::string& level, LogFormat format,
                                                 const std::string& project = {});

@@ -12,20 +12,21 @@
 
 namespace usdlive::server {
 
-/// The thread that appends commits. All that has come while it was at work is its next group, so
-/// that one sync, and one message to each client, pays for many (group commit). A group begins no
-/// sooner than `interval` after the one before, so that somebody who works alone never waits, and
-/// many together cost little more than one.
+/// Appends commits on a thread of its own. All commits that arrive during an append form the next
+/// group, so that one sync and one message to each client serve many commits (group commit). A
+/// group starts at least `interval` after the one before: a single user never waits, and many users
+/// cost little more than one.
 ///
-/// When an append fails, that group and all that follows is thrown away until goOn(): the project
+/// After a failed append, drops that group and all following commits until resume(): by then the
+/// project knows the state of the store and continues from it.
 /// has then been told where the store stands and builds on that.
 class StorageThread {
 public:
-    /// Called on this thread.
+    /// Called on the storage thread.
     struct Events {
         std::function<void(Revision upTo)> appended;
         std::function<void(Error error, CommitStore::Head head)> failed;
-        /// Before it: the store has failed and is closed until it can be opened again.
+        /// Called before `failed` if the store is closed and has to be opened again.
         std::function<void()> closed;
         std::function<void(std::size_t commits, std::chrono::nanoseconds time)> measured;
     };
@@ -34,15 +35,15 @@ public:
         : store_(store), interval_(interval), log_(log) {}
     ~StorageThread() { stop(); }
     void start(Events events);
-    /// What waits is appended first.
+    /// Appends the waiting commits, then stops.
     void stop();
 
-    // Any thread.
+    // May be called from any thread.
     void append(CommitRecord commit);
-    /// False: nothing was thrown away since the last call.
+    /// Accepts commits again. Returns false if none were dropped since the last call.
     bool goOn();
-    /// Calls `done` on this thread, when all commits so far are in the store or thrown away. It may
-    /// not call anything of this class.
+    /// Calls `done` on the storage thread when all commits so far are stored or dropped. `done`
+    /// must not call this class.
     void flush(std::function<void()> done);
 
 private:
@@ -62,12 +63,12 @@ private:
     const std::chrono::milliseconds interval_;
     Log& log_;
     Events events_;
-    std::mutex mutex_;  // guards the next four
+    std::mutex mutex_;  // guards the next four members
     std::condition_variable changed_;
     Work waiting_;
     bool throwingAway_ = false;
     bool stopping_ = false;
-    std::chrono::steady_clock::time_point nextGroup_;  // this thread's
+    std::chrono::steady_clock::time_point nextGroup_;  // used by the storage thread only
     std::thread thread_;
 };
 

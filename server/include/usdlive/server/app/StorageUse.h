@@ -6,9 +6,9 @@
 
 namespace usdlive::server {
 
-/// What a store and the folder of its big values take, by kind and by layer. Any thread; reads the
-/// whole history once, which takes long. A layer's part of the log is its share of the commits'
-/// edits, in bytes as they are on the disk. ShuttingDown: `goesOn` said false.
+/// Returns the disk space of a store and its big values, by kind and by layer. May be called from
+/// any thread. Slow: reads the whole history once. A layer's part of the log is its share of the
+/// bytes of all edits. Error: ShuttingDown if `goesOn` returned false.
 [[nodiscard]] Result<Storage> measureStorage(const CommitStore& store,
                                              const std::filesystem::path& blobs,
                                              const CommitStore::GoesOn& goesOn);

@@ -16,14 +16,14 @@
 
 namespace usdlive::server {
 
-/// A project's history in its store: appended on the storage thread, read by workers.
+/// A project's history in its store, appended by the storage thread and read by workers.
 class StoreHistory final : public ports::History {
 public:
     StoreHistory(ProjectStrand& strand, Intake& intake, WorkerLanes& workers, SharedStore& store,
                  StorageThread& storage, std::filesystem::path blobFolder, Log& log);
     ~StoreHistory() override;
 
-    // The network thread.
+    // Call these on the network thread.
     void append(CommitRecord commit) override;
     void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision,
                       const Hash& hash) override;
@@ -39,32 +39,32 @@ public:
     void compact(Revision revision) override;
     void measureStorage(SessionId session, std::uint64_t request) override;
 
-    /// The storage thread has these commits in the store, or has thrown away all that waited.
+    /// Call when the storage thread has stored these commits, or has dropped the waiting ones.
     void appended(Revision upTo);
     void thrownAway();
-    /// What takes long ends soon.
+    /// Makes long operations end soon.
     void stop() { stopping_ = true; }
 
 private:
-    // What workers do.
+    // Run by workers.
     Result<std::optional<LoadedLayer>> loadStored(const LayerId& layer);
     Result<CompactOutcome> compactStore(Revision revision);
-    /// Does what takes long go on?
+    /// Returns a function that returns false after stop().
     [[nodiscard]] CommitStore::GoesOn whileServing() const;
 
     ProjectStrand& strand_;
     Intake& intake_;
     WorkerLanes& workers_;
-    // In order: checkpoints; snapshots.
+    // Run checkpoints in order, and snapshots in order.
     boost::asio::strand<boost::asio::thread_pool::executor_type> checkpoints_, snapshotWriter_;
     SharedStore& store_;
     StorageThread& storage_;
     const std::filesystem::path blobFolder_;
     Log& log_;
-    std::map<Revision, std::size_t> appending_;  ///< bytes of commits on their way to the store
+    std::map<Revision, std::size_t> appending_;  ///< bytes of commits that are not stored yet
     std::atomic<bool> stopping_ = false;
-    /// For what reads the whole history, which nobody waits for. The last member: its thread ends
-    /// before what it uses.
+    /// Reads the whole history for jobs without a waiting user. The last member, so that its thread
+    /// ends before the objects it uses.
     boost::asio::thread_pool keeper_{1};
 };
 

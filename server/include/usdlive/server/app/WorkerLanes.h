@@ -4,17 +4,17 @@
 
 namespace usdlive::server {
 
-/// The threads that block for the project, by how long somebody may have to wait for them.
+/// The threads for a project's blocking work, grouped by how long it may take.
 struct WorkerLanes {
-    /// Layers that the store has, commits for who resumes, parts of big values, what transports
-    /// send: quick, and people wait for it.
+    /// Quick work that users wait for: stored layers, commits for resuming sessions, parts of big
+    /// values, and the sources of transports.
     boost::asio::thread_pool joins{2};
-    /// Imports, saves and whatever else reads and writes the project's files.
+    /// Imports, saves and other work with the project's files.
     boost::asio::thread_pool files{2};
-    /// Layers as they were, checkpoints; snapshots, which nobody waits for.
+    /// Layers at old revisions, checkpoints, and snapshots, which no user waits for.
     boost::asio::thread_pool history{2};
 
-    /// Ends what is at work and drops the rest.
+    /// Finishes running jobs and drops the rest.
     void stop() {
         for (boost::asio::thread_pool* lane : {&joins, &files, &history}) lane->stop();
         for (boost::asio::thread_pool* lane : {&joins, &files, &history}) lane->join();

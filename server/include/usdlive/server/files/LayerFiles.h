@@ -14,55 +14,57 @@
 
 namespace usdlive::server {
 
-/// A layer as it was in its file.
+/// The content of a layer's file.
 struct ImportedLayer {
     LayerDoc doc;
     FileStamp file;
 };
 
-/// The `.usd`, `.usda` and `.usdc` files of a project's folder. Any thread; one at a time saves a
-/// layer.
+/// The `.usd`, `.usda` and `.usdc` files of a project's folder. Any thread may call it, but a layer
+/// is saved by one thread at a time.
 class LayerFiles {
 public:
     virtual ~LayerFiles() = default;
 
-    /// The project's folder, absolute and without links.
+    /// Returns the project's folder, absolute and without links.
     [[nodiscard]] virtual const std::filesystem::path& folder() const = 0;
 
-    /// All layers in the folder and below, over links inside it too (FI5), sorted. Hidden files and
-    /// folders, `.usdlive` among them, and names that are no layer's (LN1) are passed over.
+    /// Returns all layers in the folder and below, also over links inside it (FI5), sorted. Skips
+    /// hidden files and folders (such as `.usdlive`) and names that no layer can have (LN1).
     [[nodiscard]] virtual Result<std::vector<LayerFile>> list() const = 0;
 
-    /// What looks like a layer and is passed over all the same, and why (FI5); sorted.
+    /// Returns the skipped files that look like layers, with the reasons (FI5), sorted.
     [[nodiscard]] virtual Result<std::vector<SkippedFile>> skipped() const = 0;
 
-    /// Makes an empty layer's file, and folders for it. LayerExists: there is one of this name.
+    /// Creates the file of an empty layer and its folders. Error: LayerExists if the name is used.
     [[nodiscard]] virtual Result<void> create(const LayerId& layer) = 0;
 
-    /// Where the layer's file really is or would be. InvalidLayerName: a link leads nowhere, out of
-    /// the project or to what is hidden.
+    /// Returns the real path of the layer's file, which need not exist. Error: InvalidLayerName if
+    /// a link is broken, leads out of the project, or leads to something hidden.
     [[nodiscard]] virtual Result<std::filesystem::path> resolve(const LayerId& layer) const = 0;
 
-    /// Reads a file, whatever other parts of the process hold of it. Its big values go to the blob
-    /// store. LayerNotFound; LayerUnreadable with OpenUSD's own reason, also for what no layer may
-    /// hold (D1), the protocol cannot carry, or is being written at this moment; StorageFull.
+    /// Reads a file, independently of layers that the process has open. Stores its big values in
+    /// the blob store. Errors: LayerNotFound; StorageFull; LayerUnreadable with OpenUSD's reason.
+    /// It is also LayerUnreadable if the file breaks D1, holds content that the protocol does not
+    /// support, or is being written.
     [[nodiscard]] virtual Result<ImportedLayer> import(const LayerId& layer) = 0;
 
-    /// What the file holds now; nothing: there is none.
+    /// Returns the present state of the file, or nothing if it does not exist.
     [[nodiscard]] virtual Result<std::optional<FileStamp>> stamp(const LayerId& layer) const = 0;
 
-    /// Writes a file, or leaves the one there is as it is: SaveFailed names the file and the
-    /// reason. The file is in the format it had; a new `.usd` is in binary. What was written has
-    /// been read back and is on the disk. A file of other content than those `expected` is left,
-    /// too (LayerOutdated); none expected: any is replaced. `ready` is called with the hash of the
-    /// new file right before it takes its place, and may say no.
+    /// Writes a file, or keeps the old one on an error. SaveFailed names the file and the reason.
+    /// The file keeps its format; a new `.usd` file is binary. The written file was read back and
+    /// is synced to the disk. If `expected` is not empty and the file has other content, returns
+    /// LayerOutdated. `ready` is called with the hash of the new file directly before it replaces
+    /// the old one, and can prevent that with an error.
     using Ready = std::function<Result<void>(const Hash&)>;
     [[nodiscard]] virtual Result<FileStamp> save(const LayerId& layer, const LayerDoc& doc,
                                                  const std::vector<Hash>& expected = {},
                                                  const Ready& ready = {}) = 0;
 };
 
-/// Removes what saves that were cut short have left behind. InvalidConfiguration: no such folder.
+/// Also removes the temporary files of interrupted saves. Error: InvalidConfiguration if the folder
+/// does not exist.
 [[nodiscard]] Result<std::unique_ptr<LayerFiles>> createLayerFiles(
     const std::filesystem::path& folder, BlobStore& blobs);
 

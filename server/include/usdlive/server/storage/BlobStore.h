@@ -10,20 +10,22 @@
 namespace usdlive::server {
 
 struct BlobStoreOptions {
-    std::uint64_t maxBytes = std::uint64_t(4) << 30;  ///< of one value; above it BlobTooLarge
-    /// Below this much free space write() fails with StorageFull. Not given: 512 MiB, or 2 % of the
+    /// of one value; a larger one gives BlobTooLarge
+    std::uint64_t maxBytes = std::uint64_t(4) << 30;
+    /// write() fails with StorageFull if less than this is free. Not set: 512 MiB, or 2 % of the
     /// disk if that is more.
     std::optional<std::uint64_t> minFreeBytes;
-    /// Values begun and not whole yet. One more throws the one away that was longest without a
-    /// part.
+    /// The most values that may be incomplete. Starting one more drops the value whose last part is
+    /// the oldest.
     std::size_t maxUnfinished = 64;
 };
 
-/// Values as files, `<folder>/ab/abcdef...`. Unfinished ones of an earlier process are thrown away.
+/// Stores values as files, `<folder>/ab/abcdef...`. Deletes incomplete values of an earlier
+/// process.
 [[nodiscard]] Result<std::unique_ptr<BlobStore>> createFileBlobStore(
     const std::filesystem::path& folder, const BlobStoreOptions& options = {});
 
-/// Values in memory, for tests. `minFreeBytes` is not minded.
+/// Stores values in memory, for tests. Ignores `minFreeBytes`.
 [[nodiscard]] std::unique_ptr<BlobStore> createMemoryBlobStore(
     const BlobStoreOptions& options = {});
 

@@ -6,11 +6,12 @@
 
 namespace usdlive::server {
 
-/// What a CommitStore in memory keeps, as a disk would: it outlives the stores opened on it.
+/// The content of a CommitStore in memory. Like a disk, it outlives the stores that are opened on
+/// it.
 class MemoryDisk;
 [[nodiscard]] std::shared_ptr<MemoryDisk> createMemoryDisk();
 
-/// Opens the store that is on the disk, with the next epoch. One at a time.
+/// Opens the store on `disk` with the next epoch. Only one store may be open on a disk.
 [[nodiscard]] std::unique_ptr<CommitStore> createMemoryCommitStore(
     std::shared_ptr<MemoryDisk> disk = createMemoryDisk());
 

@@ -15,24 +15,25 @@ namespace usdlive::server {
 
 struct DdsServerOptions {
     dds::DomainSettings domain;
-    std::string project;  ///< by which clients find it
-    std::string url;      ///< of the same project by WebSocket
+    std::string project;  ///< the name by which clients find it
+    std::string url;      ///< WebSocket address of the same project
     Revision revision = 0;
-    /// Of one message from a client; larger: FrameTooLarge and close.
+    /// The limit of one message from a client. A larger one gives FrameTooLarge and closes the
+    /// session.
     std::size_t maxMessageBytes = 64ull << 20;
-    /// Who comes when there are as many is not answered.
+    /// With this many sessions open, new clients are not answered.
     std::size_t maxSessions = 1'256;
-    /// What may wait for a reader. One more frame than this and it is cut with SlowReader.
+    /// The limit of data waiting for a reader. One more frame closes the session with SlowReader.
     std::size_t slowReaderBytes = 16ull << 20;
-    /// So long may nothing of what was sent be acknowledged; then the reader is cut, too.
+    /// A reader that acknowledges nothing for this long is also closed with SlowReader.
     std::chrono::milliseconds slowReaderTime{10'000};
-    /// A peer that has said nothing for so long is taken for dead.
+    /// A peer that sends nothing for this long is treated as lost.
     std::chrono::milliseconds peerTime{14'000};
 };
 
-/// Serves a project over DDS (rules DD1 and on): commits once for all clients, the rest to each of
-/// them. What comes is taken on a thread of its own and posted to the network thread.
-/// InvalidConfiguration: what is wrong with the domain's settings.
+/// Serves a project over DDS (the DD rules): commits once for all clients, everything else to each
+/// client. Receives on a thread of its own and posts to the network thread. Error:
+/// InvalidConfiguration names the wrong setting of the domain.
 [[nodiscard]] Result<std::unique_ptr<Transport>> createDdsServer(boost::asio::io_context& io,
                                                                  DdsServerOptions options,
                                                                  SessionHandler& handler,

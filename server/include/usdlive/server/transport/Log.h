@@ -10,7 +10,7 @@ namespace usdlive::server {
 
 enum class LogLevel { Debug, Info, Warning, Error };
 
-/// A name and a value of what happened, valid during the call only.
+/// A name and a value that describe an event. Valid during the call only.
 struct LogField {
     std::string_view name;
     std::variant<std::string_view, std::int64_t> value;
@@ -20,8 +20,8 @@ struct LogField {
     LogField(std::string_view name, T number) : name(name), value(std::int64_t(number)) {}
 };
 
-/// Where the server says what happened: an event in a few words that never vary, and its fields.
-/// Any thread.
+/// Receives the events of the server. An event is a short text that never varies, with fields.
+/// Called from any thread.
 class Log {
 public:
     virtual ~Log() = default;

@@ -7,27 +7,27 @@
 
 namespace usdlive::server {
 
-/// Why a sample that came over DDS was ignored (DD13).
+/// The reasons for ignoring a sample received over DDS (DD13).
 enum class Oddity {
     NotGreeted,     ///< its participant has never opened a session
-    OtherClient,    ///< it speaks for a client of another participant
-    OtherProtocol,  ///< it is of another version
-    Malformed       ///< too large, or outside of what its stream may send
+    OtherClient,    ///< it names a client of another participant
+    OtherProtocol,  ///< it has another protocol version
+    Malformed       ///< too large, or not allowed in its stream
 };
 inline constexpr std::size_t kOddities = 4;
-/// For logs and metrics.
+/// Returns the name for logs and metrics.
 [[nodiscard]] std::string_view nameOf(Oddity oddity);
 using OddityCounts = std::array<std::uint64_t, kOddities>;
 
-/// Counts odd samples, and says of which participant there was none before. A plain value.
+/// Counts ignored samples and detects the first one of each participant. A plain value.
 class OddSamples {
 public:
     using Participant = std::array<std::uint8_t, 16>;  ///< its GUID
 
-    /// Of more than these it may be told twice that it was the first.
+    /// With more participants than this, add() may return true twice for one of them.
     static constexpr std::size_t kMostParticipants = 1'024;
 
-    /// True: the first one of this participant.
+    /// Returns true for the first ignored sample of this participant.
     bool add(Oddity oddity, const Participant& participant);
     [[nodiscard]] const OddityCounts& counts() const { return counts_; }
 

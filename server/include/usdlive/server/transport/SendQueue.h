@@ -7,12 +7,12 @@
 
 namespace usdlive::server {
 
-/// Frames that wait for a connection, first in, first out. Holds references, never copies.
+/// Frames that wait for a connection, in order. Holds references and copies no bytes.
 class SendQueue {
 public:
     void push(SharedBytes frames);
-    /// Moves entries into `out` (emptied first), all of them if they are at most `most` bytes, else
-    /// as many as fit, but one at least.
+    /// Moves frames to `out`, which is cleared first: as many as fit into `most` bytes, but at
+    /// least one.
     void take(std::size_t most, std::vector<SharedBytes>& out);
     void clear();
 

@@ -8,24 +8,24 @@
 
 namespace usdlive::server {
 
-/// The latest commits that were sent once for all, for who has missed some (DD7).
+/// Keeps the latest broadcast commits for clients that have missed some (DD7).
 class SentCommits {
 public:
     static constexpr std::size_t kCommits = 1'024;
     static constexpr std::size_t kBytes = 64 * 1024 * 1024;
 
-    /// Who has to have so much of its own stream before the commit.
+    /// A client that must have received `position` bytes of its own stream before the commit.
     struct Mark {
         std::uint64_t client = 0, position = 0;
     };
     struct Sent {
-        SharedBytes frame;  ///< nullptr: it was sent to each by itself
+        SharedBytes frame;  ///< nullptr: it was sent to each client individually
         std::vector<Mark> marks;
         [[nodiscard]] std::uint64_t positionOf(std::uint64_t client) const;
     };
 
     void add(Revision revision, Sent sent);
-    /// nullptr: it is not kept any more, or not yet.
+    /// Returns nullptr if the commit is not kept any more, or not yet.
     [[nodiscard]] const Sent* find(Revision revision) const;
     [[nodiscard]] Revision newest() const { return first_ + sent_.size() - 1; }
 

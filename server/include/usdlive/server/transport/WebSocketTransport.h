@@ -15,27 +15,29 @@ namespace usdlive::server {
 struct Upgrade;  // src/transport/Upgrade.h
 
 struct WebSocketOptions {
-    /// Of one message from a client; larger: FrameTooLarge and close.
+    /// The limit of one message from a client. A larger one gives FrameTooLarge and closes the
+    /// session.
     std::size_t maxMessageBytes = 64ull << 20;
-    /// What may wait for a reader. One more frame than this and it is cut with SlowReader.
+    /// The limit of data waiting for a reader. One more frame closes the session with SlowReader.
     std::size_t slowReaderBytes = 16ull << 20;
-    /// A message may take this long to leave; then the reader is cut, too.
+    /// A reader to which one message takes longer than this is also closed with SlowReader.
     std::chrono::milliseconds slowReaderTime{10'000};
-    /// Time for the answer to the upgrade.
+    /// The time limit for the answer to the upgrade request.
     std::chrono::milliseconds handshakeTime{10'000};
-    /// A peer is pinged after half of this time without a message, and is lost after all of it.
+    /// A peer is pinged after half of this time without a message, and treated as lost after all of
+    /// it.
     std::chrono::milliseconds peerTime{14'000};
 };
 
-/// Carries the sessions of one project over WebSockets. HttpServer accepts the connections, on
-/// whichever thread, and hands them over.
+/// Serves the sessions of one project over WebSockets. HttpServer accepts the connections, on its
+/// own thread, and hands them over.
 class WebSocketTransport : public Transport {
 public:
-    /// Opens a session on a connection that asked for one. Any thread.
+    /// Opens a session on a connection that requested one. May be called from any thread.
     virtual void take(std::unique_ptr<Upgrade> upgrade) = 0;
 };
 
-/// `io` belongs to the thread that every other call is made on.
+/// Make every other call on the thread that runs `io`.
 [[nodiscard]] std::shared_ptr<WebSocketTransport> createWebSocketTransport(
     boost::asio::io_context& io, WebSocketOptions options, SessionHandler& handler,
     Background background, Log& log);

@@ -1,5 +1,6 @@
-// Edits of a layer's content that keep what others do beside them: each writes only what differs,
-// so a live layer sends only that. (SdfLayer::TransferContent writes past a layer's delegate.)
+// Edits a layer's content without overwriting concurrent edits: each function writes only
+// differences, and a live layer sends only those. (SdfLayer::TransferContent bypasses a layer's
+// delegate.)
 #pragma once
 
 #include <pxr/base/tf/token.h>
@@ -12,31 +13,31 @@
 
 namespace usdlive::content {
 
-/// The paths of all specs at `root` and below, parents first and siblings in reverse order; none
-/// when there is no spec at `root`.
+/// Returns the paths of all specs at and below `root`, parents first and siblings in reverse order.
+/// Empty if there is no spec at `root`.
 [[nodiscard]] std::vector<pxr::SdfPath> pathsBelow(const pxr::SdfLayerHandle& layer,
                                                    const pxr::SdfPath& root);
-/// The path of the spec that lists this one as its child. A variant is a child of its variant set,
-/// whose path is `/Prim{set=}`.
+/// Returns the path of the spec that lists this one as its child. For a variant this is its variant
+/// set, `/Prim{set=}`.
 [[nodiscard]] pxr::SdfPath ownerOf(const pxr::SdfPath& path);
 
-/// The names of the prims below a prim, a variant or the pseudo-root, in order.
+/// Returns the names of the prims below a prim, a variant or the pseudo-root, in order.
 [[nodiscard]] pxr::TfTokenVector primChildren(const pxr::SdfLayerHandle& layer,
                                               const pxr::SdfPath& parent);
-/// Moves each of `names` that is there behind the siblings that it follows in `order`.
+/// Moves each existing child in `names` behind the siblings that precede it in `order`.
 void arrange(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& parent,
              const pxr::TfTokenVector& order, const std::set<pxr::TfToken>& names);
 
-/// Makes the content at `root` and below like that of `wanted`, in one change block.
+/// Makes the content at and below `root` equal to that of `wanted`, in one change block.
 void makeLike(const pxr::SdfLayerHandle& layer, const pxr::SdfLayerHandle& wanted,
               const pxr::SdfPath& root = pxr::SdfPath::AbsoluteRootPath());
-/// Gives `content` the layer metadata of `layer`, but keeps its own sublayers.
+/// Copies the layer metadata of `layer` to `content`, which keeps its own sublayers.
 void takeMetadata(const pxr::SdfLayerHandle& content, const pxr::SdfLayerHandle& layer);
 
-/// Old paths and the new ones that replace them.
+/// Pairs of old and new paths.
 using Moves = std::vector<std::pair<pxr::SdfPath, pxr::SdfPath>>;
-/// Makes targets, connections and arcs within the layer that lead to (below) an old path lead to
-/// the new one.
+/// Replaces old paths in targets, connections and internal arcs of the layer by the new ones, also
+/// for paths below them.
 void retarget(const pxr::SdfLayerHandle& layer, const Moves& moves);
 
 }  // namespace usdlive::content

@@ -1,4 +1,4 @@
-// Undo of what one has written in layers, without what others have written since.
+// Records edits of layers and undoes them without undoing later edits of others.
 #pragma once
 
 #include <pxr/base/tf/token.h>
@@ -14,7 +14,7 @@
 
 namespace usdlive::content {
 
-/// Something that an undo left as it is, because somebody else has written it since.
+/// A part of an undo that was skipped because somebody else has written there since.
 struct Kept {
     std::string layer;  ///< its identifier
     pxr::SdfPath path;
@@ -26,20 +26,20 @@ struct Kept {
 class LayerScope;
 class ScopeDifference;
 
-/// What was written, and the way back. A value; keeps its layers.
+/// The recorded edits and their undo. A value; keeps its layers alive.
 class Record {
 public:
-    /// Of nothing.
+    /// An empty record.
     Record();
     explicit Record(std::vector<ScopeDifference> differences);
 
     [[nodiscard]] bool isEmpty() const;
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layers() const;
 
-    /// Takes back what was written, in one change block. In a layer that `isShared`, only registers
-    /// that still hold what was written go back; the others are returned. In all other layers the
-    /// earlier state comes back, whatever was done since. May be called again after the same edits
-    /// were made again.
+    /// Undoes the edits in one change block. In a layer for which `isShared` is true, restores only
+    /// registers that still have the recorded content, and returns the others. In other layers,
+    /// restores the earlier state regardless of later edits. May be called again after the same
+    /// edits were made again.
     using IsShared = std::function<bool(const pxr::SdfLayerHandle&)>;
     std::vector<Kept> undo(const IsShared& isShared) const;
 
@@ -47,22 +47,23 @@ private:
     std::shared_ptr<const std::vector<ScopeDifference>> differences_;
 };
 
-/// Records edits of layers by any means (Sdf, Usd): touch() what is going to be written, write,
-/// then finish(). Costs what the touched parts hold.
+/// Records edits that are made by any means (Sdf, Usd): call touch() for the parts that will be
+/// written, write, then call finish(). The cost grows with the content of the touched parts.
 class Recorder {
 public:
     Recorder();
     ~Recorder();
     Recorder(Recorder&&) noexcept;
 
-    /// Keeps the fields of the spec at `path`, also an absent one; with `deep` everything below.
+    /// Remembers the fields of the spec at `path`, also if it is absent; with `deep` also
+    /// everything below.
     void touch(const pxr::SdfLayerHandle& layer,
                const pxr::SdfPath& path = pxr::SdfPath::AbsoluteRootPath(), bool deep = false);
-    /// For a spec that is going to be created with the ancestors it lacks: touches everything from
-    /// the first missing ancestor on.
+    /// Touches everything from the first missing ancestor of `path` on. For a spec that will be
+    /// created with its ancestors.
     void touchWithAncestors(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
 
-    /// Returns what was written since, and begins anew.
+    /// Returns the edits since the last call and starts again.
     [[nodiscard]] Record finish();
 
 private:

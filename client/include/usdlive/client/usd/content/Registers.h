@@ -14,8 +14,8 @@
 
 namespace usdlive::content {
 
-/// The part of a field that is a register of its own: the keys that lead to a dictionary's entry,
-/// or the time of a sample. std::monostate is the whole field.
+/// The part of a field that is a register: the key path of a dictionary entry, or the time of a
+/// sample. std::monostate is the whole field.
 using Part = std::variant<std::monostate, std::vector<std::string>, double>;
 
 /// A sublayer with its offset. The field `subLayers` is read and written as a `Sublayers`.
@@ -30,10 +30,10 @@ struct Sublayer {
 };
 using Sublayers = std::vector<Sublayer>;
 
-/// The fields of a spec, without those that list its children.
+/// The fields of a spec, without the lists of its children.
 using Fields = std::map<pxr::TfToken, pxr::VtValue>;
 
-/// A register that differs. An empty value: it is absent.
+/// A register that differs. An empty value means that it is absent.
 struct Change {
     pxr::SdfPath path;
     pxr::TfToken field;
@@ -41,18 +41,18 @@ struct Change {
     pxr::VtValue before, after;
 };
 
-/// Returns no fields when there is no spec.
+/// Returns no fields if there is no spec.
 [[nodiscard]] Fields readFields(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
-/// Returns an empty value when the register is absent.
+/// Returns an empty value if the register is absent.
 [[nodiscard]] pxr::VtValue readRegister(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
                                         const pxr::TfToken& field, const Part& part);
 /// Writes one register of an existing spec; an empty value erases it.
 void writeRegister(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
                    const pxr::TfToken& field, const Part& part, const pxr::VtValue& value);
 
-/// Compares as content is compared: values that are not a number equal themselves.
+/// Compares contents: a NaN equals itself.
 [[nodiscard]] bool isSame(const pxr::VtValue& left, const pxr::VtValue& right);
-/// The registers by which two contents of the spec at `path` differ.
+/// Returns the registers that differ between two contents of the spec at `path`.
 [[nodiscard]] std::vector<Change> changesBetween(const pxr::SdfPath& path, const Fields& before,
                                                  const Fields& after);
 

@@ -5,16 +5,16 @@
 
 namespace usdlive::content {
 
-/// Makes the spec at `path`, of the kind and type of the one at `from` in `source`, with overs on
-/// the way to it. False: it cannot stand there.
+/// Creates the spec at `path` with the kind and type of the one at `from` in `source`. Creates
+/// missing ancestors as overs. Returns false if the spec is not possible there.
 bool makeSpecLike(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
                   const pxr::SdfLayerHandle& source, const pxr::SdfPath& from);
-/// Removes a spec with everything below it; an absent one is no error.
+/// Removes a spec and everything below it. An absent spec is no error.
 void removeSpec(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
 void moveSpec(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& from, const pxr::SdfPath& to);
 
-/// Sets a list op (empty value: erases it) as Sdf's own editors do: targets, connections and
-/// variant sets have specs of their own, which come and go with it.
+/// Sets a list op, or erases it if the value is empty, like Sdf's own editors: specs of targets,
+/// connections and variant sets are created and removed with it.
 void setListOp(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
                const pxr::TfToken& field, const pxr::VtValue& value);
 

@@ -15,37 +15,39 @@ namespace usdlive::layers {
 class DelegateWrites;
 class DistributionRules;
 
-/// Edits go to a delegate layer, the strongest sublayer of the session layer, and from there with
-/// each update() to the layers where they have the strongest opinion; see Distribution for which.
+/// Collects edits in a delegate layer, the strongest sublayer of the session layer. Each update()
+/// moves them to the layers with the strongest opinions; Distribution decides which.
 class AutoAuthoring {
 public:
-    /// `rules` decide what takes edits; they must outlive this.
+    /// `rules` decide which layers and specs accept edits. They must outlive this object.
     AutoAuthoring(LayersContext& context, DistributionRules& rules);
     ~AutoAuthoring();
 
     [[nodiscard]] bool isEnabled() const { return bool(delegate_); }
-    /// Where new specs go; the root layer at first. A layer that is not local, or of the session,
-    /// is not taken.
+    /// Sets the layer for new specs; initially the root layer. Fails for layers that are not local
+    /// and for those of the session.
     LayerResult<void> setDefaultLayer(const std::string& identifier);
     [[nodiscard]] std::string defaultLayer();
     [[nodiscard]] bool isAutoAuthoringLayer(const std::string& identifier) const;
-    /// Edits stay in the delegate until resume().
+    /// Keeps edits in the delegate until resume().
     void suspend() { suspended_ = true; }
     void resume() { suspended_ = false; }
     [[nodiscard]] bool isSuspended() const { return suspended_; }
 
     // --- called by Layers
 
-    /// Fails for a stage without a session layer, which is where the delegate goes.
+    /// Fails for a stage without a session layer, which has to contain the delegate.
     LayerResult<void> enable();
-    /// What is in the delegate is distributed first; the default layer becomes the edit target.
+    /// Distributes the content of the delegate first. The default layer becomes the edit target.
     void disable();
     [[nodiscard]] pxr::SdfLayerHandle delegate() const { return delegate_; }
     void layerChanged(const pxr::SdfLayerHandle& layer, const pxr::SdfChangeList& changes);
     void structureChanged() { structureChanged_ = true; }
-    /// One frame; within the caller's change block. Returns what went back.
+    /// Distributes the edits of one frame, within the caller's change block. Returns the refused
+    /// edits.
     [[nodiscard]] std::vector<RefusedEdit> update();
-    /// Puts delegate and edit target where they belong; before update(), and not in its block.
+    /// Restores the place of the delegate and the edit target. Call it before update(), outside its
+    /// block.
     void keepInPlace();
 
 private:
@@ -57,7 +59,7 @@ private:
     pxr::SdfLayerRefPtr delegate_;
     pxr::TfRefPtr<DelegateWrites> writes_;
     pxr::SdfLayerHandle default_;
-    std::map<pxr::SdfPath, bool> stale_;  // changed elsewhere; true: with all below
+    std::map<pxr::SdfPath, bool> stale_;  // changed elsewhere; true: including everything below
     bool suspended_ = false;
     bool structureChanged_ = false;
 };

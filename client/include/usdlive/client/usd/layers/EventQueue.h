@@ -7,13 +7,13 @@
 
 namespace usdlive::layers {
 
-/// What happened in a frame: one event for each type and layer, where the first of it stood, with
-/// all that happened to it.
+/// The events of a frame: one for each type and layer, at the place of the first one, with the
+/// values of all.
 class EventQueue {
 public:
     void push(LayerEvent event);
     void push(LayerEventType type, std::vector<std::string> values = {});
-    /// In order; the next frame begins.
+    /// Returns the events in order and starts the next frame.
     [[nodiscard]] std::vector<LayerEvent> take();
 
 private:

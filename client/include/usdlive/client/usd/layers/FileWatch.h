@@ -7,9 +7,9 @@
 
 namespace usdlive::layers {
 
-/// Whether files are other than when they were read. A file is hashed when it is first looked at
-/// and again when its time or size has changed, so that one that was merely touched counts as the
-/// same; beyond kMaxHashedBytes the time alone tells.
+/// Detects changes of files. A file is hashed at the first look and again when its time or size has
+/// changed, so that merely touching it is no change. For files beyond kMaxHashedBytes only the time
+/// counts.
 class FileWatch {
 public:
     struct Seen {
@@ -18,11 +18,11 @@ public:
         bool readOnly = false;
         std::string owner;
     };
-    /// Looks at the file.
+    /// Checks the file.
     Seen look(const std::string& path);
-    /// The same without reading the file: `changed` stays false.
+    /// Checks the file without reading it: `changed` stays false.
     [[nodiscard]] static Seen glance(const std::string& path);
-    /// The file, as it is now, is what is in memory: it was saved, or read again.
+    /// Call when the present content of the file is in memory: after saving or reading it.
     void accept(const std::string& path);
 
 private:
@@ -34,7 +34,7 @@ private:
     struct Known {
         Stamp stamp;
         std::optional<std::uint64_t> hash;
-        std::optional<Stamp> changedTo;  // looked at, and found to differ
+        std::optional<Stamp> changedTo;  // state in which the file was found to differ
     };
     [[nodiscard]] static std::optional<std::uint64_t> hashOf(const std::string& path,
                                                              std::int64_t size);

@@ -13,8 +13,8 @@
 
 namespace usdlive::layers {
 
-/// A plain layer stack as a stage: for programs without a UsdStage. It composes with Pcp, and has
-/// all payloads loaded.
+/// A plain layer stack as a stage, for programs without a UsdStage. Composes with Pcp and loads all
+/// payloads.
 class LayerStackHost final : public StageHost, public pxr::TfWeakBase {
 public:
     explicit LayerStackHost(pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr session = {});
@@ -38,7 +38,7 @@ private:
     const pxr::SdfLayerRefPtr root_, session_;
     std::set<std::string> muted_;
     pxr::SdfLayerHandle editTarget_;
-    mutable std::unique_ptr<stage::Composition> composition_;  // made when it is first needed
+    mutable std::unique_ptr<stage::Composition> composition_;  // created when it is first needed
     const std::thread::id thread_ = std::this_thread::get_id();
     pxr::TfNotice::Key changedKey_;
 };

@@ -11,11 +11,11 @@
 
 namespace usdlive::layers {
 
-/// Values and names are Kit's (omni.kit.usd.layers).
+/// The edit modes. Values and names are those of Kit (omni.kit.usd.layers).
 enum class LayerEditMode { Normal, AutoAuthoring, SpecsLinking };
 
 enum class LayerErrorType {
-    ReadOnly = 1,  ///< 0 is Kit's Success; here a result without an error says so
+    ReadOnly = 1,  ///< Kit's Success (0) is a result without an error here
     NotFound,
     AlreadyExists,
     InvalidStage,
@@ -53,15 +53,15 @@ enum class LayerEventType {
     UsedLayersChanged,
     LiveSessionJoining,
     LayerFilePermissionChanged,
-    AutoReloadLayersChanged = 1000,  ///< Kit has it in Python only, without a number of its own
-    EditsRefused,                    ///< ours: what could not be distributed went back
+    AutoReloadLayersChanged = 1000,  ///< Kit has it in Python only, without a number
+    EditsRefused,  ///< not in Kit: edits that could not be distributed were taken back
 };
 
-/// `info_changed`, the end of the event's name; empty for no event.
+/// Returns the end of the event's name, for example `info_changed`. Empty for no event.
 [[nodiscard]] std::string_view eventSuffix(LayerEventType type);
 [[nodiscard]] std::optional<LayerEventType> eventOfSuffix(std::string_view suffix);
 
-/// What happened since the frame before. Which members say something depends on the type.
+/// A change since the previous frame. The type determines which members are set.
 struct LayerEvent {
     using Entries = std::vector<std::pair<std::string, std::vector<std::string>>>;
 
@@ -72,10 +72,10 @@ struct LayerEvent {
     Entries entries;                  ///< SpecsLinkingChanged: layer, paths
 };
 
-/// Why a call was refused: nothing was changed.
+/// The reason why a call was refused. Nothing was changed.
 struct LayerError {
     LayerErrorType type{};
-    std::string text;  ///< one sentence that names what and where; never empty
+    std::string text;  ///< one sentence that names what failed and where; never empty
 };
 
 template <class T>
@@ -90,7 +90,7 @@ using LayerResult = tl::expected<T, LayerError>;
 struct RefusedEdit {
     pxr::SdfPath path;
     std::string field;  ///< empty: the spec itself
-    std::string layer;  ///< identifier of the one it was for
+    std::string layer;  ///< identifier of the layer for which it was meant
     LayerErrorType type = LayerErrorType::ReadOnly;
     std::string reason;
 };

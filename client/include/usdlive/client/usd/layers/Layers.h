@@ -13,17 +13,18 @@
 
 namespace usdlive::layers {
 
-/// Everything about the layers of one stage, under Kit's names: states, auto authoring, links and
-/// locks of specs, and what happens to them.
+/// All functions for the layers of one stage, under Kit's names: states, auto authoring, links and
+/// locks of specs, and events.
 ///
-/// Used from the thread that made it, the one that owns the stage: from another one all functions
-/// throw Misuse. The parts do not check: ask for them where they are used. Once per frame, after
+/// Belongs to the thread that created it and owns the stage; on another thread all functions throw
+/// Misuse. The parts do not check the thread, so request them only on this one. Call update() once
+/// per frame, after the live client's tick(), and then takeEvents().
 /// what is live has been brought in: update(), and then takeEvents().
 class Layers {
 public:
     struct Options {
-        UserName user;               ///< who locks specs; empty: the system's user name
-        LiveLayers* live = nullptr;  ///< outlives this
+        UserName user;               ///< locks specs in this name; empty: the system's user name
+        LiveLayers* live = nullptr;  ///< must outlive this object
     };
     explicit Layers(std::unique_ptr<StageHost> host);
     Layers(std::unique_ptr<StageHost> host, Options options);
@@ -36,20 +37,20 @@ public:
     [[nodiscard]] StageHost& host();
 
     [[nodiscard]] LayerEditMode editMode() const;
-    /// Fails for a stage that has no place for the delegate; the mode stays.
+    /// Fails for a stage that has no place for the delegate, and keeps the mode.
     LayerResult<void> setEditMode(LayerEditMode mode);
 
-    /// `nowMs`: of any steady clock. Returns the edits that went back.
+    /// `nowMs` is the time of any steady clock. Returns the refused edits.
     std::vector<RefusedEdit> update(double nowMs);
-    /// Brings edits of the delegate to their layers and takes back edits of locked specs now, also
-    /// while auto authoring is suspended: before something is saved, sent or left. Returns the
-    /// edits that went back.
+    /// Moves edits of the delegate to their layers and takes back edits of locked specs, even while
+    /// auto authoring is suspended. Call it before saving, sending or leaving. Returns the refused
+    /// edits.
     std::vector<RefusedEdit> distribute();
-    /// What happened since the last call, in order.
+    /// Returns the events since the last call, in order.
     [[nodiscard]] std::vector<LayerEvent> takeEvents();
-    /// Tells of edits that somebody else did not take, a server, with those that went back here.
+    /// Reports edits that a server refused, together with those refused here.
     void refuse(std::vector<RefusedEdit> edits);
-    /// The latest edits that went back, oldest first; at most 10,000 are kept.
+    /// Returns the latest refused edits, oldest first; at most 10,000 are kept.
     [[nodiscard]] const std::deque<RefusedEdit>& refusedEdits() const;
 
     void setLive(LiveLayers* live);

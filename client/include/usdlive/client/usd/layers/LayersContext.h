@@ -7,7 +7,7 @@
 
 namespace usdlive::layers {
 
-/// What the parts of one Layers share.
+/// The state that the parts of one Layers share.
 struct LayersContext {
     explicit LayersContext(StageHost& stageHost) : host(stageHost), stack(stageHost) {}
 

@@ -17,25 +17,25 @@
 
 namespace usdlive::layers {
 
-/// States of the layers of a stage, by identifier. Names are Kit's.
+/// The states of a stage's layers, by identifier. Names are Kit's.
 ///
-/// Queries look at what is in memory, never at files; files are looked at by watch(). Of a layer
-/// that the stage does not use they say false or nothing; whyUnknown() tells that apart.
+/// Queries use the state in memory and never read files; watch() does. For a layer that the stage
+/// does not use they return false or nothing, and whyUnknown() gives the reason.
 class LayersState {
 public:
     explicit LayersState(LayersContext& context);
     ~LayersState();
 
-    /// Why queries know nothing of the layer. Nothing: the stage uses it.
+    /// Returns the reason why the layer is unknown, or nothing if the stage uses it.
     [[nodiscard]] std::optional<LayerError> whyUnknown(const std::string& id);
 
     void setMutenessScope(bool global);
     [[nodiscard]] bool isMutenessGlobal() const { return globalScope_; }
     [[nodiscard]] bool isLayerLocallyMuted(const std::string& id);
     [[nodiscard]] bool isLayerGloballyMuted(const std::string& id);
-    /// As the stage is now, whatever the scope.
+    /// Returns the present state of the stage, whatever the scope.
     [[nodiscard]] bool isLayerMuted(const std::string& id);
-    /// Writes the flag; in global scope the stage follows.
+    /// Writes the flag. In global scope the stage follows.
     LayerResult<void> setLayerGlobalMuteness(const std::string& id, bool muted);
 
     [[nodiscard]] bool isLayerWritable(const std::string& id);
@@ -60,46 +60,48 @@ public:
 
     [[nodiscard]] bool hasLocalLayer(const std::string& id);
     [[nodiscard]] bool hasUsedLayer(const std::string& id);
-    /// A layer that the stage used when it was last asked. Asks nobody: safe within a notice.
+    /// Returns true if the stage used the layer at the last check. Safe inside a notice, because it
+    /// queries nothing.
     [[nodiscard]] bool knows(const std::string& id) const { return known_.contains(id); }
 
-    /// Beside single layers: what is reloaded by itself when it is outdated.
+    /// The kinds of layers that are reloaded automatically, in addition to single layers.
     struct AutoReload {
-        bool sublayers = false;     ///< all of the local layer stack
-        bool nonSublayers = false;  ///< all others that the stage uses
+        bool sublayers = false;     ///< all layers of the local layer stack
+        bool nonSublayers = false;  ///< all other layers that the stage uses
         bool operator==(const AutoReload&) const = default;
     };
     void setAutoReload(AutoReload kinds);
-    /// By itself or by its kind.
+    /// Returns true if the layer is reloaded automatically, individually or because of its kind.
     [[nodiscard]] bool isAutoReloadLayer(const std::string& id);
     enum class Outcome { Changed, Unchanged };
     LayerResult<Outcome> addAutoReloadLayer(const std::string& id);
     Outcome removeAutoReloadLayer(const std::string& id);
-    /// The single ones.
+    /// Returns the layers that were added individually.
     [[nodiscard]] std::vector<std::string> autoReloadLayers() const;
 
-    /// Why edits must not go there; nothing: they may.
+    /// Returns the reason why the layer must not be edited, or nothing if it may.
     [[nodiscard]] std::optional<LayerError> whyNotWritable(const pxr::SdfLayerHandle& layer);
 
     // --- called by Layers
 
-    /// Muteness as the stage has it now; what others changed becomes flags of the scope.
+    /// Adopts the muteness of the stage. Changes by others become flags of the scope.
     void followMuteness();
-    /// The same without writing anything: safe within a notice of the stage.
+    /// Does the same without writing. Safe inside a notice of the stage.
     void mutenessChanged();
-    /// Sublayers or used layers may have changed.
+    /// Call when sublayers or used layers may have changed.
     void structureChanged() { structureKnown_ = false; }
-    /// Something was authored that other layers may be used for: they are looked up when asked for,
-    /// and with the next look.
+    /// Call after an edit that may change which layers are used. They are found again at the next
+    /// query or check.
     void compositionChanged() { usedKnown_ = false; }
-    /// The root layer's or a layer's own customLayerData has changed.
+    /// Call when the customLayerData of the root layer or of a layer has changed.
     void dataChanged(const pxr::SdfLayerHandle& layer);
     void dirtinessChanged(const pxr::SdfLayerHandle& layer);
-    /// The layer's file was written or read by this process: it is no news to watch().
+    /// Call when this process has written or read the layer's file, so that watch() does not report
+    /// it.
     void fileAgrees(const pxr::SdfLayerHandle& layer);
-    /// Looks at the files of used layers, and at used layers themselves.
+    /// Checks the files of used layers, and which layers are used.
     void watch(double nowMs);
-    /// The delegate is not one of the stage's layers as people see them.
+    /// Hides the delegate from the layers that users see.
     void hide(const std::string& identifier);
 
 private:
@@ -107,10 +109,10 @@ private:
         pxr::SdfLayerHandle layer;
         bool local = false, session = false, used = false;
         bool ownLock = false;
-        bool locked = false;  // as last told
+        bool locked = false;  // as last reported
         bool outdated = false;
         bool readOnly = false;
-        bool dirty = false;  // of a live layer, as last told
+        bool dirty = false;  // of a live layer, as last reported
         std::string owner;
     };
 
@@ -137,16 +139,16 @@ private:
     std::set<std::string> localMuted_, globalMuted_, stageMuted_;
     std::map<std::string, bool> lockFlags_;  // of the root layer's map
     std::unordered_map<std::string, Known> known_;
-    std::vector<std::string> order_;    // local layers, the root layer's tree before the session's
-    std::vector<std::string> invalid_;  // named as sublayers, and not there
+    std::vector<std::string> order_;  // local layers; the root layer's tree precedes the session's
+    std::vector<std::string> invalid_;  // named as sublayers but missing
     std::set<std::string> used_;
     std::set<std::string> autoReload_;
     AutoReload autoReloadKinds_;
     std::string hidden_;
     bool structureKnown_ = false, usedKnown_ = false;
-    std::map<std::string, bool> unwrittenFlags_;  // of muteness, for the next frame
-    bool applying_ = false;                       // the stage is changed by us
-    bool scopeDue_ = false;                       // the stage has to follow the global flags
+    std::map<std::string, bool> unwrittenFlags_;  // muteness flags to write in the next frame
+    bool applying_ = false;                       // we are changing the stage
+    bool scopeDue_ = false;                       // the stage has to adopt the global flags
     FileWatch watch_;
     double nextLookMs_ = 0;
 };

@@ -13,33 +13,34 @@ class Client;
 
 namespace usdlive::layers {
 
-/// What a layer that is live knows beside its content; told by whoever makes it live.
+/// The state of a live layer besides its content.
 struct LiveState {
     bool dirty = false;     ///< differs from its file
-    UserName lockHolder;    ///< empty: nobody, or nobody who is named
-    bool outdated = false;  ///< its file, at the server, was changed by somebody else
-    bool writable = true;   ///< as far as the server's files go
-    std::string owner;      ///< of the server's file
+    UserName lockHolder;    ///< empty: nobody, or a holder without a name
+    bool outdated = false;  ///< somebody else has changed its file on the server
+    bool writable = true;   ///< the server can write the file
+    std::string owner;      ///< owner of the server's file
 };
 
-/// Where states and locks of live layers come from.
+/// Provides the states and locks of live layers.
 class LiveLayers {
 public:
     virtual ~LiveLayers() = default;
-    /// In whose name the connection locks.
+    /// Returns the user in whose name the connection locks.
     [[nodiscard]] virtual UserName user() const = 0;
-    /// Nothing: the layer is not live.
+    /// Returns nothing if the layer is not live.
     [[nodiscard]] virtual std::optional<LiveState> state(
         const pxr::SdfLayerHandle& layer) const = 0;
-    /// False: the layer holds something else where its lock would stand, or is not open.
+    /// Returns false if the layer is not open, or has other data in the place of the lock.
     virtual bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) = 0;
-    /// Is the connection writing into layers what others did, or what the server did not take?
+    /// Returns true while the connection writes edits of others, or the server's refusals, into
+    /// layers.
     [[nodiscard]] virtual bool isApplying() const { return false; }
-    /// Asks the server to take the layer's file; what is in it comes with later frames.
+    /// Asks the server to reload the layer's file. The content arrives in later frames.
     virtual void reload(const pxr::SdfLayerHandle& layer) = 0;
 };
 
-/// The layers of one connection. It must outlive this.
+/// The layers of one connection, which must outlive this object.
 class ClientLayers final : public LiveLayers {
 public:
     explicit ClientLayers(Client& client) : client_(client) {}

@@ -15,36 +15,36 @@
 
 namespace usdlive::layers {
 
-/// A stage's local layer stack, and what has to be known of composition above it. Answers come from
-/// the host's Composition, or from one of its own where the host composes elsewhere: that one is
-/// made when it is first needed, and has no payloads, as reading them is the stage's decision.
+/// A stage's local layer stack and the composition above it. Answers come from the host's
+/// Composition. If the host composes elsewhere, this creates one of its own when it is first
+/// needed, without payloads, because the stage decides which to load.
 class LocalStack {
 public:
     struct Layer {
         pxr::SdfLayerHandle layer;
-        pxr::SdfLayerOffset toStack;  ///< from the layer's time to the stage's
+        pxr::SdfLayerOffset toStack;  ///< from the layer's time to the stage's time
         bool ofSession = false;
     };
 
     explicit LocalStack(const StageHost& host);
 
-    /// Called for each SdfNotice::LayersDidChange.
+    /// Call for each SdfNotice::LayersDidChange.
     void follow(const pxr::SdfLayerChangeListVec& changes);
-    /// The host leaves out other layers than before.
+    /// Call when the host's muted layers have changed.
     void mutenessChanged();
 
     /// Strong to weak.
     [[nodiscard]] const std::vector<Layer>& layers();
     [[nodiscard]] const Layer* find(const pxr::SdfLayerHandle& layer);
-    /// By its identifier, or by a path as the root layer would name it.
+    /// Finds the layer by its identifier, or by a path as the root layer would write it.
     [[nodiscard]] LayerResult<Layer> named(const std::string& identifier);
     [[nodiscard]] double timeCodesPerSecond();
 
-    /// A place where the composed prim has opinions.
+    /// A place with opinions about the composed prim.
     struct Site {
         pxr::SdfPath path;
-        /// Null: the prim itself or one of its selected variants, in layers(). Otherwise it comes
-        /// by another arc.
+        /// Null: the prim itself or one of its selected variants, in layers(). Otherwise the layer
+        /// stack of another arc.
         const pxr::PcpLayerStack* foreign = nullptr;
     };
     /// Strong to weak. Valid until the next change.
@@ -57,7 +57,7 @@ private:
     const StageHost& host_;
     std::unique_ptr<stage::Composition> own_;
     std::vector<Layer> layers_;
-    std::uint64_t listed_ = 0;  // the revision that layers_ is of
+    std::uint64_t listed_ = 0;  // the revision that layers_ belongs to
 };
 
 }  // namespace usdlive::layers

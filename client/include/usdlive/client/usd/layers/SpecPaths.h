@@ -9,9 +9,9 @@
 
 namespace usdlive::layers {
 
-/// What linking or locking a path is about: a prim and its properties, with `hierarchy` also all
-/// below it; a property alone. "/" is the whole stage, but never among them itself. Fails for a
-/// path at which the stage has no prim or property.
+/// Returns the specs for linking or locking a path: a prim with its properties, with `hierarchy`
+/// also everything below; or a single property. "/" means the whole stage but is not returned
+/// itself. Fails if the stage has no prim or property at the path.
 [[nodiscard]] LayerResult<std::vector<pxr::SdfPath>> specsOf(const StageHost& host,
                                                              const pxr::SdfPath& path,
                                                              bool hierarchy);

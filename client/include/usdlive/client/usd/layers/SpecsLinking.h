@@ -9,12 +9,12 @@
 
 namespace usdlive::layers {
 
-/// Which layers the edits of a spec go to in the edit mode SpecsLinking. Kept in the root layer's
-/// customLayerData, `omni_layer:specs_linking` {spec path: [layers]}, so that links are shared live
-/// and survive.
+/// The layers that receive the edits of a spec in the edit mode SpecsLinking. Kept in the root
+/// layer's customLayerData, `omni_layer:specs_linking` {spec path: [layers]}, so that links are
+/// shared live and saved.
 ///
-/// Functions that change links return the specs whose links really changed. They fail for a path or
-/// layer that the stage does not have, and where the root layer takes no edits.
+/// Functions that change links return the specs whose links have changed. They fail for a path or
+/// layer that the stage does not have, and if the root layer accepts no edits.
 class SpecsLinking {
 public:
     using Paths = std::vector<pxr::SdfPath>;
@@ -32,14 +32,15 @@ public:
     [[nodiscard]] LayerResult<Links> specLinks(const pxr::SdfPath& path, bool hierarchy) const;
     [[nodiscard]] LayerResult<Paths> linksForLayer(const std::string& layer) const;
     [[nodiscard]] Links allLinks() const;
-    /// To any layer.
+    /// Returns true if the spec is linked to any layer.
     [[nodiscard]] bool isSpecLinked(const pxr::SdfPath& path) const;
     [[nodiscard]] bool isSpecLinkedTo(const pxr::SdfPath& path, const std::string& layer) const;
 
-    /// Where edits of the spec go: its own links, else those of its prim. None: it is not linked.
+    /// Returns the layers for edits of the spec: from its own links, otherwise from those of its
+    /// prim. Empty if it is not linked.
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layersFor(const pxr::SdfPath& spec) const;
 
-    /// The root layer's customLayerData has changed.
+    /// Call when the root layer's customLayerData has changed.
     void dataChanged();
 
 private:

@@ -14,13 +14,13 @@
 
 namespace usdlive::layers {
 
-/// Specs that take no edits. Kept in the root layer's customLayerData, `omni_layer:specs_locking`
-/// {spec path: who locked it}, so that locks are shared live and survive. A flat set of exact
-/// paths.
+/// The specs that accept no edits. Kept in the root layer's customLayerData,
+/// `omni_layer:specs_locking` {spec path: user who locked it}, so that locks are shared live and
+/// saved. A flat set of exact paths.
 ///
-/// An edit of a locked spec in any layer of the stack goes back with update(), to what the layer
-/// said when the lock came. A locked prim takes no new properties, and no new children where all
-/// children that it has are locked. What a live connection brings is what the project has, and
+/// update() takes back edits of locked specs in any layer of the stack, to the content at the time
+/// of the lock. A locked prim accepts no new properties, and no new children if all its existing
+/// children are locked. Edits from a live connection are part of the project and stay.
 /// stays.
 class SpecsLocking {
 public:
@@ -34,43 +34,45 @@ public:
 
     struct Unlocked {
         Paths specs;
-        /// Why not all was unlocked. In a live project a lock of somebody else stays, and this
-        /// names its holder.
+        /// The reason if not all specs were unlocked. In a live project the locks of others stay,
+        /// and this names their holder.
         std::optional<LayerError> refused;
     };
-    /// Specs that are not in the stage can be unlocked, too.
+    /// Can also unlock specs that are not on the stage.
     Unlocked unlockSpec(const pxr::SdfPath& path, bool hierarchy);
     Unlocked unlockAllSpecs();
     [[nodiscard]] Paths allLockedSpecs() const;
     [[nodiscard]] bool isSpecLocked(const pxr::SdfPath& path) const;
 
-    /// Why the spec takes no edits; nothing: it does.
+    /// Returns the reason why the spec accepts no edits, or nothing if it does.
     [[nodiscard]] std::optional<LayerError> whyLocked(const pxr::SdfPath& spec) const;
 
     // --- called by Layers
 
     void dataChanged();
     void layerChanged(const pxr::SdfLayerHandle& layer, const pxr::SdfChangeList& changes);
-    /// The stack has other layers than before.
+    /// Call when the layers of the stack have changed.
     void structureChanged();
-    /// Takes back what must not be, within the caller's change block. The delegate is not touched.
+    /// Takes back forbidden edits, within the caller's change block. Does not change the delegate.
     [[nodiscard]] std::vector<RefusedEdit> update(const pxr::SdfLayerHandle& delegate);
 
 private:
     using Table = std::map<pxr::SdfPath, UserName>;
     struct Shadow {
-        pxr::SdfLayerRefPtr content;  // what locked specs, and all below locked prims, should be
+        // the required content of locked specs and of everything below locked prims
+        pxr::SdfLayerRefPtr content;
         std::set<pxr::SdfPath> changed;
         std::set<pxr::SdfPath> applied;                // by the live connection
         std::map<pxr::SdfPath, pxr::SdfPath> renamed;  // from, to
-        std::set<pxr::SdfPath> added;                  // prims, wherever they stand
+        std::set<pxr::SdfPath> added;                  // added prims, at their present paths
     };
 
     [[nodiscard]] Table all() const;
     [[nodiscard]] bool isForeign(const UserName& owner) const;
     template <class Chosen>
     Unlocked unlock(Chosen chosen);
-    /// The prim or property at or above `path` that a locked prim did not have when it was locked.
+    /// Returns the prim or property at or above `path` that a locked prim did not have when it was
+    /// locked.
     [[nodiscard]] std::optional<pxr::SdfPath> additionAt(const pxr::SdfPath& path) const;
     [[nodiscard]] bool hadSpec(const pxr::SdfPath& path) const;
     [[nodiscard]] bool takesChildren(const pxr::SdfPath& prim) const;
@@ -97,11 +99,11 @@ private:
     LayersContext& context_;
     const UserName user_;
     Table locks_;
-    Table incoming_;  // in force when what was written before them is settled
-    std::map<std::string, Shadow> shadows_;  // by the layer's identifier
-    // Answers of takesChildren() since the last update().
+    Table incoming_;                         // take effect after earlier edits have been checked
+    std::map<std::string, Shadow> shadows_;  // keyed by the layer's identifier
+    // The results of takesChildren() since the last update().
     mutable std::map<pxr::SdfPath, bool> takesChildren_;
-    std::set<pxr::SdfPath> released_;  // properties that were unlocked under a prim that is locked
+    std::set<pxr::SdfPath> released_;  // properties that were unlocked below a locked prim
     bool structureKnown_ = false;
     bool changing_ = false;
     pxr::SdfLayerHandle delegate_;
