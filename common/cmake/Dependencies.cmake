@@ -1,5 +1,5 @@
-# Libraries of the system that have no usable CMake package of their own, and those that have.
-# Installed beside the package, too, which finds the same ones again.
+# Finds the libraries of the system, with or without a CMake package. Also installed beside
+# usdlive's package, which has to find the same libraries.
 include_guard()
 
 find_package(Threads REQUIRED)
@@ -10,7 +10,7 @@ find_package(tl-expected CONFIG REQUIRED)
 find_package(Boost 1.81 CONFIG REQUIRED)
 find_package(CycloneDDS 0.10 CONFIG REQUIRED)
 
-# Only the headers; the package of Debian wants its static library, too.
+# Only the headers, because Debian's package also requires the static library.
 find_path(USDLIVE_FLATBUFFERS_INCLUDE flatbuffers/flatbuffers.h REQUIRED)
 if(NOT TARGET usdlive::flatbuffers)
     add_library(usdlive::flatbuffers INTERFACE IMPORTED)

@@ -1,13 +1,14 @@
-# Installs the OpenUSD of the build beside the package, so that it works when the environments it came from are
-# gone: lib/usdlive holds the libraries and plugins of usd-core, and the headers of OpenUSD, TBB and Python that
-# ours include. InstalledOpenUsd.cmake finds them again. USDLIVE_USD_SITE, USDLIVE_USD_HEADERS and
-# USDLIVE_HEADERS_ENV come from OpenUsd.cmake.
+# Installs the build's OpenUSD beside the package, so that the package works without the build's
+# environments: lib/usdlive holds the libraries and plugins of usd-core, and the headers of OpenUSD,
+# TBB and Python that our headers include. InstalledOpenUsd.cmake finds them again. OpenUsd.cmake
+# sets USDLIVE_USD_SITE, USDLIVE_USD_HEADERS and USDLIVE_HEADERS_ENV.
 include_guard()
 
 set(USDLIVE_INSTALLED_USD ${CMAKE_INSTALL_LIBDIR}/usdlive)
 file(RELATIVE_PATH USDLIVE_FROM_PROGRAMS /${CMAKE_INSTALL_BINDIR} /${USDLIVE_INSTALLED_USD}/usd_core.libs)
 
-# What programs need. OpenUSD looks for its plugins at ../pxr/pluginfo of its libraries.
+# The libraries for programs. OpenUSD searches its plugins in ../pxr/pluginfo relative to its
+# libraries.
 function(usdlive_install_usd_libraries)
     install(DIRECTORY ${USDLIVE_USD_SITE}/usd_core.libs DESTINATION ${USDLIVE_INSTALLED_USD}
         USE_SOURCE_PERMISSIONS COMPONENT programs)
@@ -21,7 +22,7 @@ function(usdlive_install_usd_headers)
     foreach(include ${USDLIVE_USD_HEADERS})
         install(DIRECTORY ${include}/pxr DESTINATION ${folder})
     endforeach()
-    # The build's links to these headers are absolute; those of the package are not.
+    # The build's links to these headers are absolute; those of the package must not be.
     set(links ${PROJECT_BINARY_DIR}/openusd-installed)
     file(GLOB stock RELATIVE ${PROJECT_BINARY_DIR}/openusd ${PROJECT_BINARY_DIR}/openusd/pxr/*/*)
     foreach(link ${stock})
@@ -35,7 +36,7 @@ function(usdlive_install_usd_headers)
         DESTINATION ${folder})
     foreach(include ${Python_INCLUDE_DIRS})
         install(DIRECTORY ${include}/ DESTINATION ${folder}/python)
-        # Debian's pyconfig.h includes the one of the architecture by its path.
+        # Debian's pyconfig.h includes the file of the architecture by its path.
         get_filename_component(name ${include} NAME)
         set(arch ${CMAKE_LIBRARY_ARCHITECTURE}/${name})
         if(EXISTS /usr/include/${arch}/pyconfig.h)
@@ -44,7 +45,8 @@ function(usdlive_install_usd_headers)
     endforeach()
 endfunction()
 
-# usdlive_install_license(name file...): the licence of something that is copied, in a folder of its own.
+# usdlive_install_license(name file...): installs the licence of a copied component, in a folder of
+# its own.
 function(usdlive_install_license name component)
     foreach(pattern ${ARGN})
         file(GLOB files ${pattern})

@@ -1,9 +1,9 @@
 # Defines usdlive::openusd, the one OpenUSD of the build:
-# - by default the official wheel usd-core (libraries) with the headers of pxr-*-dev and of tbb-devel,
-#   found in two Python environments, USDLIVE_PRODUCT_ENV and USDLIVE_HEADERS_ENV. Without the first,
-#   usd-core is the one of the Python in use; without the second, such an environment is made;
-# - with USDLIVE_OPENUSD_ROOT a stock installation, as an editor brings it.
-# Sources include the stock paths (pxr/usd/sdf/layer.h) and say `pxr::` with either.
+# - by default the official wheel usd-core (libraries) with the headers of pxr-*-dev and tbb-devel,
+#   from two Python environments, USDLIVE_PRODUCT_ENV and USDLIVE_HEADERS_ENV. Without the first,
+#   the usd-core of the Python in use is taken. Without the second, such an environment is created;
+# - with USDLIVE_OPENUSD_ROOT a stock installation, for example that of an editor.
+# With either, sources include the stock paths (pxr/usd/sdf/layer.h) and write `pxr::`.
 include_guard()
 
 set(USDLIVE_HEADERS_ENV "" CACHE PATH "Python environment that holds pxr-*-dev and tbb-devel")
@@ -21,7 +21,7 @@ function(usdlive_openusd_from_stock)
     target_link_libraries(usdlive::openusd INTERFACE ${PXR_LIBRARIES})
 endfunction()
 
-# One file that matches, or an error that says what to do.
+# Finds exactly one matching file, or ends with an error that says what to do.
 function(usdlive_find_one out what)
     file(GLOB found ${ARGN})
     list(LENGTH found count)
@@ -32,7 +32,7 @@ function(usdlive_find_one out what)
     set(${out} ${found} PARENT_SCOPE)
 endfunction()
 
-# The site-packages in which usd-core is.
+# Finds the site-packages folder with usd-core.
 function(usdlive_usd_core_site out)
     if(USDLIVE_PRODUCT_ENV)
         set(${out} ${USDLIVE_PRODUCT_ENV}/${usdlive_site} PARENT_SCOPE)
@@ -48,8 +48,9 @@ function(usdlive_usd_core_site out)
     set(${out} ${site} PARENT_SCOPE)
 endfunction()
 
-# `pip install .` builds where tbb-devel cannot be a plain requirement (it wants a tbb that PyPI does not
-# have) and with pxr-pcp-dev the wrong TBB would come; so the closed list goes to an environment apart.
+# Creates an environment for the headers of a `pip install .` build. tbb-devel cannot be a plain
+# requirement (it requires a tbb that PyPI does not have), and pxr-pcp-dev would bring the wrong
+# TBB. So the complete list is installed without dependencies.
 function(usdlive_make_headers_env folder requirements)
     if(NOT EXISTS ${folder}/.complete)
         message(STATUS "Making the environment of OpenUSD's headers in ${folder}")
@@ -62,8 +63,8 @@ function(usdlive_make_headers_env folder requirements)
     endif()
 endfunction()
 
-# The wheels have pxr/sdf/layer.h where a stock OpenUSD has pxr/usd/sdf/layer.h: links in `folder` give
-# them the stock paths too.
+# The wheels have pxr/sdf/layer.h instead of pxr/usd/sdf/layer.h as in a stock OpenUSD. Links in
+# `folder` add the stock paths.
 function(usdlive_link_stock_paths folder)
     foreach(include ${ARGN})
         file(GLOB libraries ${include}/pxr/*)
@@ -91,7 +92,8 @@ function(usdlive_openusd_from_wheels)
     usdlive_find_one(usd "The library of usd-core" ${product}/usd_core.libs/libusd_ms-*.so)
     usdlive_find_one(tbb "TBB of usd-core" ${product}/usd_core.libs/libtbb-*.so.2)
     usdlive_find_one(layer "Headers of pxr-sdf-dev" ${headers}/pxr-sdf/include/pxr/sdf/layer.h)
-    # The headers of oneTBB, which pxr-tbb-dev would bring, crash with the TBB 2020 of usd-core.
+    # Programs with the headers of oneTBB, a dependency of pxr-tbb-dev, crash with the TBB 2020 of
+    # usd-core.
     usdlive_find_one(tbbVersion "Headers of tbb-devel 2020"
         ${USDLIVE_HEADERS_ENV}/include/tbb/tbb_stddef.h)
     file(GLOB includes ${headers}/pxr-*/include)
@@ -101,12 +103,12 @@ function(usdlive_openusd_from_wheels)
     target_include_directories(usdlive::openusd SYSTEM INTERFACE
         ${stock} ${includes} ${USDLIVE_HEADERS_ENV}/include ${Python_INCLUDE_DIRS})
     target_compile_definitions(usdlive::openusd INTERFACE TBB_SUPPRESS_DEPRECATED_MESSAGES=1)
-    # The order matters. A Python extension has the interpreter's symbols already.
+    # The order matters. A Python extension gets the interpreter's symbols from the process.
     target_link_libraries(usdlive::openusd INTERFACE ${tbb} ${usd}
         $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:${Python_LIBRARIES}>)
     target_link_options(usdlive::openusd INTERFACE -Wl,--no-as-needed -Wl,--disable-new-dtags)
 
-    # For InstallOpenUsd.cmake.
+    # Used by InstallOpenUsd.cmake.
     set(USDLIVE_SITE ${usdlive_site} PARENT_SCOPE)
     set(USDLIVE_USD_SITE ${product} PARENT_SCOPE)
     set(USDLIVE_USD_HEADERS ${includes} PARENT_SCOPE)
@@ -115,7 +117,7 @@ endfunction()
 
 if(NOT TARGET usdlive::openusd)
     add_library(usdlive::openusd INTERFACE IMPORTED GLOBAL)
-    # Headers of pxr include <ext/hash_map>, which warns.
+    # Headers of pxr include <ext/hash_map>, which causes a warning.
     target_compile_options(usdlive::openusd INTERFACE -Wno-deprecated)
     if(USDLIVE_OPENUSD_ROOT)
         usdlive_openusd_from_stock()

@@ -1,5 +1,5 @@
-# What is installed: inside a wheel the extension and the programs; else those programs and the C++ client as a CMake
-# package, with the OpenUSD they were built with.
+# The installation: in a wheel the extension and the programs, otherwise the programs and the C++
+# client as a CMake package, with the OpenUSD of the build.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
@@ -7,7 +7,8 @@ function(usdlive_install_wheel)
     set_target_properties(_usdlive PROPERTIES INSTALL_RPATH "$ORIGIN/../usd_core.libs")
     install(TARGETS _usdlive LIBRARY DESTINATION usdlive)
     install(FILES ${PROJECT_BINARY_DIR}/python/usdlive/_error_code.py DESTINATION usdlive)
-    # From bin/ of an environment, or of a system like Debian's, to the usd-core beside the package.
+    # The path from bin/ of an environment, or of a system like Debian's, to the usd-core beside the
+    # package.
     set(python lib/python${Python_VERSION_MAJOR}.${Python_VERSION_MINOR})
     set_target_properties(usdlive usdlive-server PROPERTIES INSTALL_RPATH
         "$ORIGIN/../${python}/site-packages/usd_core.libs;$ORIGIN/../${python}/dist-packages/usd_core.libs")

@@ -1,4 +1,4 @@
-# What a build can choose, and the compiler settings all our targets share.
+# The options of a build, and the compiler settings that all our targets share.
 
 option(USDLIVE_SERVER "Build the server" ON)
 option(USDLIVE_PYTHON "Build the Python extension" ON)
@@ -14,13 +14,14 @@ set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 if(NOT CMAKE_BUILD_TYPE)
     set(CMAKE_BUILD_TYPE Release CACHE STRING "Build type" FORCE)
 endif()
-# No NDEBUG: asserts are on in every build.
+# Without NDEBUG, because asserts are on in every build.
 set(CMAKE_CXX_FLAGS_RELEASE "-O2 -g1")
 set(CMAKE_CXX_FLAGS_DEBUG "-O0 -g")
 
-# ccache passes precompiled headers on only if told that their macros and times do not matter; and only by
-# the text of what they include (DEPEND): after the preprocessor, headers that differ in a comment are alike,
-# but to #pragma once they are not, and what is in the older one would be defined twice.
+# ccache reuses precompiled headers only if it ignores their macros and times, and only with hashes
+# of the text of their includes (DEPEND). After preprocessing, headers that differ in a comment are
+# identical, but #pragma once distinguishes them, and the definitions of the older one would be
+# repeated.
 find_program(USDLIVE_CCACHE ccache)
 if(USDLIVE_CCACHE AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
     set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env
@@ -41,17 +42,18 @@ endif()
 
 if(USDLIVE_SANITIZE)
     list(JOIN USDLIVE_SANITIZE "," sanitizers)
-    # -O1 would run faster, but takes twice as long to compile; the lines of a report need no more
-    # than -g1.
+    # -O1 would run faster but takes twice as long to compile. -g1 is enough for the lines of a
+    # report.
     add_compile_options(-fsanitize=${sanitizers} -fno-omit-frame-pointer -fno-sanitize-recover=all -g1)
     if(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
         add_compile_options(-fno-sanitize=function)  # clang 14 cannot compile coroutines with it
     endif()
     if(USDLIVE_SANITIZE STREQUAL "thread" AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-        add_compile_options(-Wno-tsan)  # OpenUSD's headers have fences, which TSan does not see
+        add_compile_options(-Wno-tsan)  # OpenUSD's headers have fences, which TSan does not support
     endif()
     add_link_options(-fsanitize=${sanitizers})
 endif()
 
-# All programs in one folder: `usdlive serve` looks for `usdlive-server` beside itself.
+# All programs are in one folder, because `usdlive serve` searches `usdlive-server` in its own
+# folder.
 set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)

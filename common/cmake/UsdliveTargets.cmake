@@ -1,22 +1,23 @@
-# Functions with which every folder becomes a target from all of its sources.
+# Functions that create a target from all sources of its folders.
 
 set(USDLIVE_WARNINGS -Wall -Wextra -Wpedantic -Werror)
 if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
-    # GCC 12 sees members of a std::variant's other alternatives, and writes past the end of a
-    # std::vector that insert() has just made larger.
+    # GCC 12 wrongly reports uses of a std::variant's other alternatives, and writes past the end of
+    # a std::vector after insert().
     list(APPEND USDLIVE_WARNINGS -Wno-maybe-uninitialized -Wno-stringop-overflow -Wno-array-bounds)
     if(CMAKE_UNITY_BUILD)
-        # What is private to one .cpp seems to be in a header where another one includes it.
+        # In a unity build, private parts of one .cpp seem to be in a header.
         list(APPEND USDLIVE_WARNINGS $<$<COMPILE_LANGUAGE:CXX>:-Wno-subobject-linkage>)
     endif()
 elseif(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
-    # Of the comparisons of TfWeakPtr, which C++20 can also read from right to left.
+    # Comparisons of TfWeakPtr, which C++20 can also reverse.
     list(APPEND USDLIVE_WARNINGS -Wno-ambiguous-reversed-operator)
 endif()
 
-# usdlive_library(name PUBLIC_INCLUDE dir FOLDERS folder...): a static library of all .cpp in the folders,
-# found again whenever one is added; of several a file where the preset says so. Without any, an INTERFACE library of the same name, so that the
-# others still link to it. Links are given with usdlive_link.
+# usdlive_library(name PUBLIC_INCLUDE dir FOLDERS folder...): a static library of all .cpp in the
+# folders, which are listed again when one is added. In a unity build several are compiled as one
+# file. Without any .cpp it is an INTERFACE library of that name, so that others can still link to
+# it. Links are added with usdlive_link.
 function(usdlive_library name)
     cmake_parse_arguments(ARG "" "PUBLIC_INCLUDE" "FOLDERS;SOURCES" ${ARGN})
     usdlive_sources(sources ${ARG_FOLDERS})
@@ -33,7 +34,8 @@ function(usdlive_library name)
         $<BUILD_INTERFACE:${ARG_PUBLIC_INCLUDE}> $<INSTALL_INTERFACE:include>)
 endfunction()
 
-# usdlive_link(name PUBLIC ... PRIVATE ...): target_link_libraries, also for a library without sources.
+# usdlive_link(name PUBLIC ... PRIVATE ...): target_link_libraries, also for a library without
+# sources.
 function(usdlive_link name)
     cmake_parse_arguments(ARG "" "" "PUBLIC;PRIVATE" ${ARGN})
     get_target_property(type ${name} TYPE)
@@ -44,8 +46,8 @@ function(usdlive_link name)
     endif()
 endfunction()
 
-# usdlive_executable(name FOLDERS folder... LINK library...): an executable of all .cpp in the folders;
-# none without any.
+# usdlive_executable(name FOLDERS folder... LINK library...): an executable of all .cpp in the
+# folders. Creates none without any .cpp.
 function(usdlive_executable name)
     cmake_parse_arguments(ARG "" "" "FOLDERS;SOURCES;LINK" ${ARGN})
     usdlive_sources(sources ${ARG_FOLDERS})
@@ -53,13 +55,13 @@ function(usdlive_executable name)
     if(sources)
         add_executable(${name} ${sources})
         target_compile_options(${name} PRIVATE ${USDLIVE_WARNINGS})
-        # Some take one file of a library anew.
+        # Some compile one file of a library again.
         set_target_properties(${name} PROPERTIES UNITY_BUILD OFF)
         target_link_libraries(${name} PRIVATE ${ARG_LINK})
     endif()
 endfunction()
 
-# All .cpp under the folders of the current source folder.
+# Lists all .cpp under folders of the current source folder.
 function(usdlive_sources out)
     set(patterns ${ARGN})
     list(TRANSFORM patterns PREPEND ${CMAKE_CURRENT_SOURCE_DIR}/)
@@ -71,7 +73,7 @@ function(usdlive_sources out)
     set(${out} ${sources} PARENT_SCOPE)
 endfunction()
 
-# What is included nearly everywhere.
+# The standard headers that are included nearly everywhere.
 set(USDLIVE_STD_HEADERS
     <algorithm> <functional> <map> <memory> <optional> <set> <span> <string> <string_view> <unordered_map>
     <variant> <vector>)
@@ -81,7 +83,7 @@ set(USDLIVE_PXR_HEADERS
     <pxr/base/vt/array.h> <pxr/base/vt/dictionary.h> <pxr/base/vt/value.h> <pxr/usd/sdf/layer.h>
     <pxr/usd/sdf/listOp.h> <pxr/usd/sdf/schema.h> <pxr/usd/sdf/types.h>)
 
-# usdlive_pch(name header...): the target's own precompiled header, which others may share.
+# usdlive_pch(name header...): creates the target's own precompiled header, which others may share.
 function(usdlive_pch name)
     get_target_property(type ${name} TYPE)
     if(NOT type STREQUAL "INTERFACE_LIBRARY")
@@ -90,7 +92,8 @@ function(usdlive_pch name)
     endif()
 endfunction()
 
-# usdlive_share_pch(owner name...): that of the owner, in targets whose compile options are the same.
+# usdlive_share_pch(owner name...): shares the owner's precompiled header with targets of the same
+# compile options.
 function(usdlive_share_pch owner)
     get_target_property(headers ${owner} PRECOMPILE_HEADERS)
     foreach(name ${ARGN})
@@ -104,7 +107,7 @@ function(usdlive_share_pch owner)
     endforeach()
 endfunction()
 
-# What shares a precompiled header is compiled alike: executables as libraries.
+# Targets that share a precompiled header need the same options: executables use those of libraries.
 function(usdlive_compile_alike name)
     get_target_property(type ${name} TYPE)
     if(type STREQUAL "EXECUTABLE")

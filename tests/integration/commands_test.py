@@ -381,7 +381,7 @@ def test_a_register_that_another_one_has_written_since_is_left():
     assert value.Get() == 2 and value.GetTimeSamples() == [2.0] and value.Get(2.0) == 7
     assert {(k.path, k.field, k.part) for k in kept} == {
         ("/A.x", "default", None), ("/A.x", "timeSamples", 2.0)}
-    assert "another one" in str(kept[0]) and "/A.x" in str(kept[0])
+    assert "another user" in str(kept[0]) and "/A.x" in str(kept[0])
 
 
 def test_other_keys_and_items_of_one_field_are_left():
@@ -438,7 +438,7 @@ def test_set_edit_target(ctx, stage, layer, caplog):
         run("SetEditTarget", layer_identifier=layer("weak").identifier)
         assert stage.GetEditTarget().GetLayer() == layer("weak")
     run("SetEditTarget", layer_identifier="none.usda")
-    assert "is no layer of this stage" in caplog.text
+    assert "is not a layer of this stage" in caplog.text
     assert stage.GetEditTarget().GetLayer() == layer("root")
     run("SetEditTarget", layer_identifier=layer("weak").identifier)
     stage.MuteLayer(layer("strong").identifier)
@@ -614,7 +614,7 @@ def test_merging_with_muted_or_missing_layers(ctx, stage, layer, caplog):
             assert list(root.subLayerPaths) == [left]
         stage.UnmuteLayer(muted.identifier)
     refused(caplog, "MergeLayers", "itself", **{**arguments, "src_layer_identifier": strong.identifier})
-    refused(caplog, "MergeLayers", "no sublayer", **{
+    refused(caplog, "MergeLayers", "not a sublayer", **{
         **arguments, "src_parent_layer_identifier": weak.identifier,
         "src_layer_identifier": strong.identifier, "dst_layer_identifier": weak.identifier})
 
@@ -701,7 +701,7 @@ def test_create_a_reference_in_one_layer(ctx, stage, layer, caplog):
         assert path == "/World/Cone_01" and stage.GetAttributeAtPath("/World/Cone_01.mass").Get() == 3
         assert "@./props/prop.usda@</Prop>" in weak.ExportToString()
         assert not layer("root").GetPrimAtPath(path)
-    refused(caplog, "CreateLayerReference", "no path", layer_identifier=weak.identifier, path_to="/World.x")
+    refused(caplog, "CreateLayerReference", "not the path", layer_identifier=weak.identifier, path_to="/World.x")
 
 
 def test_remove_prim_specs(ctx, stage, layer, caplog):
@@ -710,12 +710,12 @@ def test_remove_prim_specs(ctx, stage, layer, caplog):
         with Undone(stage):
             run("RemovePrimSpec", layer_identifier=root.identifier, prim_spec_path=paths)
             assert not root.GetPrimAtPath("/World/Ball") and layer("strong").GetPrimAtPath("/World/Ball")
-    for path, said in (("/World/None", "no prim"), ("no path", "no path"), ("/World.x", "no path")):
+    for path, said in (("/World/None", "no prim"), ("no path", "not the path"), ("/World.x", "not the path")):
         refused(caplog, "RemovePrimSpec", said, layer_identifier=root.identifier,
                 prim_spec_path=["/World/Ball", path])
     assert root.GetPrimAtPath("/World/Ball")
     layer("weak").SetPermissionToEdit(False)
-    refused(caplog, "RemovePrimSpec", "may not be edited", layer_identifier=layer("weak").identifier,
+    refused(caplog, "RemovePrimSpec", "does not permit edits", layer_identifier=layer("weak").identifier,
             prim_spec_path="/World/Ball")
     layer("weak").SetPermissionToEdit(True)
     layer("weak").customLayerData = {"omni_layer": {"locked": True}}
@@ -1008,7 +1008,7 @@ def test_undo_in_a_live_project_keeps_edits_of_others(live, caplog):
     with caplog.at_level(logging.WARNING):
         result = undo.undo("test")
     assert result and [kept.path for kept in result.kept] == ["/World/New"]
-    assert "another one" in caplog.text and "/World/New" in caplog.text
+    assert "another user" in caplog.text and "/World/New" in caplog.text
     assert stage.GetAttributeAtPath("/World/New.hers").Get() == 1 and not stage.GetPrimAtPath("/World/Mine")
     result = undo.undo("test")
     assert result and [kept.path for kept in result.kept] == ["/World/Ball"]
@@ -1044,9 +1044,9 @@ def test_a_live_layer_gets_layers_of_its_project_alone(live, caplog, tmp_path):
     root = context.get_stage().GetRootLayer().identifier
     (tmp_path / "own.usda").write_text("#usda 1.0\n")
     arguments = dict(layer_identifier=root, sublayer_position=0, transfer_root_content=False)
-    refused(caplog, "CreateSublayer", "has a path", new_layer_path="", create_or_insert=True,
+    refused(caplog, "CreateSublayer", "needs a path", new_layer_path="", create_or_insert=True,
             **arguments)
-    refused(caplog, "CreateSublayer", "no layer of the project", new_layer_path=str(tmp_path / "own.usda"),
+    refused(caplog, "CreateSublayer", "not a layer of the project", new_layer_path=str(tmp_path / "own.usda"),
             create_or_insert=False, **arguments)
     run("CreateSublayer", new_layer_path="props/prop.usda", create_or_insert=False, **arguments)
     assert "@./props/prop.usda@" in synced(context, ada)["root.usda"]
@@ -1067,6 +1067,6 @@ def test_a_live_layer_gets_a_new_layer_that_everybody_has(live, caplog, tmp_path
     assert context.live.flush()
     ada.run("assert live.wait(lambda: stage.GetPrimAtPath('/New'), 20)")
     refused(caplog, "CreateSublayer", "open it, or choose another name", new_layer_path="strong.usda", **arguments)
-    refused(caplog, "CreateSublayer", "cannot be made", new_layer_path=str(tmp_path.parent / "own.usda"), **arguments)
+    refused(caplog, "CreateSublayer", "cannot be created", new_layer_path=str(tmp_path.parent / "own.usda"), **arguments)
     assert undo.undo("test") and "new.usda" not in synced(context, ada)["root.usda"]
     assert undo.redo("test") and "@./fx/new.usda@" in synced(context, ada)["root.usda"]

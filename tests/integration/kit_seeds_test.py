@@ -317,7 +317,7 @@ def test_the_example_of_file_operations():
 
 def test_the_example_of_commands():
     assert run_example("commands.py").splitlines() == [
-        "sublayers: 1 edit target is the new one: True", "undone group and left to others: []",
+        "sublayers: 1 edit target is the new one: True", "undone group and not restored: []",
         "flattened: True"]
 
 

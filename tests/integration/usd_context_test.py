@@ -521,7 +521,7 @@ def test_saved_layers_are_those_of_the_local_stack(ctx, ball, tmp_path):
     assert (ok, error) == (True, "")
     assert sorted(saved) == sorted(layers[name].identifier for name in ("root", "sub"))
     assert layers["ball"].dirty and layers["locked"].dirty
-    for identifiers, said in (([layers["ball"].identifier], "no layer of the local"),
+    for identifiers, said in (([layers["ball"].identifier], "not a layer of the local"),
                               (["none.usda"], "none.usda"), ([layers["locked"].identifier], "is locked")):
         ok, error, saved = asyncio.run(ctx.save_layers_async("", identifiers))
         assert not ok and said in error and saved == []

@@ -156,7 +156,7 @@ void SimDds::clientWorks() {
     }
     const auto due = out_.take(now());
     for (const dds::Segment& segment : due) submit(segment, std::nullopt);
-    const auto missing = order_.toAsk(now());
+    const auto missing = order_.nextRequest(now());
     const bool ackDue = order_.ackDue() && *order_.ackDue() <= now();
     if (missing || ackDue) submit({}, missing);
     std::optional<dds::TimePoint> next;

@@ -8,7 +8,7 @@ stage = context.get_stage()
 stage.DefinePrim("/World/Ball", "Sphere")
 root = stage.GetRootLayer()
 
-# The content of the root layer moves to a new sublayer, and both commands are undone as one.
+# Moves the content of the root layer to a new sublayer, and undoes both commands as one.
 with omni.kit.undo.group():
     ok, sublayer = omni.kit.commands.execute(
         "CreateSublayer", layer_identifier=root.identifier, sublayer_position=0, new_layer_path="",
@@ -20,7 +20,7 @@ print("sublayers:", len(root.subLayerPaths), "edit target is the new one:",
 
 result = omni.kit.undo.undo()
 assert result and root.GetPrimAtPath("/World/Ball")
-print("undone", result.name, "and left to others:", list(result.kept))
+print("undone", result.name, "and not restored:", list(result.kept))
 omni.kit.undo.redo()
 omni.kit.commands.execute("FlattenLayers")
 print("flattened:", not root.subLayerPaths and bool(root.GetPrimAtPath("/World/Ball")))

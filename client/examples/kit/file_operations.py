@@ -19,7 +19,7 @@ async def main() -> None:
         assert result, err
         print("saved", [os.path.basename(layer) for layer in saved_layers])
 
-        # What cannot be opened comes back with the reason; nothing is raised.
+        # An error is returned with its reason; nothing is raised.
         success, error = await context.open_stage_async(os.path.join(folder, "missing.usd"))
         assert not success and "missing.usd" in error
         print("not opened:", os.path.basename(error))

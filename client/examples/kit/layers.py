@@ -1,4 +1,4 @@
-"""Kit's programming guide to omni.kit.usd.layers: states, and what tells of them."""
+"""Kit's programming guide to omni.kit.usd.layers: states and their events."""
 
 import carb.events
 import omni

@@ -1,4 +1,5 @@
-"""Opens a live layer, adds a prim of one's own and has the server save it:
+"""Opens a live layer, adds a prim and saves the layer on the server:
+
     python live.py usdlive://127.0.0.1:7447/shot.usda ada
 """
 
@@ -14,7 +15,7 @@ async def main(url: str, user: str) -> None:
     if not success:
         raise SystemExit(f"{url} did not open: {error}")
     prim = context.get_stage().DefinePrim(f"/{user}", "Xform")
-    for frame in range(30):  # ordinary frames: what others do arrives, what is authored here is sent
+    for frame in range(30):  # ordinary frames: receive the edits of others, send own edits
         prim.SetCustomDataByKey("frame", frame)
         await omni.kit.app.get_app().next_update_async()
     (result, err, saved_layers) = await context.save_stage_async()

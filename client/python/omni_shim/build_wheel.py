@@ -1,4 +1,4 @@
-"""Makes the wheel: the files of src/ at its root. A build backend (PEP 517) that needs nothing but Python."""
+"""Builds the wheel: the files of src/ at its root. A build backend (PEP 517) without dependencies."""
 
 from __future__ import annotations
 

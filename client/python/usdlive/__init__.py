@@ -16,7 +16,8 @@ USD_CORE_VERSION = "26.8"
 
 
 def _check_usd() -> None:
-    """The extension is built against one release of usd-core; say so instead of crashing."""
+    """The extension is built against one release of usd-core. Raises an error for any other one, because it
+    would crash."""
     wanted = f"usdlive needs usd-core=={USD_CORE_VERSION}"
     try:
         found = importlib.metadata.version("usd-core")
@@ -28,7 +29,7 @@ def _check_usd() -> None:
 
 _check_usd()
 
-from pxr import Sdf as _Sdf  # noqa: E402,F401 - loads usd-core's library, which the extension uses
+from pxr import Sdf as _Sdf  # loads usd-core's library, which the extension uses
 
 from . import events  # noqa: E402
 from ._usdlive import __version__  # noqa: E402

@@ -1,11 +1,11 @@
-"""The one exception of the package."""
+"""The exception of the package."""
 
 
 class Error(RuntimeError):
-    """Something usdlive refused or could not do.
+    """An operation that usdlive refused or could not perform.
 
-    `code` is the name of an ErrorCode ("layerNotFound"), the same in C++, on the wire and here; a newer
-    server may have others. `message` says in one sentence what and where.
+    `code` is the name of an ErrorCode ("layerNotFound"), the same in C++ and on the wire. A newer server may
+    send others. `message` says in one sentence what failed and where.
     """
 
     def __init__(self, code: str, message: str):

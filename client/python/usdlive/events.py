@@ -1,4 +1,4 @@
-"""What happens to a live project, as plain values. `Live.events()` yields them, handlers get them."""
+"""The events of a live project, as plain values. `Live.events()` yields them, and handlers receive them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import time
 class Edit:
     """One change of one register or of the namespace.
 
-    `kind` is create, delete, move, place, set or erase. `part` says which part of a field is meant: a
-    dictionary key path, the time of a sample, a list item or a map key; None is the whole field.
+    `kind` is create, delete, move, place, set or erase. `part` is the changed part of the field: a dictionary
+    key path, the time of a sample, a list item or a map key. None is the whole field.
     """
 
     kind: str
@@ -38,14 +38,14 @@ class Disconnected:
 
 @dataclasses.dataclass(frozen=True)
 class LayersChanged:
-    """The project has other layers than before: these are all of them now."""
+    """The list of the project's layers has changed. `layers` is the new list."""
 
     layers: tuple[str, ...]
 
 
 @dataclasses.dataclass(frozen=True)
 class Joining:
-    """A layer is on its way; `specs` of `specs_total` are here."""
+    """A layer is being received. `specs` of `specs_total` have arrived."""
 
     layer: str
     specs: int
@@ -67,7 +67,7 @@ class JoinFailed:
 
 @dataclasses.dataclass(frozen=True)
 class Unsent:
-    """Edits that the server has not acknowledged. `time` of the newest, in seconds since 1970; `file`: the
+    """Edits that the server has not acknowledged. `time`: of the newest, in seconds since 1970. `file`: the
     journal that keeps them."""
 
     id: str
@@ -89,10 +89,10 @@ class Unsent:
 
 @dataclasses.dataclass(frozen=True)
 class Committed:
-    """Somebody's edits (also one's own, by `client`) are in the project. `time` in seconds since 1970.
-    `conflated`: so many commits before this one are in it, too, because this client fell behind: the edits
-    are then of several users ("") and without what was written again. `missed`: a commit of one's own
-    that was made while the connection was lost; it comes after Connected, though it is older."""
+    """A user's edits were committed, possibly one's own (see `client`). `time`: seconds since 1970.
+    `conflated`: the number of earlier commits that this one includes, because this client has fallen behind.
+    Its edits are then of several users ("") and without registers that were written again. `missed`: one's own
+    commit from while the connection was lost. It arrives after Connected, although it is older."""
 
     revision: int
     user: str
@@ -105,10 +105,10 @@ class Committed:
 
 @dataclasses.dataclass(frozen=True)
 class Lost:
-    """Work of one's own that is not in the project, and why (M12). `refused`: a whole transaction.
-    `index`: for `Live.lost_work_as_layer()`; it never changes. `count`: what is refused again and
-    again (a tool that writes one attribute every frame into a locked layer) is told once a second;
-    this is the newest of so many. All of them are kept."""
+    """One's own work that is not in the project, with the reason (M12). `refused`: a whole transaction.
+    `index`: the constant number for `Live.lost_work_as_layer()`. `count`: the number of refusals that this
+    event stands for. A tool that writes to a locked layer every frame causes one event per second, for the
+    newest refusal. All refused work is kept."""
 
     code: str
     message: str
@@ -127,7 +127,7 @@ class PreviewChanged:
 
 @dataclasses.dataclass(frozen=True)
 class Saved:
-    """Layers are in their files; `failed` has (layer, code, message). `request`: the number that
+    """Layers were written to their files. `failed` has (layer, code, message). `request`: the number that
     `Live.request_save()` returned."""
 
     revision: int
@@ -138,7 +138,7 @@ class Saved:
 
 @dataclasses.dataclass(frozen=True)
 class Reloaded:
-    """Layers are as their files were, by commits up to `revision`; `failed` as in Saved."""
+    """Layers were replaced by the content of their files, with commits up to `revision`. `failed` as in Saved."""
 
     revision: int
     reloaded: tuple[str, ...]
@@ -148,7 +148,7 @@ class Reloaded:
 
 @dataclasses.dataclass(frozen=True)
 class Checkpoint:
-    """A named revision of the project. `time` in seconds since 1970."""
+    """A named revision of the project. `time`: seconds since 1970."""
 
     name: str
     revision: int
@@ -170,7 +170,8 @@ class CheckpointsListed:
 
 @dataclasses.dataclass(frozen=True)
 class LayerMade:
-    """A new layer is in the project; `request` is of the connection that made it."""
+    """A new layer was created in the project. `request`: the number of its request, for the connection that
+    created it."""
 
     request: int
     layer: str
@@ -178,7 +179,7 @@ class LayerMade:
 
 @dataclasses.dataclass(frozen=True)
 class SkippedListed:
-    """(path, reason) of files that are not served, at most 1,000 of `count`."""
+    """The files that are not served, as (path, reason); at most 1,000 of `count`."""
 
     request: int
     count: int
@@ -187,9 +188,10 @@ class SkippedListed:
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """How far something is that takes long, about twice a second. `task`: "import" (the server reads the file of
-    `layer`, told once), "save" (`done` of `total` layers, now `layer`; `request` as of `Saved`), "upload" (bytes of
-    big values) or "fetch" (specs). `total` 0: not known. A layer on its way here is told by `Joining`."""
+    """The progress of a slow operation, about twice a second. `task`: "import" (the server reads the file of
+    `layer`; sent once), "save" (`done` of `total` layers, now `layer`; `request` as in `Saved`), "upload"
+    (bytes of big values) or "fetch" (specs). `total`: 0 if unknown. A layer that is being received sends
+    `Joining` instead."""
 
     task: str
     layer: str
@@ -200,7 +202,7 @@ class Progress:
 
 @dataclasses.dataclass(frozen=True)
 class ServerError:
-    """`request`: the number of the request it answers, None where it answers none."""
+    """An error of the server. `request`: the number of the failed request, or None if there was none."""
 
     code: str
     message: str
@@ -209,11 +211,11 @@ class ServerError:
 
 @dataclasses.dataclass(frozen=True)
 class LayerState:
-    """What is known of a layer beside its content. `revision`: the newest that had changed it when this
-    was told, `saved`: the one in its file; 0 when unknown. `dirty`: differs from its file. `outdated`: the
-    file was changed behind the server. `globally_muted`: on the stages of a layer that somebody has opened.
-    `writable` and `owner` are the file's, for the server. `holder`: of the lock, "" where nobody is named.
-    `locked_at` in seconds since 1970, 0.0 when unknown. `editors`: who has it open."""
+    """The state of a layer besides its content. `revision`: the newest one that had changed it, `saved`: the
+    one in its file; both 0 if unknown. `dirty`: it differs from its file. `outdated`: the file was changed by
+    another program than the server. `globally_muted`: on the stages of a layer that somebody has opened.
+    `writable` and `owner`: of the file on the server. `holder`: of the lock, "" if the lock names none.
+    `locked_at`: seconds since 1970, 0.0 if unknown. `editors`: the users who have it open."""
 
     layer: str
     revision: int = 0
@@ -231,8 +233,8 @@ class LayerState:
 
 @dataclasses.dataclass(frozen=True)
 class Presence:
-    """Where somebody is. `camera`: a matrix of 16 numbers by rows, or None; `data`: free text (JSON);
-    `colour`: the user's, the same everywhere (red, green and blue from 0 to 1)."""
+    """The selection, camera and time of a user. `camera`: a matrix of 16 numbers by rows, or None. `data`: free
+    text (JSON). `colour`: the user's colour, the same on every client (red, green and blue from 0 to 1)."""
 
     client: str
     user: str
@@ -252,7 +254,7 @@ class LayerStatesChanged:
 
 @dataclasses.dataclass(frozen=True)
 class PresenceChanged:
-    """Others are elsewhere, or gone (by client)."""
+    """The presence of others has changed. `gone`: the ids of clients that left."""
 
     shown: tuple[Presence, ...]
     gone: tuple[str, ...]
@@ -260,8 +262,8 @@ class PresenceChanged:
 
 @dataclasses.dataclass(frozen=True)
 class UnsentFound:
-    """There is work that an earlier connection (or this one, which was closed meanwhile) could not send. It is
-    kept on this machine: see `Live.unsent_work()`."""
+    """There is work that an earlier connection, or this one before it was closed, could not send. It is kept on
+    this machine; see `Live.unsent_work()`."""
 
     work: tuple[Unsent, ...]
 
@@ -281,7 +283,7 @@ _TYPES = {
 
 
 def _from_dictionary(values: dict) -> Event:
-    """An event as the extension gives it."""
+    """Returns an event from the extension's dictionary."""
     kind = _TYPES[values.pop("event")]
     if "edits" in values:
         values["edits"] = tuple(Edit(**edit) for edit in values["edits"])

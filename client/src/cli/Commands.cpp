@@ -173,7 +173,7 @@ Result<std::string> shown(const Commit& commit, Link& link, const CommitView& vi
 // Commits up to this revision were removed.
 Revision baseOf(const Link& link) { return link.welcome().base.value_or(0); }
 
-void tellOfBase(Revision base) {
+void warnOfBase(Revision base) {
     if (base > 0)
         std::cerr
             << "usdlive: the history begins at revision " << base
@@ -199,7 +199,7 @@ Result<void> showLatest(Link& link, std::size_t limit, const CommitView& view) {
         to = from - 1;
     }
     for (const auto& text : texts) std::cout << text;
-    if (texts.size() < limit) tellOfBase(base);
+    if (texts.size() < limit) warnOfBase(base);
     return {};
 }
 

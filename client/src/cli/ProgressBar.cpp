@@ -10,7 +10,7 @@ namespace usdlive::cli {
 
 namespace {
 
-constexpr std::chrono::seconds kPatience{1};
+constexpr std::chrono::seconds kDrawDelay{1};
 constexpr std::size_t kWidth = 24;
 
 std::string barOf(std::uint64_t done, std::uint64_t total) {
@@ -23,12 +23,12 @@ std::string barOf(std::uint64_t done, std::uint64_t total) {
 }  // namespace
 
 void ProgressBar::show(std::string_view what, std::uint64_t done, std::uint64_t total, Time now) {
-    if (now - begin_ < kPatience) return;
+    if (now - begin_ < kDrawDelay) return;
     out_ << "\r\x1b[K" << what << " " << (total > 0 ? barOf(done, total) : "...") << std::flush;
     drawn_ = true;
 }
 
-void ProgressBar::wipe() {
+void ProgressBar::erase() {
     if (drawn_) out_ << "\r\x1b[K" << std::flush;
     drawn_ = false;
 }

@@ -16,13 +16,13 @@ public:
     using Time = std::chrono::steady_clock::time_point;
 
     ProgressBar(std::ostream& out, Time begin) : out_(out), begin_(begin) {}
-    ~ProgressBar() { wipe(); }
+    ~ProgressBar() { erase(); }
     ProgressBar(const ProgressBar&) = delete;
     ProgressBar& operator=(const ProgressBar&) = delete;
 
     /// `what` is a short text without control characters; `total` is 0 if unknown.
     void show(std::string_view what, std::uint64_t done, std::uint64_t total, Time now);
-    void wipe();
+    void erase();
 
 private:
     std::ostream& out_;

@@ -74,12 +74,12 @@ void CommitOrder::look(dds::TimePoint now) {
     missing_ = next_;
 }
 
-std::optional<CommitOrder::Range> CommitOrder::toAsk(dds::TimePoint now) {
+std::optional<CommitOrder::Range> CommitOrder::nextRequest(dds::TimePoint now) {
     look(now);
     const auto due = deadline();
     if (!due || now < *due) return std::nullopt;
-    const Range range{next_, std::min(lastMissing(), next_ + kAsked - 1)};
-    asked_ = range.to;
+    const Range range{next_, std::min(lastMissing(), next_ + kRequestCommits - 1)};
+    requestedTo_ = range.to;
     missingSince_ = now;
     return range;
 }
@@ -87,8 +87,8 @@ std::optional<CommitOrder::Range> CommitOrder::toAsk(dds::TimePoint now) {
 std::optional<dds::TimePoint> CommitOrder::deadline() const {
     if (!missingSince_) return std::nullopt;
     // All requested commits have arrived, and more are missing.
-    const bool answered = asked_ != 0 && asked_ + 1 == next_;
-    return answered ? *missingSince_ : *missingSince_ + kPatience;
+    const bool answered = requestedTo_ != 0 && requestedTo_ + 1 == next_;
+    return answered ? *missingSince_ : *missingSince_ + kRequestDelay;
 }
 
 }  // namespace usdlive::client

@@ -109,7 +109,7 @@ public:
     /// Call when DDS reports that the server is lost. `replaced`: another server has taken its
     /// place.
     void doubt(TimePoint now, bool replaced) {
-        if (replaced || now - heard_ >= kDoubtTime) end("the server has gone");
+        if (replaced || now - lastReceived_ >= kDoubtTime) end("the server has gone");
     }
 
     /// Sends only the queued messages from now on, then the goodbye.
@@ -127,7 +127,8 @@ public:
         takeCommits();
         takeNews(now);
         deliver(now);
-        if (now - heard_ >= (generation_ == 0 ? seconds(kConnectTimeout) : seconds(kPeerTime)))
+        if (now - lastReceived_ >=
+            (generation_ == 0 ? seconds(kConnectTimeout) : seconds(kPeerTime)))
             end("the server does not answer");
         if (leaveBy_ && (out_.isEmpty() || now >= *leaveBy_)) end("left");
         if (reason_) return acknowledgeGoodbye(now);
@@ -138,7 +139,7 @@ public:
 
     /// Returns the time when work() is due even if nothing is received.
     [[nodiscard]] TimePoint deadline() const {
-        TimePoint earliest = spoke_ + (generation_ == 0 ? milliseconds(kAskPause) : kKeepAlive);
+        TimePoint earliest = lastSent_ + (generation_ == 0 ? milliseconds(kAskPause) : kKeepAlive);
         for (const auto& due : {out_.deadline(), order_.deadline(), leaveBy_, order_.ackDue(),
                                 besideIn_.ackDue(), news_.deadline()})
             if (due) earliest = std::min(earliest, *due);
@@ -156,7 +157,7 @@ private:
     void takeReplies(TimePoint now) {
         replies_.take([&](const dds::ReplySample& sample, const dds::SampleInfo& info) {
             if (!isOurs(sample, info)) return;
-            heard_ = now;
+            lastReceived_ = now;
             if (generation_ == 0) generation_ = mailbox_.opened();
             if (out_.acknowledged(sample.ackSubmit, now)) noteAcknowledged();
             order_.sent(sample.afterCommit);
@@ -176,7 +177,7 @@ private:
     void takeBeside(TimePoint now) {
         beside_.take([&](const dds::BesideSample& sample, const dds::SampleInfo& info) {
             if (!isOurs(sample, info) || sample.number == 0) return;
-            heard_ = now;
+            lastReceived_ = now;
             besideIn_.received(segmentOf(sample), now);
         });
     }
@@ -245,7 +246,7 @@ private:
     }
 
     void ask(TimePoint now) {
-        if (now < spoke_ + kAskPause) return;
+        if (now < lastSent_ + kAskPause) return;
         dds::SubmitSample sample{};
         sample.flags = dds::kAnswer;
         write(sample, now);
@@ -260,12 +261,12 @@ private:
             sample.frames = dds::octets(segment.bytes);
             write(sample, now);
         }
-        const auto missing = order_.toAsk(now);
+        const auto missing = order_.nextRequest(now);
         const auto isDue = [now](const std::optional<TimePoint>& due) {
             return due && now >= *due;
         };
         if (!missing && !isDue(order_.replies().ackDue()) && !isDue(besideIn_.ackDue()) &&
-            now < spoke_ + kKeepAlive)
+            now < lastSent_ + kKeepAlive)
             return;
         dds::SubmitSample sample{};
         if (missing) {
@@ -290,7 +291,7 @@ private:
         sample.ackBeside = besideIn_.taken();
         order_.replies().ackSent();
         besideIn_.ackSent();
-        spoke_ = now;
+        lastSent_ = now;
         // A sample that DDS does not accept is sent again like an unacknowledged one.
         static_cast<void>(writer_.write(sample));
     }
@@ -312,8 +313,8 @@ private:
     std::size_t unacknowledged_ = 0;  // bytes of the mailbox's messages in out_
     std::uint64_t generation_ = 0;
     std::optional<Error> reason_;
-    TimePoint heard_ = steady_clock::now();
-    TimePoint spoke_;
+    TimePoint lastReceived_ = steady_clock::now();
+    TimePoint lastSent_;
     std::optional<TimePoint> leaveBy_;
 };
 

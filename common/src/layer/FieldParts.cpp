@@ -17,7 +17,7 @@ namespace {
 
 using Samples = std::vector<std::pair<double, Value>>;
 
-tl::unexpected<Error> misfit(const std::string& field, const char* problem) {
+tl::unexpected<Error> invalidEdit(const std::string& field, const char* problem) {
     return fail(ErrorCode::InvalidEdit, "the edit of the field " + inQuotes(field) + " " + problem);
 }
 
@@ -213,13 +213,13 @@ bool sameItem(const Value& left, const Value& right) {
 }
 
 Result<void> checkSet(bool pseudoRoot, const SetField& set) {
-    if (set.field.empty()) return misfit(set.field, "has no field name");
+    if (set.field.empty()) return invalidEdit(set.field, "has no field name");
     if (isChildrenField(set.field))
-        return misfit(set.field, "sets a list of children, which follows from the specs");
+        return invalidEdit(set.field, "sets a list of children, which follows from the specs");
     if (pseudoRoot && set.field == "timeCodesPerSecond") return checkTimeCodes(set);
     const char* problem =
         std::visit([&](const auto& part) { return problemOf(part, set); }, set.part);
-    if (problem) return misfit(set.field, problem);
+    if (problem) return invalidEdit(set.field, problem);
     return {};
 }
 
@@ -231,17 +231,17 @@ bool makesOver(const SetField& set) {
 }
 
 Result<void> checkAuthored(const SetField& set) {
-    if (set.field.ends_with("Children")) return misfit(set.field, "sets a list of children");
+    if (set.field.ends_with("Children")) return invalidEdit(set.field, "sets a list of children");
     return {};
 }
 
 Result<void> checkErase(const EraseField& erase) {
-    if (erase.field.empty()) return misfit(erase.field, "has no field name");
+    if (erase.field.empty()) return invalidEdit(erase.field, "has no field name");
     const auto* key = std::get_if<DictionaryKey>(&erase.part);
-    if (key && key->path.empty()) return misfit(erase.field, "has no dictionary key");
+    if (key && key->path.empty()) return invalidEdit(erase.field, "has no dictionary key");
     const auto* item = std::get_if<ListItem>(&erase.part);
     if (item && std::size_t(item->list) >= kListNames)
-        return misfit(erase.field, "names a list that does not exist");
+        return invalidEdit(erase.field, "names a list that does not exist");
     return {};
 }
 

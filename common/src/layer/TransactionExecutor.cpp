@@ -164,7 +164,7 @@ private:
 
     // ED8-ED10: refuses edits that no file can hold, drops edits for an attribute of another type,
     // and turns content without meaning into an erase.
-    Attempt<void> mindFiles(const Address& submitted, Edit& edit) {
+    Attempt<void> applyFileRules(const Address& submitted, Edit& edit) {
         const std::string_view field = fieldOf(edit.action);
         if (field.empty()) return {};
         const LayerDoc& doc = layers_.find(edit.layer)->second;
@@ -232,7 +232,7 @@ private:
 
     // M13: the author created a spec that somebody else has created meanwhile. Sets the field to
     // the merged content of both, which the commit then contains.
-    void mergeWithWhatWasThere(const Address& submitted, Edit& edit) {
+    void mergeWithExisting(const Address& submitted, Edit& edit) {
         auto* set = std::get_if<SetField>(&edit.action);
         if (merged_.empty() || !set || !std::holds_alternative<std::monostate>(set->part)) return;
         const LayerDoc& doc = layers_.find(edit.layer)->second;
@@ -258,8 +258,8 @@ private:
             if (!parent) return tl::unexpected(parent.error());
             move->parent = {*std::move(parent), {}};
         }
-        if (auto proper = mindFiles(edit.address, done.edit); !proper) return proper;
-        mergeWithWhatWasThere(edit.address, done.edit);
+        if (auto proper = applyFileRules(edit.address, done.edit); !proper) return proper;
+        mergeWithExisting(edit.address, done.edit);
         auto applied =
             layers_.find(edit.layer)
                 ->second.apply(done.edit.address.path, done.edit.action, LayerDoc::By::Author);

@@ -182,28 +182,29 @@ void SdfLayerStore::Delegate::renewTargets(const Path& path, const TargetFields&
 
 // ------------------------------------------------------------------ hooks
 
-void SdfLayerStore::Delegate::tellField(const Path& path, const Token& field) {
-    auto* observer = told(path);
+void SdfLayerStore::Delegate::notifyField(const Path& path, const Token& field) {
+    auto* observer = observerOf(path);
     if (!observer) return;
     if (!isStructural(field)) return observer->fieldChanged(path, field);
     if (field == pxr::SdfFieldKeys->SubLayerOffsets)
         return observer->fieldChanged(path, pxr::SdfFieldKeys->SubLayers);
-    tellChildren(path, field, false);
+    notifyChildren(path, field, false);
 }
 
-void SdfLayerStore::Delegate::tellArray(const Path& path, const Token& field,
-                                        std::optional<double> time, const pxr::VtValue& value) {
+void SdfLayerStore::Delegate::notifyArray(const Path& path, const Token& field,
+                                          std::optional<double> time, const pxr::VtValue& value) {
     if (!value.IsArrayValued()) return;
-    if (auto* observer = told(path)) observer->arrayWritten(path, field, time, value);
+    if (auto* observer = observerOf(path)) observer->arrayWritten(path, field, time, value);
 }
-void SdfLayerStore::Delegate::tellArray(const Path& path, const Token& field,
-                                        std::optional<double> time, const ConstValue& value) {
+void SdfLayerStore::Delegate::notifyArray(const Path& path, const Token& field,
+                                          std::optional<double> time, const ConstValue& value) {
     pxr::VtValue taken;
-    if (told(path) && value.GetValue(&taken)) tellArray(path, field, time, taken);
+    if (observerOf(path) && value.GetValue(&taken)) notifyArray(path, field, time, taken);
 }
 
-void SdfLayerStore::Delegate::tellChildren(const Path& parent, const Token& field, bool appended) {
-    auto* observer = told(parent);
+void SdfLayerStore::Delegate::notifyChildren(const Path& parent, const Token& field,
+                                             bool appended) {
+    auto* observer = observerOf(parent);
     const bool ofModel = std::ranges::any_of(
         kChildLists, [&](ChildList list) { return childrenField(list) == field; });
     if (observer && ofModel) observer->childrenChanged(parent, field, appended);
@@ -221,80 +222,80 @@ void SdfLayerStore::Delegate::_OnSetLayer(const pxr::SdfLayerHandle& layer) {
 void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
                                           const pxr::VtValue& value) {
     Base::_OnSetField(path, field, value);
-    tellArray(path, field, std::nullopt, value);
-    tellField(path, field);
+    notifyArray(path, field, std::nullopt, value);
+    notifyField(path, field);
 }
 void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
                                           const ConstValue& value) {
     Base::_OnSetField(path, field, value);
-    tellArray(path, field, std::nullopt, value);
-    tellField(path, field);
+    notifyArray(path, field, std::nullopt, value);
+    notifyField(path, field);
 }
 
 void SdfLayerStore::Delegate::_OnSetFieldDictValueByKey(const Path& path, const Token& field,
                                                         const Token& key,
                                                         const pxr::VtValue& value) {
     Base::_OnSetFieldDictValueByKey(path, field, key, value);
-    if (auto* observer = told(path)) observer->dictionaryKeyChanged(path, field, key);
+    if (auto* observer = observerOf(path)) observer->dictionaryKeyChanged(path, field, key);
 }
 void SdfLayerStore::Delegate::_OnSetFieldDictValueByKey(const Path& path, const Token& field,
                                                         const Token& key, const ConstValue& value) {
     Base::_OnSetFieldDictValueByKey(path, field, key, value);
-    if (auto* observer = told(path)) observer->dictionaryKeyChanged(path, field, key);
+    if (auto* observer = observerOf(path)) observer->dictionaryKeyChanged(path, field, key);
 }
 
 void SdfLayerStore::Delegate::_OnSetTimeSample(const Path& path, double time,
                                                const pxr::VtValue& value) {
     Base::_OnSetTimeSample(path, time, value);
-    tellArray(path, pxr::SdfFieldKeys->TimeSamples, time, value);
-    if (auto* observer = told(path)) observer->timeSampleChanged(path, time);
+    notifyArray(path, pxr::SdfFieldKeys->TimeSamples, time, value);
+    if (auto* observer = observerOf(path)) observer->timeSampleChanged(path, time);
 }
 void SdfLayerStore::Delegate::_OnSetTimeSample(const Path& path, double time,
                                                const ConstValue& value) {
     Base::_OnSetTimeSample(path, time, value);
-    tellArray(path, pxr::SdfFieldKeys->TimeSamples, time, value);
-    if (auto* observer = told(path)) observer->timeSampleChanged(path, time);
+    notifyArray(path, pxr::SdfFieldKeys->TimeSamples, time, value);
+    if (auto* observer = observerOf(path)) observer->timeSampleChanged(path, time);
 }
 
 void SdfLayerStore::Delegate::_OnCreateSpec(const Path& path, pxr::SdfSpecType type, bool inert) {
     Base::_OnCreateSpec(path, type, inert);
-    auto* observer = told(path);
+    auto* observer = observerOf(path);
     if (observer && specKind(type)) observer->specCreated(path, type);
 }
 
 void SdfLayerStore::Delegate::_OnDeleteSpec(const Path& path, bool inert) {
     Base::_OnDeleteSpec(path, inert);
     waiting.specDeleted(path);
-    auto* observer = told(path);
+    auto* observer = observerOf(path);
     if (observer && kind(path)) observer->specDeleted(path);
 }
 
 void SdfLayerStore::Delegate::_OnMoveSpec(const Path& from, const Path& to) {
     Base::_OnMoveSpec(from, to);
     waiting.specMoved(from, to);
-    auto* observer = told(from);
+    auto* observer = observerOf(from);
     if (observer && kind(from)) observer->specMoved(from, to);
 }
 
 void SdfLayerStore::Delegate::_OnPushChild(const Path& parent, const Token& field,
                                            const Token& child) {
     Base::_OnPushChild(parent, field, child);
-    tellChildren(parent, field, true);
+    notifyChildren(parent, field, true);
 }
 void SdfLayerStore::Delegate::_OnPushChild(const Path& parent, const Token& field,
                                            const Path& child) {
     Base::_OnPushChild(parent, field, child);
-    tellChildren(parent, field, true);
+    notifyChildren(parent, field, true);
 }
 void SdfLayerStore::Delegate::_OnPopChild(const Path& parent, const Token& field,
                                           const Token& child) {
     Base::_OnPopChild(parent, field, child);
-    tellChildren(parent, field, false);
+    notifyChildren(parent, field, false);
 }
 void SdfLayerStore::Delegate::_OnPopChild(const Path& parent, const Token& field,
                                           const Path& child) {
     Base::_OnPopChild(parent, field, child);
-    tellChildren(parent, field, false);
+    notifyChildren(parent, field, false);
 }
 
 }  // namespace usdlive::usd

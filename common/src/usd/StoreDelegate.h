@@ -121,16 +121,16 @@ protected:
 private:
     /// Returns the observer of writes to this path, or nullptr. Specs below targets follow from
     /// list ops.
-    [[nodiscard]] LayerWriteObserver* told(const Path& path) const {
+    [[nodiscard]] LayerWriteObserver* observerOf(const Path& path) const {
         if (!observer_ || path.ContainsTargetPath()) return nullptr;
         return applying_ && std::this_thread::get_id() == thread_ ? nullptr : observer_;
     }
-    void tellField(const Path& path, const Token& field);
-    void tellArray(const Path& path, const Token& field, std::optional<double> time,
-                   const pxr::VtValue& value);
-    void tellArray(const Path& path, const Token& field, std::optional<double> time,
-                   const ConstValue& value);
-    void tellChildren(const Path& parent, const Token& field, bool appended);
+    void notifyField(const Path& path, const Token& field);
+    void notifyArray(const Path& path, const Token& field, std::optional<double> time,
+                     const pxr::VtValue& value);
+    void notifyArray(const Path& path, const Token& field, std::optional<double> time,
+                     const ConstValue& value);
+    void notifyChildren(const Path& parent, const Token& field, bool appended);
     [[nodiscard]] std::optional<TargetFields> targetsOf(const Path& path, const Token& field) const;
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);
     void onLayerChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&) { added.clear(); }

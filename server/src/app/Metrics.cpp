@@ -49,9 +49,9 @@ MetricFamily ignoredSamples(const Transports& transports) {
                         "DDS samples ignored because they are invalid",
                         MetricType::Counter,
                         {}};
-    for (std::size_t index = 0; index < kOddities; ++index) {
+    for (std::size_t index = 0; index < kIgnoreReasons; ++index) {
         ClientMetric metric;
-        metric.label = {{"reason", std::string(nameOf(Oddity(index)))}};
+        metric.label = {{"reason", std::string(nameOf(IgnoreReason(index)))}};
         for (const auto& [transport, counters] : transports)
             metric.counter.value += double(counters.ignored[index]);
         family.metric.push_back(std::move(metric));

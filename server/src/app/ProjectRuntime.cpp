@@ -82,8 +82,8 @@ Result<void> ProjectRuntime::start(ProjectSetup setup) {
         .failed =
             [this](Error error, CommitStore::Head head) {
                 strand_.post([this, error = std::move(error), head](Project& project) {
-                    if (!storage_.goOn()) return;  // the project was created again meanwhile
-                    history_.thrownAway();
+                    if (!storage_.resume()) return;  // the project was created again meanwhile
+                    history_.dropped();
                     project.appendFailed(error, head);
                 });
             },
@@ -180,8 +180,8 @@ void ProjectRuntime::startAgain() {
     outbox_.closeAll(Error{ErrorCode::Internal, std::string(errorText(ErrorCode::Internal))});
     storage_.flush([this] {
         asio::post(network_, [this] {
-            history_.thrownAway();
-            storage_.goOn();
+            history_.dropped();
+            storage_.resume();
             makeProjectAgain();
         });
     });

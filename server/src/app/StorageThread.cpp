@@ -46,7 +46,7 @@ void StorageThread::append(CommitRecord commit) {
     if (wakes) changed_.notify_all();
 }
 
-bool StorageThread::goOn() {
+bool StorageThread::resume() {
     const std::lock_guard lock(mutex_);
     return std::exchange(throwingAway_, false);
 }

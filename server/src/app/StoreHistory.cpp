@@ -52,7 +52,7 @@ void StoreHistory::appended(Revision upTo) {
         intake_.endStore(appending_.extract(appending_.begin()).mapped());
 }
 
-void StoreHistory::thrownAway() {
+void StoreHistory::dropped() {
     for (const auto& [revision, bytes] : std::exchange(appending_, {})) intake_.endStore(bytes);
 }
 

@@ -80,19 +80,19 @@ Result<void> syncFolder(const std::filesystem::path& path) {
     return syncFile(*folder, path);
 }
 
-namespace sealedfile {
+namespace checkedfile {
 
-Bytes seal(ByteView content) {
-    Bytes sealed(content.begin(), content.end());
-    appendBytes(sealed, sha256(content).bytes);
-    return sealed;
+Bytes encode(ByteView content) {
+    Bytes encoded(content.begin(), content.end());
+    appendBytes(encoded, sha256(content).bytes);
+    return encoded;
 }
 
-std::optional<Bytes> unseal(ByteView sealed) {
-    constexpr std::size_t kSealBytes = sizeof(Hash);
-    if (sealed.size() < kSealBytes) return std::nullopt;
-    const ByteView content = sealed.first(sealed.size() - kSealBytes);
-    if (!std::ranges::equal(sha256(content).bytes, sealed.last(kSealBytes))) return std::nullopt;
+std::optional<Bytes> decode(ByteView encoded) {
+    constexpr std::size_t kSumBytes = sizeof(Hash);
+    if (encoded.size() < kSumBytes) return std::nullopt;
+    const ByteView content = encoded.first(encoded.size() - kSumBytes);
+    if (!std::ranges::equal(sha256(content).bytes, encoded.last(kSumBytes))) return std::nullopt;
     return Bytes(content.begin(), content.end());
 }
 
@@ -100,8 +100,8 @@ std::optional<Bytes> read(const std::filesystem::path& path) {
     std::error_code missing;
     const auto size = std::filesystem::file_size(path, missing);
     const auto file = missing ? Result<File>() : openFile(path, O_RDONLY);
-    const auto sealed = missing || !file ? Result<Bytes>() : readAt(*file, 0, size, path);
-    return sealed ? unseal(*sealed) : std::nullopt;
+    const auto encoded = missing || !file ? Result<Bytes>() : readAt(*file, 0, size, path);
+    return encoded ? decode(*encoded) : std::nullopt;
 }
 
 Result<void> replace(const std::filesystem::path& path, ByteView content) {
@@ -109,7 +109,7 @@ Result<void> replace(const std::filesystem::path& path, ByteView content) {
     const auto file = openFile(draft, O_WRONLY | O_CREAT | O_TRUNC);
     if (!file) return tl::unexpected(file.error());
     const auto written =
-        writeAt(*file, 0, seal(content), draft).and_then([&] { return syncFile(*file, draft); });
+        writeAt(*file, 0, encode(content), draft).and_then([&] { return syncFile(*file, draft); });
     if (!written) {
         ::unlink(draft.c_str());
         return written;
@@ -119,5 +119,5 @@ Result<void> replace(const std::filesystem::path& path, ByteView content) {
     return syncFolder(path.parent_path());
 }
 
-}  // namespace sealedfile
+}  // namespace checkedfile
 }  // namespace usdlive::server

@@ -48,16 +48,16 @@ private:
 [[nodiscard]] Result<void> syncFolder(const std::filesystem::path& path);
 
 /// Files with a checksum: their content, then its SHA-256.
-namespace sealedfile {
+namespace checkedfile {
 
-[[nodiscard]] Bytes seal(ByteView content);
+[[nodiscard]] Bytes encode(ByteView content);
 /// Returns nothing if the bytes are damaged.
-[[nodiscard]] std::optional<Bytes> unseal(ByteView sealed);
+[[nodiscard]] std::optional<Bytes> decode(ByteView encoded);
 inline constexpr const char* kDraft = ".new";  ///< suffix of the name while a file is being written
 /// Returns nothing if the file is missing or damaged.
 [[nodiscard]] std::optional<Bytes> read(const std::filesystem::path& path);
 /// Writes the file durably. After an error it has its old content.
 [[nodiscard]] Result<void> replace(const std::filesystem::path& path, ByteView content);
 
-}  // namespace sealedfile
+}  // namespace checkedfile
 }  // namespace usdlive::server

@@ -255,7 +255,7 @@ Result<std::size_t> RocksCommitStore::keepSnapshot(const LayerId& layer, const L
         for (const Revision older : olderSnapshots(number)) removeSnapshot(number, older);
     if (!fits(content.size())) return full();
     keepOlder(number, revision);
-    if (auto done = sealedfile::replace(folder_.snapshot(number), content); !done)
+    if (auto done = checkedfile::replace(folder_.snapshot(number), content); !done)
         return tl::unexpected(done.error());
     newest = revision;
     return size = content.size();

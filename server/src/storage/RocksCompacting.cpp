@@ -99,8 +99,8 @@ Result<std::optional<RocksCommitStore::LayerBase>> RocksCommitStore::makeBase(
     if (const Space space = measureSpace(); space.usable < space.least + kCopies * content.size())
         return fail(ErrorCode::StorageFull, "too little space for the base of " + layer.value);
     const auto path = folder_.base(known.number, to.revision);
-    if (auto done = sealedfile::replace(path, content); !done) return tl::unexpected(done.error());
-    const auto written = sealedfile::read(path);
+    if (auto done = checkedfile::replace(path, content); !done) return tl::unexpected(done.error());
+    const auto written = checkedfile::read(path);
     const auto again = written ? decodeSnapshot(*written) : std::nullopt;
     if (!again || again->revision != made.revision || again->hash != made.hash ||
         !(again->doc == made.doc))

@@ -154,7 +154,7 @@ std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(std::uint32_t layer,
 
 std::optional<LayerSnapshot> RocksCommitStore::readSnapshot(
     const std::filesystem::path& path) const {
-    const auto content = sealedfile::read(path);
+    const auto content = checkedfile::read(path);
     auto snapshot = content ? decodeSnapshot(*content) : std::nullopt;
     if (!snapshot) return std::nullopt;
     snapshot->bytes = content->size();
@@ -175,7 +175,7 @@ Result<std::optional<LayerSnapshot>> RocksCommitStore::readBaseOf(const LayerId&
     }
     if (of.revision == 0) return std::optional<LayerSnapshot>();
     const auto path = folder_.base(number, of.revision);
-    const auto content = sealedfile::read(path);
+    const auto content = checkedfile::read(path);
     auto found =
         content && sha256(*content) == of.content ? decodeSnapshot(*content) : std::nullopt;
     if (!found)

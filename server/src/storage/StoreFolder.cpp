@@ -29,7 +29,7 @@ Result<StoreFolder> StoreFolder::open(const std::filesystem::path& path) {
     std::error_code ignored;  // unfinished drafts only take space
     for (const auto& files : {folder.snapshots(), folder.bases()})
         for (const auto& entry : std::filesystem::directory_iterator(files, ignored))
-            if (entry.path().extension() == sealedfile::kDraft)
+            if (entry.path().extension() == checkedfile::kDraft)
                 std::filesystem::remove(entry.path(), ignored);
     auto mark = openFile(path / "head", O_RDWR | O_CREAT);
     if (!mark) return tl::unexpected(mark.error());
@@ -56,15 +56,15 @@ Result<void> StoreFolder::takeFormat() {
     Bytes content;
     appendNumber<std::uint32_t>(content, kFormat);
     format_ = kFormat;
-    return sealedfile::replace(path_ / "format", content);
+    return checkedfile::replace(path_ / "format", content);
 }
 
 Result<void> StoreFolder::checkFormat() {
     const auto name = path_ / "format";
     if (!std::filesystem::exists(name) && !std::filesystem::exists(database())) return takeFormat();
     const auto file = openFile(name, O_RDONLY);
-    const auto sealed = file ? readAt(*file, 0, kMostBytes, name) : Result<Bytes>(Bytes());
-    const auto content = sealed ? sealedfile::unseal(*sealed) : std::nullopt;
+    const auto encoded = file ? readAt(*file, 0, kMostBytes, name) : Result<Bytes>(Bytes());
+    const auto content = encoded ? checkedfile::decode(*encoded) : std::nullopt;
     if (!content)
         return fail(ErrorCode::StorageCorrupt, "the format of the store is unknown: " +
                                                    name.string() + " is missing or damaged");
@@ -84,8 +84,8 @@ bool StoreFolder::isThere() const {
 }
 
 std::optional<StoreFolder::Mark> StoreFolder::mark() const {
-    const auto sealed = readAt(mark_, 0, kMostBytes, path_ / "head");
-    const auto content = sealed ? sealedfile::unseal(*sealed) : std::nullopt;
+    const auto encoded = readAt(mark_, 0, kMostBytes, path_ / "head");
+    const auto content = encoded ? checkedfile::decode(*encoded) : std::nullopt;
     if (!content) return std::nullopt;
     ByteReader in(*content);
     Mark mark;
@@ -100,7 +100,7 @@ void StoreFolder::setMark(const Mark& mark) {
     Bytes content;
     appendNumber<Revision>(content, mark.revision);
     appendBytes(content, mark.hash.bytes);
-    (void)writeAt(mark_, 0, sealedfile::seal(content), path_ / "head");
+    (void)writeAt(mark_, 0, checkedfile::encode(content), path_ / "head");
 }
 
 }  // namespace usdlive::server

@@ -131,7 +131,7 @@ public:
     const TransportCounters& counters() const override {
         counters_ = DdsHub::counters;
         counters_.connections = sessions_.size();
-        counters_.ignored = odd_.counts();
+        counters_.ignored = ignored_.counts();
         for (const auto& [id, session] : sessions_) counters_.queuedBytes += session->queuedBytes();
         return counters_;
     }
@@ -204,7 +204,7 @@ public:
         stopDeadline_ = steady_clock::now() + time;
         closeAll(why);
         wakeBy(steady_clock::now() + kStoppingSweep);
-        tellStopped();
+        notifyStopped();
     }
 
     Carrier carrier() const override { return Carrier::Dds; }
@@ -216,10 +216,10 @@ public:
         asio::post(io, whileAlive(life_, [this] { flush(); }));
     }
 
-    void ignored(Oddity oddity, const Submit& submit) override {
-        if (!odd_.add(oddity, submit.participant)) return;
+    void ignored(IgnoreReason reason, const Submit& submit) override {
+        if (!ignored_.add(reason, submit.participant)) return;
         log.write(LogLevel::Warning, "samples ignored",
-                  {{"from", dds::textOf(submit.participant)}, {"reason", nameOf(oddity)}});
+                  {{"from", dds::textOf(submit.participant)}, {"reason", nameOf(reason)}});
     }
 
     void finished(DdsSession& session) override {
@@ -230,7 +230,7 @@ public:
         sessions_.erase(entry);
         const auto client = clients_.find(session.client());
         if (client != clients_.end() && client->second == session.id()) clients_.erase(client);
-        tellStopped();
+        notifyStopped();
     }
 
 private:
@@ -248,19 +248,20 @@ private:
     // --- Receiving
 
     void received(Submit submit) {
-        if (const auto oddity = oddityOf(submit)) return ignored(*oddity, submit);
+        if (const auto reason = ignoreReasonOf(submit)) return ignored(*reason, submit);
         if (const auto session = sessionOf(submit)) session->received(std::move(submit));
     }
 
     /// DD13: returns the reason for ignoring the sample, if any.
-    std::optional<Oddity> oddityOf(const Submit& submit) const {
-        if (submit.protocol != dds::kDdsProtocol) return Oddity::OtherProtocol;
-        if (submit.isTooLarge) return Oddity::Malformed;
+    std::optional<IgnoreReason> ignoreReasonOf(const Submit& submit) const {
+        if (submit.protocol != dds::kDdsProtocol) return IgnoreReason::OtherProtocol;
+        if (submit.isTooLarge) return IgnoreReason::Malformed;
         const auto entry = clients_.find(submit.client);
         if (entry != clients_.end() && find(entry->second)->participant() != submit.participant)
-            return Oddity::OtherClient;
+            return IgnoreReason::OtherClient;
         // Samples of an ended session may still arrive.
-        if (!opens(submit) && !greeted_.contains(submit.participant)) return Oddity::NotGreeted;
+        if (!opens(submit) && !knownParticipants_.contains(submit.participant))
+            return IgnoreReason::NotGreeted;
         return std::nullopt;
     }
 
@@ -277,12 +278,13 @@ private:
     }
 
     /// Remembers the participant. Drops those without a session if there are too many.
-    void greeted(const OddSamples::Participant& participant) {
-        if (greeted_.size() >= 2 * options.maxSessions) {
-            greeted_.clear();
-            for (const auto& [id, session] : sessions_) greeted_.insert(session->participant());
+    void remember(const IgnoredSamples::Participant& participant) {
+        if (knownParticipants_.size() >= 2 * options.maxSessions) {
+            knownParticipants_.clear();
+            for (const auto& [id, session] : sessions_)
+                knownParticipants_.insert(session->participant());
         }
-        greeted_.insert(participant);
+        knownParticipants_.insert(participant);
     }
 
     static bool opens(const Submit& submit) {
@@ -299,7 +301,7 @@ private:
             sessions_.emplace(++lastSession_, session);
             clients_[submit.client] = lastSession_;
             ++DdsHub::counters.accepted;
-            greeted(submit.participant);
+            remember(submit.participant);
             session->start();
             return session;
         } catch (const std::runtime_error& fault) {
@@ -383,7 +385,7 @@ private:
         static_cast<void>(projectWriter_.write(projectSample()));
     }
 
-    void tellStopped() {
+    void notifyStopped() {
         if (stopped_ && sessions_.empty()) asio::post(io, std::exchange(stopped_, nullptr));
     }
 
@@ -391,8 +393,9 @@ private:
     std::unordered_map<SessionId, std::shared_ptr<DdsSession>> sessions_;
     std::unordered_map<std::uint64_t, SessionId> clients_;
     std::vector<std::shared_ptr<DdsSession>> toFlush_, flushing_, gone_;
-    std::set<OddSamples::Participant> greeted_;  // participants that have or had a session
-    OddSamples odd_;
+    std::set<IgnoredSamples::Participant>
+        knownParticipants_;  // participants that have or had a session
+    IgnoredSamples ignored_;
     mutable TransportCounters counters_;  // some are computed when they are requested
 
     Revision revision_, announced_ = 0;

@@ -55,7 +55,7 @@ public:
 
     std::uint64_t client() const override { return client_; }
     std::uint64_t connection() const override { return connection_; }
-    const OddSamples::Participant& participant() const override { return participant_; }
+    const IgnoredSamples::Participant& participant() const override { return participant_; }
 
     void start() override {
         hub_.log.write(LogLevel::Info, "session opened", {{"session", id()}, {"from", "dds"}});
@@ -65,14 +65,14 @@ public:
     void received(Submit submit) override {
         if (state() == State::Closed) return;
         const TimePoint now = steady_clock::now();
-        heard_ = now;
+        lastReceived_ = now;
         answer_ = answer_ || submit.answer;
         hub_.counters.bytesIn += submit.segment.bytes.size();
         const bool reply = replies_.acknowledged(submit.ackReply, now);
         const bool beside = beside_.acknowledged(submit.ackBeside, now);
         if (reply || beside) left();
         if (submit.segment.sequence != 0 && !submits_.received(submit.segment, now))
-            hub_.ignored(Oddity::Malformed, submit);
+            hub_.ignored(IgnoreReason::Malformed, submit);
         if (submit.resendFrom != 0) resend(submit.resendFrom, submit.resendTo);
         deliver();
         flushLater();
@@ -131,7 +131,7 @@ public:
         for (const dds::Segment& segment : replies_.take(now)) write(segment);
         for (const dds::Segment& segment : beside_.take(now)) writeBeside(segment);
         const auto ackDue = submits_.ackDue();
-        if (answer_ || (ackDue && now >= *ackDue) || now >= spoke_ + kKeepAlive) write({});
+        if (answer_ || (ackDue && now >= *ackDue) || now >= lastSent_ + kKeepAlive) write({});
         if (state() == State::Closing && replies_.isEmpty()) end("closed", LogLevel::Debug);
     }
 
@@ -141,14 +141,14 @@ public:
             return since && now - *since >= hub_.options.slowReaderTime;
         };
         if (sweepGoodbye(now) || !isOpen()) return;
-        if (now - heard_ >= hub_.options.peerTime)
+        if (now - lastReceived_ >= hub_.options.peerTime)
             end("the client sent nothing for too long", LogLevel::Info);
         else if (stalled(replies_) || stalled(beside_))
             endSlowReader("it did not read for too long");
     }
 
     TimePoint deadline() const override {
-        TimePoint earliest = spoke_ + kKeepAlive;
+        TimePoint earliest = lastSent_ + kKeepAlive;
         for (const auto& due : {replies_.deadline(), beside_.deadline(), submits_.ackDue()})
             if (due) earliest = std::min(earliest, *due);
         return earliest;
@@ -217,7 +217,7 @@ private:
         sample.ackSubmit = submits_.taken();
         submits_.ackSent();
         answer_ = false;
-        spoke_ = steady_clock::now();
+        lastSent_ = steady_clock::now();
         count(sample.frames._length);
         // A sample that DDS does not accept is sent again like an unacknowledged one.
         static_cast<void>(writers_->reply.write(sample));
@@ -279,13 +279,13 @@ private:
 
     DdsHub& hub_;
     const std::uint64_t client_, connection_;
-    const OddSamples::Participant participant_;
+    const IgnoredSamples::Participant participant_;
     std::shared_ptr<Writers> writers_;
 
     dds::SegmentReceiver submits_;
     bool reading_ = true;
     bool answer_ = false;  // the client waits for a sign of life
-    TimePoint heard_ = steady_clock::now();
+    TimePoint lastReceived_ = steady_clock::now();
 
     dds::SegmentSender replies_, beside_;
     std::uint64_t streamEnd_ = 0;  // total bytes pushed
@@ -293,7 +293,7 @@ private:
     Revision lastCommit_ = 0;      // last commit sent to it, individually or to all
     bool live_ = false;
     bool flushing_ = false;  // flush() is requested and has not run yet
-    TimePoint spoke_;
+    TimePoint lastSent_;
 };
 
 }  // namespace

@@ -12,7 +12,7 @@
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
 #include "usdlive/server/transport/DdsServer.h"
-#include "usdlive/server/transport/OddSamples.h"
+#include "usdlive/server/transport/IgnoredSamples.h"
 #include "usdlive/server/transport/SentCommits.h"
 
 namespace usdlive::server {
@@ -21,7 +21,7 @@ class DdsSession;
 
 /// A Submit sample that was copied out of DDS.
 struct Submit {
-    OddSamples::Participant participant{};
+    IgnoredSamples::Participant participant{};
     std::uint8_t protocol = 0;
     std::uint64_t client = 0, connection = 0;
     std::uint64_t ackReply = 0, ackBeside = 0;
@@ -44,7 +44,7 @@ public:
     /// Called when the session has ended; the hub forgets it.
     virtual void finished(DdsSession& session) = 0;
     /// Counts an ignored sample, and logs the first one of a participant (DD13).
-    virtual void ignored(Oddity oddity, const Submit& submit) = 0;
+    virtual void ignored(IgnoreReason reason, const Submit& submit) = 0;
 
 protected:
     DdsHub(boost::asio::io_context& io, DdsServerOptions options, SessionHandler& handler,
@@ -63,7 +63,7 @@ public:
     [[nodiscard]] virtual std::uint64_t client() const = 0;
     [[nodiscard]] virtual std::uint64_t connection() const = 0;
     /// Returns the only participant that may send for this client.
-    [[nodiscard]] virtual const OddSamples::Participant& participant() const = 0;
+    [[nodiscard]] virtual const IgnoredSamples::Participant& participant() const = 0;
 
     /// Reports the new session to the handler.
     virtual void start() = 0;

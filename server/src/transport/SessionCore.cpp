@@ -18,7 +18,7 @@ constexpr std::chrono::milliseconds kCloseTime{5'000};
 
 }  // namespace
 
-void SessionHub::tellClosed(SessionId session) {
+void SessionHub::notifyClosed(SessionId session) {
     boost::asio::post(io, whileAlive(life_, [this, session] { handler.closed(session); }));
 }
 
@@ -50,7 +50,7 @@ bool SessionCore::admit(std::size_t bytes) {
 
 bool SessionCore::congested() {
     if (!isOpen() || waitingBytes() <= Transport::kCongestedBytes) return false;
-    tellDrained_ = true;
+    notifyDrained_ = true;
     return true;
 }
 
@@ -60,8 +60,8 @@ void SessionCore::sendBeside(FrameSource source) {
 }
 
 void SessionCore::left() {
-    if (tellDrained_ && waitingBytes() <= Transport::kCongestedBytes) {
-        tellDrained_ = false;
+    if (notifyDrained_ && waitingBytes() <= Transport::kCongestedBytes) {
+        notifyDrained_ = false;
         guarded([this] { core_.handler.drained(id_); });
     }
     sources_->produce();
@@ -79,7 +79,7 @@ void SessionCore::close(const std::optional<Error>& why) {
             {{"session", id_}, {"code", errorName(why->code)}, {"reason", why->message}});
     else
         core_.log.write(LogLevel::Info, "session closed", {{"session", id_}});
-    core_.tellClosed(id_);
+    core_.notifyClosed(id_);
     if (why) queue(errorFrame(*why));
     beginGoodbye(why);
 }
@@ -104,7 +104,7 @@ void SessionCore::endSlowReader(std::string_view reason) {
 void SessionCore::end(std::string_view reason, LogLevel level) {
     if (state_ == State::Closed) return;
     const State before = std::exchange(state_, State::Closed);
-    if (before == State::Open) core_.tellClosed(id_);
+    if (before == State::Open) core_.notifyClosed(id_);
     if (before != State::Closing)
         core_.log.write(level, "session ended", {{"session", id_}, {"reason", reason}});
     sources_->clear();

@@ -23,7 +23,7 @@ public:
     TransportCounters counters;
 
     /// Notifies the handler of the closed session, later in this turn of the event loop.
-    void tellClosed(SessionId session);
+    void notifyClosed(SessionId session);
 
 protected:
     SessionHub(boost::asio::io_context& io, SessionHandler& handler, Background background,
@@ -106,7 +106,7 @@ private:
     const SessionId id_;
     State state_;
     QueueLimit limit_;
-    bool tellDrained_ = false;
+    bool notifyDrained_ = false;
     std::chrono::steady_clock::time_point closeDeadline_;
     const std::shared_ptr<FrameSources> sources_;
 };

@@ -105,7 +105,7 @@ public:
         stopDeadline_ = steady_clock::now() + time;
         closeAll(why);
         sweepLater();
-        tellStopped();
+        notifyStopped();
     }
 
     // Implements WebSocketHub.
@@ -118,7 +118,7 @@ public:
     void finished(WebSocketSession& session) override {
         sessions_.erase(session.id());
         WebSocketHub::counters.connections = sessions_.size();
-        tellStopped();
+        notifyStopped();
     }
 
 private:
@@ -177,7 +177,7 @@ private:
         sweepLater();
     }
 
-    void tellStopped() {
+    void notifyStopped() {
         if (stopped_ && sessions_.empty()) asio::post(io, std::exchange(stopped_, nullptr));
     }
 

@@ -1,7 +1,8 @@
-"""`import omni` without Kit: usdlive's modules under Kit's names.
+"""`import omni` without Kit: provides usdlive's modules under Kit's names.
 
-`omni.x` is the module `usdlive.omni.x` itself, and `carb.events` has the event type. Where there is a real `carb`,
-there is Kit, and nothing is done but saying so. Nothing of usdlive is loaded before somebody imports `omni`.
+`omni.x` is the module `usdlive.omni.x` itself, and `carb.events` has the event type. If the real `carb` exists,
+this is Kit, and the modules are left to it with a warning. Nothing of usdlive is loaded before somebody imports
+`omni`.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ import types
 import typing
 import warnings
 
-# What a script finds after `import omni` alone, as within Kit.
+# The modules that exist after `import omni` alone, as in Kit.
 _READY = ["usd", "kit.app", "kit.commands", "kit.undo", "kit.usd.layers"]
 
 
 class _Alias(importlib.abc.Loader):
-    """The module is one that exists."""
+    """Returns an existing module for another name."""
 
     def __init__(self, module: types.ModuleType):
         self._module = module
@@ -31,12 +32,12 @@ class _Alias(importlib.abc.Loader):
         return self._module
 
     def exec_module(self, module: types.ModuleType) -> None:
-        module.__spec__ = self._spec  # the import system has just written the alias's
+        module.__spec__ = self._spec  # the import system has just replaced it
 
 
 class _Finder(importlib.abc.MetaPathFinder):
-    """The first that is asked, since our packages would otherwise be loaded once more under the other name; it
-    leaves what is really there alone."""
+    """The first finder, because our packages would otherwise be loaded again under the other name. Ignores
+    modules that exist."""
 
     _kit_is_here: bool | None = None
 
@@ -48,7 +49,7 @@ class _Finder(importlib.abc.MetaPathFinder):
         parent = sys.modules.get(name.rpartition(".")[0])
         ours = parent is not None and parent.__name__.startswith(("usdlive.", "carb"))
         if not ours and importlib.machinery.PathFinder.find_spec(name, path):
-            return None  # another distribution's part of `omni`
+            return None  # part of `omni` from another distribution
         module = _carb(name) if top == "carb" else _omni(name)
         return importlib.util.spec_from_loader(name, _Alias(module)) if module else None
 
@@ -64,7 +65,7 @@ class _Finder(importlib.abc.MetaPathFinder):
 
 
 def _omni(name: str) -> types.ModuleType | None:
-    """None for what usdlive has not; what is wrong within a module is raised."""
+    """Returns None for modules that usdlive does not have. Errors inside a module are raised."""
     ours = "usdlive." + name
     try:
         module = importlib.import_module(ours)
@@ -80,7 +81,7 @@ def _omni(name: str) -> types.ModuleType | None:
 
 @functools.cache
 def _carb(name: str) -> types.ModuleType | None:
-    module = types.ModuleType(name, "What scripts for Kit's layers and contexts name of carb.")
+    module = types.ModuleType(name, "The part of carb that scripts for Kit's layers and contexts use.")
     module.__spec__ = importlib.machinery.ModuleSpec(name, None)
     if name == "carb":
         module.__path__ = []
@@ -93,6 +94,6 @@ def _carb(name: str) -> types.ModuleType | None:
 
 
 def install() -> None:
-    """Done when Python starts, by usdlive_omni.pth."""
+    """Called by usdlive_omni.pth when Python starts."""
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Finder())

@@ -1,4 +1,4 @@
-"""Installs the modules of usdlive-omni from the source tree (`./run python`), where pip has not."""
+"""Installs the modules of usdlive-omni from the source tree (`./run python`) instead of with pip."""
 
 import importlib
 import os
@@ -6,7 +6,7 @@ import sys
 
 
 def become(name: str) -> None:
-    """The importing module `name`, of this folder, is replaced by what usdlive-omni gives under that name."""
+    """Replaces the importing module `name` of this folder by the module that usdlive-omni provides."""
     here = os.path.dirname(os.path.abspath(__file__))
     source = os.path.join(os.path.dirname(here), "src")
     sys.path[:] = [source if os.path.abspath(entry) == here else entry for entry in sys.path]

@@ -1,4 +1,4 @@
-"""Event streams as Kit has them (carb.events): what is pushed is delivered once per frame, in order."""
+"""Event streams like Kit's carb.events: pushed events are delivered once per frame, in order."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _log = logging.getLogger("usdlive.omni")
 
 @dataclasses.dataclass(frozen=True)
 class IEvent:
-    """What happened. `type` is a number of the stream's own enumeration."""
+    """An event. `type` is a number of the stream's own enumeration."""
 
     type: int
     payload: dict[str, typing.Any] = dataclasses.field(default_factory=dict)
@@ -21,7 +21,7 @@ class IEvent:
 
 
 class Subscription:
-    """Ends when it is deleted, as in Kit: keep it as long as events are wanted."""
+    """Ends when it is deleted, as in Kit. Keep it as long as you need the events."""
 
     def __init__(self, stream: "EventStream", key: tuple[int, int], name: str):
         self._stream: EventStream | None = stream
@@ -38,7 +38,7 @@ class Subscription:
 
 
 class EventStream:
-    """Used from one thread. A subscriber that raises is logged and does not keep the others from hearing."""
+    """A stream for one thread. An exception of a subscriber is logged, and the others still receive the event."""
 
     def __init__(self, name: str = ""):
         self.name = name
@@ -48,7 +48,7 @@ class EventStream:
 
     def create_subscription_to_pop(self, function: typing.Callable[[IEvent], None], order: int = 0,
                                    name: str = "") -> Subscription:
-        """`function(event)` for all that is delivered from now on; lower `order` first."""
+        """Calls `function(event)` for each event from now on; lower `order` first."""
         key = (order, next(self._numbers))
         self._subscribers[key] = function
         return Subscription(self, key, name)
@@ -62,24 +62,25 @@ class EventStream:
         return self.create_subscription_to_pop(filtered, order, name)
 
     def push(self, event_type: int, sender: int = 0, payload: dict[str, typing.Any] | None = None) -> None:
-        """Delivered by the next pump()."""
+        """Queues an event for the next pump()."""
         self._queue.append(IEvent(int(event_type), dict(payload or {}), sender))
 
     def dispatch(self, event_type: int, sender: int = 0, payload: dict[str, typing.Any] | None = None) -> None:
-        """Delivered at once, before what is queued."""
+        """Delivers an event at once, before queued ones."""
         self._deliver(IEvent(int(event_type), dict(payload or {}), sender))
 
     def pump(self) -> None:
-        """Delivers what was pushed before this call; what subscribers push meanwhile comes with the next."""
+        """Delivers the events pushed before this call. Events that subscribers push meanwhile are delivered by
+        the next call."""
         for _ in range(len(self._queue)):
             self._deliver(self._queue.popleft())
 
     def _deliver(self, event: IEvent) -> None:
         for key in sorted(self._subscribers):
-            function = self._subscribers.get(key)  # an earlier one may have ended it
+            function = self._subscribers.get(key)  # an earlier one may have unsubscribed it
             if function is None:
                 continue
             try:
                 function(event)
-            except Exception:  # noqa: BLE001 - a subscriber's fault is its own
+            except Exception:  # an error of one subscriber must not stop the others
                 _log.exception("a subscriber of %r raised", self.name)

@@ -1,4 +1,4 @@
-"""Moving content between layers, with asset paths that lead to where they led."""
+"""Moves content between layers and adjusts its asset paths."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ LayerLike = Sdf.Layer | str
 def find_layer(layer: LayerLike) -> Sdf.Layer | None:
     if isinstance(layer, str):
         return Sdf.Layer.Find(layer) if layer else None
-    return layer or None  # one that has expired is none
+    return layer or None  # an expired handle is false
 
 
 def is_locked(layer: Sdf.Layer, root: Sdf.Layer) -> bool:
-    """By its own customLayerData, or by Kit's map in the root layer; the root layer itself never is."""
+    """Returns True if the layer is locked by its own customLayerData, or by Kit's map in the root layer. The
+    root layer is never locked."""
     return _usdlive.layer_utils.is_layer_locked(layer.identifier, root.identifier)
 
 
@@ -31,9 +32,9 @@ def is_locked(layer: Sdf.Layer, root: Sdf.Layer) -> bool:
 
 
 def reanchored(path: str, source: str, target: str, relative: bool = True) -> str:
-    """`path` as a layer in the folder `target` writes what one in `source` meant by it. Stays as it is: what
-    is absolute, an address, in memory, an expression, and what is looked for by a search path (`X.mdl`),
-    unless there is such a file in `source`, where it is found first."""
+    """Converts an asset path in a layer in the folder `source` for a layer in the folder `target`. Paths that
+    are absolute, addresses, in memory or expressions stay unchanged. So do search paths (`X.mdl`), unless
+    `source` contains the file, where it would be found first."""
     if not path or not source or path.startswith("`") or _SCHEME.match(path) or os.path.isabs(path):
         return path
     package, inside = (path.split("[", 1) + [""])[:2]
@@ -48,22 +49,22 @@ def reanchored(path: str, source: str, target: str, relative: bool = True) -> st
 
 
 def _pattern(path: str) -> str:
-    """Of the files a path means: with <UDIM> it is several."""
+    """Returns the pattern for the files of a path; with <UDIM> there are several."""
     return glob.escape(path).replace("<UDIM>", "[0-9][0-9][0-9][0-9]")
 
 
 def folder_of(layer: Sdf.Layer) -> str:
-    """What relative paths in the layer are relative to; "" for one in memory."""
+    """Returns the folder for relative paths in the layer, or "" if it is in memory."""
     return "" if layer.anonymous else os.path.dirname(os.path.realpath(layer.realPath or layer.identifier))
 
 
 def reanchor(content: Sdf.Layer, source: Sdf.Layer, target: Sdf.Layer, relative: bool = True) -> None:
-    """Changes the asset paths in `content`, a copy in memory of what `source` has, for `target`."""
+    """Converts the asset paths in `content`, a copy of `source` in memory, for `target`."""
     _reanchor(content, folder_of(source), folder_of(target), relative)
 
 
 def reanchor_to_file(content: Sdf.Layer, source: Sdf.Layer, path: str) -> None:
-    """The same for a file that is not yet there; also for the layers that its customLayerData names."""
+    """Converts the asset paths for a file that need not exist, and the layers named in its customLayerData."""
     folder = os.path.dirname(os.path.realpath(path))
     _reanchor(content, folder_of(source), folder, True)
     _usdlive.layer_utils.reanchor_states(content.identifier, folder_of(source), folder)
@@ -79,7 +80,7 @@ def _reanchor(content: Sdf.Layer, source: str, target: str, relative: bool) -> N
 
 
 def relative_path(layer: Sdf.Layer, anchor: Sdf.Layer) -> str:
-    """How `anchor` names `layer`."""
+    """Returns the path that `anchor` uses for `layer`."""
     if layer.anonymous:
         return layer.identifier
     path, folder = os.path.realpath(layer.realPath or layer.identifier), folder_of(anchor)
@@ -101,16 +102,16 @@ def copy_of(layer: Sdf.Layer) -> Sdf.Layer:
 
 
 class Part(typing.NamedTuple):
-    """A layer, and how its time is that of the layer it is brought into."""
+    """A layer and the offset from its time to the time of the target layer."""
 
     layer: Sdf.Layer
     offset: Sdf.LayerOffset = Sdf.LayerOffset()
 
 
 def composed(parts: typing.Sequence[Part], target: Sdf.Layer, prim: Sdf.Path | None = None) -> Sdf.Layer:
-    """What the layers say together, strongest first, as one layer in the place of `target`; their sublayers
-    left out. With `prim`, only that one and below. USD's own rules decide, so that a stage composes the same
-    values as with the layers next to each other."""
+    """Returns the combined opinions of the layers, strongest first, as one layer in the place of `target`,
+    without their sublayers. With `prim`, only that prim and everything below. USD's own rules combine them, so
+    that a stage composes the same values as with the separate layers."""
     anchors: dict[str, Sdf.Layer] = {}
     whole = Sdf.Layer.CreateAnonymous(".usda")
     whole.timeCodesPerSecond = target.timeCodesPerSecond
@@ -125,7 +126,7 @@ def composed(parts: typing.Sequence[Part], target: Sdf.Layer, prim: Sdf.Path | N
         source = folder_of(anchors[layer.identifier])
         return path if source == place else reanchored(path, source, place)
 
-    # Masked to nothing: no prim of it needs to be composed, and nothing that is referenced opened.
+    # An empty mask: no prim is composed and no reference is opened.
     stage = Usd.Stage.OpenMasked(whole, Sdf.Layer.CreateAnonymous(), Usd.StagePopulationMask())
     return UsdUtils.FlattenLayerStack(stage, asset_path, "merged.usda")
 
@@ -146,8 +147,8 @@ def _copy_for(layer: Sdf.Layer, prim: Sdf.Path | None) -> Sdf.Layer:
 def merge_layers(dst_layer_identifier: LayerLike, src_layer_identifier: LayerLike,
                  dst_is_stronger_than_src: bool = True, src_layer_offset: float = 0.0,
                  src_layer_scale: float = 1.0) -> bool:
-    """Brings the content of one layer into another, which has no sublayers then. What it says of itself
-    (axis, units, its state) it says still."""
+    """Merges the content of one layer into another, which has no sublayers afterwards. The other layer keeps
+    its metadata (axis, units, its state)."""
     dst, src = find_layer(dst_layer_identifier), find_layer(src_layer_identifier)
     if dst is None or src is None or dst == src:
         return False
@@ -159,7 +160,7 @@ def merge_layers(dst_layer_identifier: LayerLike, src_layer_identifier: LayerLik
 
 
 def keep_metadata(merged: Sdf.Layer, layer: Sdf.Layer) -> None:
-    """What the layer says of itself, but its sublayers, in what is to become its content."""
+    """Copies the metadata of the layer, without its sublayers, to its future content."""
     _usdlive.content.take_metadata(merged.identifier, layer.identifier)
 
 
@@ -167,8 +168,8 @@ def merge_prim_spec(dst_layer_identifier: LayerLike, src_layer_identifier: Layer
                     prim_spec_path: Sdf.Path | str, dst_is_stronger_than_src: bool = True,
                     target_prim_path: Sdf.Path | str = "",
                     src_layer_offset: Sdf.LayerOffset = Sdf.LayerOffset()) -> bool:
-    """Brings a prim with all below it into another layer, at `target_prim_path` if given. Ancestors that are
-    missing there are made as overs."""
+    """Merges a prim and everything below it into another layer, at `target_prim_path` if given. Missing
+    ancestors are created as overs."""
     dst, src = find_layer(dst_layer_identifier), find_layer(src_layer_identifier)
     source = Sdf.Path(prim_spec_path)
     target = Sdf.Path(target_prim_path) if target_prim_path else source
@@ -189,7 +190,7 @@ def merge_prim_spec(dst_layer_identifier: LayerLike, src_layer_identifier: Layer
 
 
 def put_prim(layer: Sdf.Layer, content: Sdf.Layer, path: Sdf.Path) -> None:
-    """The prim at `path` becomes as in `content`."""
+    """Makes the prim at `path` equal to the one in `content`."""
     with Sdf.ChangeBlock():
         if not layer.GetPrimAtPath(path):
             Sdf.CreatePrimInLayer(layer, path)
@@ -199,8 +200,8 @@ def put_prim(layer: Sdf.Layer, content: Sdf.Layer, path: Sdf.Path) -> None:
 def resolve_paths(base_layer_identifier: LayerLike, target_layer_identifier: LayerLike,
                   store_relative_path: bool = True, relative_to_base_layer: bool = False,
                   copy_sublayer_offsets: bool = False) -> bool:
-    """Asset paths in the target layer, written for the base layer's place, are written for its own; or, with
-    `relative_to_base_layer`, the other way round."""
+    """Converts asset paths in the target layer from the base layer's folder to its own, or in the other
+    direction with `relative_to_base_layer`."""
     base, target = find_layer(base_layer_identifier), find_layer(target_layer_identifier)
     if base is None or target is None:
         return False
@@ -221,6 +222,7 @@ def resolve_prim_path_references(layer: LayerLike, old_prim_path: Sdf.Path | str
 
 def resolve_prim_paths_references(layer: LayerLike, old_prim_paths: typing.Sequence[Sdf.Path | str],
                                   new_prim_paths: typing.Sequence[Sdf.Path | str]) -> None:
-    """Targets, connections and arcs within the layer that lead to (below) an old path lead to the new one."""
+    """Replaces old paths in targets, connections and internal arcs of the layer by the new ones, also for paths
+    below them."""
     pairs = [(str(old), str(new)) for old, new in zip(old_prim_paths, new_prim_paths)]
     _usdlive.content.retarget(find_layer(layer).identifier, pairs)

@@ -1,4 +1,4 @@
-"""Edits of layers and their undo, by pxr's layers and paths. The extension decides what is written."""
+"""Edits of layers and their undo with pxr's layers and paths. The extension decides what is written."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PathLike = Sdf.Path | str
 
 @dataclasses.dataclass(frozen=True)
 class Kept:
-    """What an undo left as it is, because another one has written it since."""
+    """A part of an undo that was skipped, because another user has written there since."""
 
     layer: str
     path: str
@@ -32,7 +32,7 @@ class Kept:
 
 
 def hold(layer: Sdf.Layer) -> Sdf.Layer:
-    """A reference that keeps the layer: what a stage gives, and Sdf.Layer.Find(), does not."""
+    """Returns a reference that keeps the layer alive, unlike the handles of a stage and of Sdf.Layer.Find()."""
     return Sdf.Layer.FindOrOpen(layer.identifier) or layer
 
 
@@ -45,41 +45,42 @@ def children_of(layer: Sdf.Layer, path: PathLike) -> list[str]:
 
 
 def arrange(layer: Sdf.Layer, parent: PathLike, order: list[str], names: typing.Collection[str]) -> None:
-    """Puts each of `names` that is there after the ones it followed in `order`."""
+    """Moves each existing child in `names` behind the siblings that precede it in `order`."""
     _content.arrange(layer.identifier, str(parent), order, list(names))
 
 
 def make_like(layer: Sdf.Layer, wanted: Sdf.Layer, root: PathLike = "/") -> None:
-    """Writes what differs at `root` and below, and nothing else: what others do beside it stays, and a live
-    layer sends only that. (Sdf.Layer.TransferContent writes past a layer's delegate.)"""
+    """Writes the differences at and below `root` and nothing else, so that concurrent edits are kept and a live
+    layer sends only the differences. (Sdf.Layer.TransferContent bypasses a layer's delegate.)"""
     _content.make_like(layer.identifier, wanted.identifier, str(root))
 
 
 class Record:
-    """What was written, and the way back."""
+    """Recorded edits and their undo."""
 
     def __init__(self, record: typing.Any = None):
         self._record = record or _content.Record()
 
     def undo(self, is_shared: typing.Callable[[Sdf.Layer], bool] = lambda _: False) -> list[Kept]:
-        """In a layer that is shared, only what is still as it was written goes back; the rest is returned.
-        In others the state before comes back, whatever was done since."""
+        """Undoes the edits. In a shared layer, restores only content that is still as it was written, and
+        returns the rest. In other layers, restores the earlier state regardless of later edits."""
         shared = [layer for layer in self._record.layers() if is_shared(Sdf.Layer.Find(layer))]
         return [Kept(*kept) for kept in self._record.undo(shared)]
 
 
 class Recorder:
-    """Told before something is written: `touch()` keeps what is there. Costs what the touched parts hold."""
+    """Records edits. Call `touch()` before you write. The cost grows with the content of the touched parts."""
 
     def __init__(self) -> None:
         self._recorder = _content.Recorder()
 
     def touch(self, layer: Sdf.Layer, path: PathLike = "/", deep: bool = False) -> None:
-        """The fields of the spec at `path`, whether it is there or not; with `deep`, everything below."""
+        """Remembers the fields of the spec at `path`, also if it is absent; with `deep` also everything below."""
         self._recorder.touch(layer.identifier, str(path), deep)
 
     def touch_with_ancestors(self, layer: Sdf.Layer, path: PathLike) -> None:
-        """For a spec that is going to be made with the ancestors it lacks: all from the first of those on."""
+        """Remembers everything from the first missing ancestor of `path` on, for a spec that will be created
+        with its ancestors."""
         self._recorder.touch_with_ancestors(layer.identifier, str(path))
 
     def finish(self) -> Record:

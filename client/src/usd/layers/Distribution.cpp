@@ -137,7 +137,7 @@ std::vector<RefusedEdit> Distribution::distribute(const DelegateWrites::Taken& t
 // Removes a prim from all layers of the stack, because its remover wants it gone and knows nothing
 // of layers. Removes only the strongest opinion of a property.
 void Distribution::remove(const SdfPath& path) {
-    const Having all = having(path);
+    const Holders all = holdersOf(path);
     if (all.empty()) return;
     if (const auto locked = rules_.whyLocked(path)) return refuse(path, "", "", *locked);
     if (!path.IsPropertyPath()) return removePrim(path, all);
@@ -147,18 +147,18 @@ void Distribution::remove(const SdfPath& path) {
     refresh(path, true);
 }
 
-void Distribution::removePrim(const SdfPath& path, const Having& having) {
-    for (const Target* target : having)
+void Distribution::removePrim(const SdfPath& path, const Holders& holders) {
+    for (const Target* target : holders)
         if (target->closed)
             return refuse(path, "", target->layer->GetIdentifier(), *target->closed);
-    for (const Target* target : having) removeSpec(target->layer, path);
+    for (const Target* target : holders) removeSpec(target->layer, path);
 }
 
 // Usd.NamespaceEditor has moved the spec in all layers already. A direct rename of the delegate's
 // spec has not.
 void Distribution::move(const SdfPath& from, const SdfPath& to) {
-    Having moving;
-    for (const Target* target : having(from))
+    Holders moving;
+    for (const Target* target : holdersOf(from))
         if (!target->layer->HasSpec(to)) moving.push_back(target);
     for (const Target* target : moving) {
         auto why = target->closed ? target->closed : rules_.whyLocked(from);
@@ -171,17 +171,17 @@ void Distribution::move(const SdfPath& from, const SdfPath& to) {
 
 // ------------------------------------------------------------------ finding the layer
 
-Distribution::Having Distribution::having(const SdfPath& path) const {
-    Having having;
+Distribution::Holders Distribution::holdersOf(const SdfPath& path) const {
+    Holders holders;
     for (const auto& target : targets_)
-        if (target.layer->HasSpec(path)) having.push_back(&target);
-    return having;
+        if (target.layer->HasSpec(path)) holders.push_back(&target);
+    return holders;
 }
 
 std::optional<Distribution::Place> Distribution::strongest(const SdfPath& path,
                                                            const TfToken& field,
-                                                           const Having& having) {
-    for (const Target* target : having)
+                                                           const Holders& holders) {
+    for (const Target* target : holders)
         if (hasOpinion(target->layer, path, field)) return Place{target, path, true};
     return strongestInVariants(path, field);
 }
@@ -218,17 +218,17 @@ std::optional<Distribution::Place> Distribution::strongestInVariants(const SdfPa
 }
 
 Distribution::Place Distribution::placeFor(const SdfPath& path, const TfToken& field,
-                                           const Having& having) {
-    if (const auto place = strongest(path, field, having)) return *place;
-    return {having.empty() ? default_ : having.front(), path, !having.empty()};
+                                           const Holders& holders) {
+    if (const auto place = strongest(path, field, holders)) return *place;
+    return {holders.empty() ? default_ : holders.front(), path, !holders.empty()};
 }
 
 Distribution::Place Distribution::strongestKey(const Spec& spec, const TfToken& field,
-                                               const TfToken& keyPath, const Having& having) {
-    for (const Target* target : having)
+                                               const TfToken& keyPath, const Holders& holders) {
+    for (const Target* target : holders)
         if (target->layer->HasFieldDictKey(spec.path, field, keyPath))
             return {target, spec.path, true};
-    return placeFor(spec.path, field, having);
+    return placeFor(spec.path, field, holders);
 }
 
 // ------------------------------------------------------------------ planning
@@ -239,33 +239,33 @@ void Distribution::planSpec(const Spec& spec) {
     if (const auto locked = rules_.whyLocked(spec.path)) return refuseLocked(spec, *locked);
     const auto links = rules_.linkedLayers(spec.path);
     if (!links.empty()) return planLinks(spec, links);
-    const Having all = having(spec.path);
+    const Holders all = holdersOf(spec.path);
     for (const auto& field : spec.fields) planField(spec, field, all);
 }
 
-void Distribution::planField(const Spec& spec, const Field& field, const Having& having) {
-    if (isRedundant(spec, field, having)) return;
+void Distribution::planField(const Spec& spec, const Field& field, const Holders& holders) {
+    if (isRedundant(spec, field, holders)) return;
     const bool parts = !field.whole && field.times.empty();
     if (parts || (field.name != names().value &&
                   delegate_->GetField(spec.path, field.name).IsHolding<pxr::VtDictionary>()))
-        return planKeys(spec, field, having);
-    const Place place = placeFor(spec.path, field.name, having);
+        return planKeys(spec, field, holders);
+    const Place place = placeFor(spec.path, field.name, holders);
     if (place.target) plan_.push_back({&spec, &field, {}, place});
 }
 
-void Distribution::planKeys(const Spec& spec, const Field& field, const Having& having) {
+void Distribution::planKeys(const Spec& spec, const Field& field, const Holders& holders) {
     std::vector<TfToken> keys = field.keyPaths;
     const VtValue value = delegate_->GetField(spec.path, field.name);
     if (field.whole && value.IsHolding<pxr::VtDictionary>())
         collectKeys(value.UncheckedGet<pxr::VtDictionary>(), "", keys);
     for (const TfToken& key : keys) {
-        const Place place = strongestKey(spec, field.name, key, having);
+        const Place place = strongestKey(spec, field.name, key, holders);
         if (place.target) plan_.push_back({&spec, &field, key, place});
     }
 }
 
 void Distribution::planLinks(const Spec& spec, const std::vector<SdfLayerHandle>& links) {
-    const Having all = having(spec.path);
+    const Holders all = holdersOf(spec.path);
     for (const auto& target : targets_) {
         if (std::find(links.begin(), links.end(), target.layer) == links.end()) continue;
         for (const auto& field : spec.fields)
@@ -280,24 +280,24 @@ void Distribution::carryOut(const Planned& planned) {
     if (place.target->closed) return refuse(*spec, *field, *place.target);
     if (!key.IsEmpty()) return writeKey(planned);
     write(place, *spec, *field);
-    if (!linked_.contains(spec)) settle(place, spec->path, field->name);
+    if (!linked_.contains(spec)) updateMirror(place, spec->path, field->name);
 }
 
 // Returns true for fields that repeat the opinions of other layers, because Usd creates a spec in
 // the delegate before it writes to it.
-bool Distribution::isRedundant(const Spec& spec, const Field& field, const Having& having) const {
+bool Distribution::isRedundant(const Spec& spec, const Field& field, const Holders& holders) const {
     if (!spec.created) return false;
     const auto& name = field.name;
     if (spec.path.IsPropertyPath() && isRequiredOfProperties(name)) {
-        if (having.empty()) return true;  // created with the spec
+        if (holders.empty()) return true;  // created with the spec
         if (name != names().typeName) return true;
-        return having.front()->layer->GetField(spec.path, name) ==
+        return holders.front()->layer->GetField(spec.path, name) ==
                delegate_->GetField(spec.path, name);
     }
     if (name == names().specifier) return !hasOpinion(delegate_, spec.path, name);
     if (name != names().typeName) return false;
     const VtValue mine = delegate_->GetField(spec.path, name);
-    for (const Target* target : having)
+    for (const Target* target : holders)
         if (target->layer->HasField(spec.path, name))
             return target->layer->GetField(spec.path, name) == mine;
     return mine.IsEmpty();
@@ -357,7 +357,7 @@ void Distribution::writeKey(const Planned& planned) {
 void Distribution::distributeRelocates() {
     const auto root = SdfPath::AbsoluteRootPath();
     const TfToken& field = pxr::SdfFieldKeys->LayerRelocates;
-    const Place place = placeFor(root, field, having(root));
+    const Place place = placeFor(root, field, holdersOf(root));
     const Target* target =
         place.target && hasOpinion(place.target->layer, root, field) ? place.target : default_;
     if (!target) return;
@@ -373,7 +373,8 @@ void Distribution::distributeRelocates() {
 void Distribution::keepBareOver(const Spec& spec) {
     if (!spec.created || !spec.path.IsPrimPath() || !default_ || !delegate_->HasSpec(spec.path))
         return;
-    if (hasOpinion(delegate_, spec.path, names().specifier) || !having(spec.path).empty()) return;
+    if (hasOpinion(delegate_, spec.path, names().specifier) || !holdersOf(spec.path).empty())
+        return;
     const auto prim = delegate_->GetPrimAtPath(spec.path);
     if (!prim || !prim->GetNameChildren().empty() || !prim->GetProperties().empty()) return;
     if (rules_.whyLocked(spec.path)) return;
@@ -386,7 +387,7 @@ void Distribution::keepBareOver(const Spec& spec) {
 // ------------------------------------------------------------------ the mirror
 
 // Erases or replaces the delegate's opinion if it differs from the layer's.
-void Distribution::settle(const Place& place, const SdfPath& path, const TfToken& field) {
+void Distribution::updateMirror(const Place& place, const SdfPath& path, const TfToken& field) {
     const auto& layer = place.target->layer;
     if (place.path != path) {
         // The opinion would hide the other variants.
@@ -411,7 +412,7 @@ void Distribution::refresh(const SdfPath& path, bool below) {
         for (const auto& one : paths)
             if (one != path && !isTarget(one)) refresh(one, false);
     }
-    const Having all = having(path);
+    const Holders all = holdersOf(path);
     if (all.empty()) {
         // The spec mirrors nothing any more, unless a variant's content is below it.
         if (path.IsPropertyPath() || !delegate_->GetPrimAtPath(path) ||
@@ -423,12 +424,12 @@ void Distribution::refresh(const SdfPath& path, bool below) {
         if (!usd::isStructural(field)) refreshField(path, field, all);
 }
 
-void Distribution::refreshField(const SdfPath& path, const TfToken& field, const Having& having) {
+void Distribution::refreshField(const SdfPath& path, const TfToken& field, const Holders& holders) {
     if (isTarget(path) || !delegate_->HasField(path, field)) return;
     if (delegate_->GetField(path, field).IsHolding<pxr::VtDictionary>())
-        return refreshKeys(path, field, having);
+        return refreshKeys(path, field, holders);
     const Target* winner = nullptr;
-    for (const Target* target : having)
+    for (const Target* target : holders)
         if (!winner && hasOpinion(target->layer, path, field)) winner = target;
     const bool required =
         field == names().specifier || (path.IsPropertyPath() && isRequiredOfProperties(field));
@@ -447,12 +448,12 @@ void Distribution::refreshField(const SdfPath& path, const TfToken& field, const
         delegate_->SetField(path, field, value);
 }
 
-void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const Having& having) {
+void Distribution::refreshKeys(const SdfPath& path, const TfToken& field, const Holders& holders) {
     std::vector<TfToken> keys;
     collectKeys(delegate_->GetField(path, field).Get<pxr::VtDictionary>(), "", keys);
     for (const TfToken& key : keys) {
         VtValue value;
-        for (const Target* target : having) {
+        for (const Target* target : holders) {
             if (!target->layer->HasFieldDictKey(path, field, key)) continue;
             value =
                 mapped(target->layer->GetFieldDictValueByKey(path, field, key), target->toDelegate);
@@ -475,14 +476,14 @@ void Distribution::refuse(const Spec& spec, const Field& field, const Target& ta
 }
 
 void Distribution::refuseLocked(const Spec& spec, const LayerError& why) {
-    const Having all = having(spec.path);
+    const Holders all = holdersOf(spec.path);
     refuse(spec.path, "", all.empty() ? "" : all.front()->layer->GetIdentifier(), why);
     for (const auto& field : spec.fields) takeBack(spec, field);
     maybeEmpty_.push_back(spec.path);
 }
 
 void Distribution::takeBack(const Spec& spec, const Field& field) {
-    const Having all = having(spec.path);
+    const Holders all = holdersOf(spec.path);
     const bool required = field.name == names().specifier ||
                           (spec.path.IsPropertyPath() && isRequiredOfProperties(field.name));
     if (field.existed)
@@ -499,7 +500,7 @@ void Distribution::dropEmpty(const SdfPath& path) {
     for (const TfToken& field : delegate_->ListFields(path))
         content = content || (!usd::isStructural(field) && field != names().specifier &&
                               !(path.IsPropertyPath() && isRequiredOfProperties(field)) &&
-                              !(field == names().typeName && having(path).empty()));
+                              !(field == names().typeName && holdersOf(path).empty()));
     if (!content) removeSpec(delegate_, path);
 }
 

@@ -60,7 +60,7 @@ private:
         bool exists = false;  ///< the spec exists already
     };
     // Most specs exist in few layers.
-    using Having = pxr::TfSmallVector<const Target*, 4>;
+    using Holders = pxr::TfSmallVector<const Target*, 4>;
     /// A written register and its destination. All are planned before the first is written, so that
     /// edits of one frame do not influence each other.
     struct Planned {
@@ -73,37 +73,37 @@ private:
     using Field = DelegateWrites::Field;
 
     void remove(const pxr::SdfPath& path);
-    void removePrim(const pxr::SdfPath& path, const Having& having);
+    void removePrim(const pxr::SdfPath& path, const Holders& holders);
     void move(const pxr::SdfPath& from, const pxr::SdfPath& to);
     void planSpec(const Spec& spec);
-    void planField(const Spec& spec, const Field& field, const Having& having);
-    void planKeys(const Spec& spec, const Field& field, const Having& having);
+    void planField(const Spec& spec, const Field& field, const Holders& holders);
+    void planKeys(const Spec& spec, const Field& field, const Holders& holders);
     void carryOut(const Planned& planned);
     void refuseLocked(const Spec& spec, const LayerError& why);
     void distributeRelocates();
     void planLinks(const Spec& spec, const std::vector<pxr::SdfLayerHandle>& links);
     void keepBareOver(const Spec& spec);
 
-    [[nodiscard]] Having having(const pxr::SdfPath& path) const;
+    [[nodiscard]] Holders holdersOf(const pxr::SdfPath& path) const;
     [[nodiscard]] std::optional<Place> strongest(const pxr::SdfPath& path,
-                                                 const pxr::TfToken& field, const Having& having);
+                                                 const pxr::TfToken& field, const Holders& holders);
     [[nodiscard]] std::optional<Place> strongestInVariants(const pxr::SdfPath& path,
                                                            const pxr::TfToken& field);
     [[nodiscard]] bool mayHaveVariants(const pxr::SdfPath& path);
     [[nodiscard]] Place placeFor(const pxr::SdfPath& path, const pxr::TfToken& field,
-                                 const Having& having);
+                                 const Holders& holders);
     [[nodiscard]] Place strongestKey(const Spec& spec, const pxr::TfToken& field,
-                                     const pxr::TfToken& keyPath, const Having& having);
+                                     const pxr::TfToken& keyPath, const Holders& holders);
 
     bool ensure(const Place& place, const pxr::SdfPath& source);
     void write(const Place& place, const Spec& spec, const Field& field);
     void writeSamples(const Place& place, const Spec& spec, const Field& field);
     void writeKey(const Planned& planned);
-    void settle(const Place& place, const pxr::SdfPath& path, const pxr::TfToken& field);
-    bool isRedundant(const Spec& spec, const Field& field, const Having& having) const;
+    void updateMirror(const Place& place, const pxr::SdfPath& path, const pxr::TfToken& field);
+    bool isRedundant(const Spec& spec, const Field& field, const Holders& holders) const;
 
-    void refreshField(const pxr::SdfPath& path, const pxr::TfToken& field, const Having& having);
-    void refreshKeys(const pxr::SdfPath& path, const pxr::TfToken& field, const Having& having);
+    void refreshField(const pxr::SdfPath& path, const pxr::TfToken& field, const Holders& holders);
+    void refreshKeys(const pxr::SdfPath& path, const pxr::TfToken& field, const Holders& holders);
     void refuse(const Spec& spec, const Field& field, const Target& target);
     void refuse(const pxr::SdfPath& path, const std::string& field, const std::string& layer,
                 const LayerError& why);

@@ -216,7 +216,7 @@ private:
         specs.layer = layer->GetIdentifier();
         for (const auto& [path, entry] : changes.GetEntryList()) {
             if (path == SdfPath::AbsoluteRootPath()) {
-                tellOfLayer(layer, entry);
+                notifyLayer(layer, entry);
                 continue;
             }
             specs.paths.push_back(path.ContainsTargetPath() ? path.GetParentPath() : path);
@@ -225,7 +225,7 @@ private:
         if (!specs.paths.empty()) context_.events.push(std::move(specs));
     }
 
-    void tellOfLayer(const SdfLayerHandle& layer, const pxr::SdfChangeList::Entry& entry) {
+    void notifyLayer(const SdfLayerHandle& layer, const pxr::SdfChangeList::Entry& entry) {
         std::vector<std::string> tokens;
         bool sublayers = entry.flags.didReplaceContent, structure = sublayers;
         for (const auto& [field, change] : entry.infoChanged) {

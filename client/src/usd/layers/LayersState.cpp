@@ -279,11 +279,11 @@ LayerResult<void> LayersState::setLayerLockState(const std::string& id, bool loc
                     "neither " + id + " nor the root layer accepts edits");
     learnFlags();
     if ((known = find(id))) known->ownLock = hasOwnLock(layer);
-    tellLocks();
+    notifyLocks();
     return {};
 }
 
-void LayersState::tellLocks() {
+void LayersState::notifyLocks() {
     std::vector<std::string> changed;
     for (const auto& id : order_) {
         auto& known = known_[id];
@@ -309,7 +309,7 @@ void LayersState::dataChanged(const pxr::SdfLayerHandle& layer) {
             scopeDue_ = true;
         }
     }
-    tellLocks();
+    notifyLocks();
 }
 
 // ------------------------------------------------------------------ writable
@@ -440,7 +440,7 @@ std::vector<std::string> LayersState::outdatedLayerIdentifiers(Which which, bool
     std::vector<std::string> ids;
     for (const auto& id : used_) {
         const auto& known = known_[id];
-        if (!known.outdated || (notAuto && reloadsItself(id, known))) continue;
+        if (!known.outdated || (notAuto && isAutoReloaded(id, known))) continue;
         if (which == Which::All || (which == Which::Sublayers) == known.local) ids.push_back(id);
     }
     return ids;
@@ -509,7 +509,7 @@ void LayersState::look(double) {
             if (std::exchange(known.dirty, live->dirty) != live->dirty) dirty.push_back(id);
             if (std::exchange(known.outdated, live->outdated) != live->outdated) {
                 outdated.push_back(id);
-                if (live->outdated && reloadsItself(id, known)) reload.push_back(id);
+                if (live->outdated && isAutoReloaded(id, known)) reload.push_back(id);
             }
             continue;
         }
@@ -517,7 +517,7 @@ void LayersState::look(double) {
         if (std::exchange(known.readOnly, seen.readOnly) != seen.readOnly) permission.push_back(id);
         known.owner = seen.owner;
         if (std::exchange(known.outdated, seen.changed) != seen.changed) outdated.push_back(id);
-        if (seen.changed && reloadsItself(id, known)) reload.push_back(id);
+        if (seen.changed && isAutoReloaded(id, known)) reload.push_back(id);
     }
     if (!dirty.empty()) context_.events.push(LayerEventType::DirtyStateChanged, std::move(dirty));
     if (!outdated.empty())
@@ -529,7 +529,7 @@ void LayersState::look(double) {
 
 // ------------------------------------------------------------------ auto reload
 
-bool LayersState::reloadsItself(const std::string& id, const Known& known) const {
+bool LayersState::isAutoReloaded(const std::string& id, const Known& known) const {
     return autoReload_.contains(id) ||
            (known.local ? autoReloadKinds_.sublayers : autoReloadKinds_.nonSublayers);
 }
@@ -537,12 +537,12 @@ bool LayersState::reloadsItself(const std::string& id, const Known& known) const
 bool LayersState::isAutoReloadLayer(const std::string& id) {
     if (!usedKnown_) learnUsed();
     const auto* known = find(id);
-    return known && known->used && reloadsItself(id, *known);
+    return known && known->used && isAutoReloaded(id, *known);
 }
 
 void LayersState::setAutoReload(AutoReload kinds) {
     if (std::exchange(autoReloadKinds_, kinds) == kinds) return;
-    reloadWhatReloadsItself();
+    reloadAutomatically();
 }
 
 LayerResult<LayersState::Outcome> LayersState::addAutoReloadLayer(const std::string& id) {
@@ -553,16 +553,16 @@ LayerResult<LayersState::Outcome> LayersState::addAutoReloadLayer(const std::str
         return fail(LayerErrorType::NotFound, "the stage does not use the layer " + id + " now");
     if (!autoReload_.insert(id).second) return Outcome::Unchanged;
     context_.events.push({LayerEventType::AutoReloadLayersChanged, id, {}, {}, {}});
-    if (known->outdated) reloadWhatReloadsItself();
+    if (known->outdated) reloadAutomatically();
     return Outcome::Changed;
 }
 
 /// Files are reloaded with the next check, which follows soon.
-void LayersState::reloadWhatReloadsItself() {
+void LayersState::reloadAutomatically() {
     nextLookMs_ = 0;
     std::vector<std::string> live;
     for (const auto& [id, known] : known_)
-        if (known.outdated && reloadsItself(id, known) && context_.live &&
+        if (known.outdated && isAutoReloaded(id, known) && context_.live &&
             context_.live->state(known.layer))
             live.push_back(id);
     if (!live.empty()) reload(live);

@@ -221,7 +221,7 @@ LayerResult<SpecsLocking::Paths> SpecsLocking::change(Table changed) {
     pxr::VtDictionary stored;
     for (const auto& [path, owner] : changed) stored[path.GetString()] = pxr::VtValue(owner.value);
     const pxr::SdfChangeBlock block;
-    settleAll();  // under the locks at the time of the edits
+    enforceAll();  // under the locks at the time of the edits
     changing_ = true;
     const bool kept = setOmniDictionary(context_.host.rootLayer(), kLocks, std::move(stored));
     changing_ = false;
@@ -347,32 +347,32 @@ void SpecsLocking::layerChanged(const SdfLayerHandle& layer, const pxr::SdfChang
 std::vector<RefusedEdit> SpecsLocking::update(const SdfLayerHandle& delegate) {
     delegate_ = delegate;
     takesChildren_.clear();
-    settleAll();
+    enforceAll();
     admit();
     if (!structureKnown_) takeShadows();
     return std::exchange(refused_, {});
 }
 
-void SpecsLocking::settleAll() {
+void SpecsLocking::enforceAll() {
     if (locks_.empty() || shadows_.empty()) return;
     for (const auto& one : context_.stack.layers()) {
         const auto found = shadows_.find(one.layer->GetIdentifier());
         if (found != shadows_.end() && one.layer->PermissionToEdit())
-            settleLayer(one.layer, found->second);
+            enforceLayer(one.layer, found->second);
     }
 }
 
-void SpecsLocking::settleLayer(const SdfLayerHandle& layer, Shadow& shadow) {
+void SpecsLocking::enforceLayer(const SdfLayerHandle& layer, Shadow& shadow) {
     const auto applied = std::exchange(shadow.applied, {});
     for (const auto& path : applied) adopt(layer, shadow, path);
     auto changed = std::exchange(shadow.changed, {});
     for (const auto& path : applied) changed.erase(path);
     // Restores missing specs from the top down, then removes additions from the bottom up.
     for (const auto& path : changed)
-        if (!layer->HasSpec(path)) settleMissing(layer, shadow, path);
+        if (!layer->HasSpec(path)) restoreMissing(layer, shadow, path);
     removeAdditions(layer, changed);
     for (auto path = changed.rbegin(); path != changed.rend(); ++path)
-        if (layer->HasSpec(*path)) settle(layer, shadow, *path);
+        if (layer->HasSpec(*path)) enforce(layer, shadow, *path);
     shadow.renamed.clear();
     shadow.added.clear();
 }
@@ -410,7 +410,8 @@ void SpecsLocking::refuse(const SdfLayerHandle& layer, const SdfPath& path) {
     refused_.push_back({path, "", layer->GetIdentifier(), why->type, why->text});
 }
 
-void SpecsLocking::settleMissing(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
+void SpecsLocking::restoreMissing(const SdfLayerHandle& layer, Shadow& shadow,
+                                  const SdfPath& path) {
     if (hasLockBelow(path.StripAllVariantSelections())) {
         if (!moveBack(layer, shadow, path)) restoreBelow(layer, shadow, path);
         return;
@@ -436,11 +437,11 @@ bool SpecsLocking::moveBack(const SdfLayerHandle& layer, Shadow& shadow, const S
     refuse(layer, path);
     for (auto lock = locks_.lower_bound(path); lock != locks_.end() && lock->first.HasPrefix(path);
          ++lock)
-        if (layer->HasSpec(lock->first)) settle(layer, shadow, lock->first);
+        if (layer->HasSpec(lock->first)) enforce(layer, shadow, lock->first);
     return true;
 }
 
-void SpecsLocking::settle(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
+void SpecsLocking::enforce(const SdfLayerHandle& layer, Shadow& shadow, const SdfPath& path) {
     const SdfPath composed = path.StripAllVariantSelections();
     if (locks_.contains(composed)) {
         restore(layer, shadow, path);

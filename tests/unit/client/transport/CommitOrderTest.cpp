@@ -103,13 +103,13 @@ TEST_F(CommitOrderTest, DD7RequestsMissingCommitsAfterAWhile) {
     EXPECT_EQ(order_.deadline(), std::nullopt);
     commit(8);
     EXPECT_EQ(taken(order_), Texts{});
-    EXPECT_FALSE(order_.toAsk(kStart + 99ms));
-    const auto asked = order_.toAsk(kStart + 100ms);
+    EXPECT_FALSE(order_.nextRequest(kStart + 99ms));
+    const auto asked = order_.nextRequest(kStart + 100ms);
     ASSERT_TRUE(asked);
     EXPECT_EQ(asked->from, 5u);
     EXPECT_EQ(asked->to, 7u);
-    EXPECT_FALSE(order_.toAsk(kStart + 150ms));
-    EXPECT_TRUE(order_.toAsk(kStart + 200ms)) << "a missing commit is requested again";
+    EXPECT_FALSE(order_.nextRequest(kStart + 150ms));
+    EXPECT_TRUE(order_.nextRequest(kStart + 200ms)) << "a missing commit is requested again";
     for (const Revision revision : {7, 6, 5}) commit(revision);
     EXPECT_EQ(taken(order_), (Texts{"c5", "c6", "c7", "c8"}));
     EXPECT_EQ(order_.deadline(), std::nullopt);
@@ -120,7 +120,7 @@ TEST_F(CommitOrderTest, DD7TheLastCommitIsMissedToo) {
     EXPECT_EQ(taken(order_), Texts{"live"});
     order_.sent(5);  // like a keep-alive
     EXPECT_EQ(taken(order_), Texts{});
-    const auto asked = order_.toAsk(kStart + 100ms);
+    const auto asked = order_.nextRequest(kStart + 100ms);
     ASSERT_TRUE(asked);
     EXPECT_EQ(asked->to, 5u);
 }
@@ -226,7 +226,7 @@ TEST(CommitOrder, DD5ToDD7HoldOverABadNetwork) {
             }
             while (const auto message = order.take(now))
                 if (message->bytes) got.emplace_back(asText(*message->bytes));
-            if (const auto range = order.toAsk(now)) travel(now, requests, *range);
+            if (const auto range = order.nextRequest(now)) travel(now, requests, *range);
             for (; !requests.empty() && requests.begin()->first <= now;
                  requests.erase(requests.begin()))
                 for (Revision revision = requests.begin()->second.from;

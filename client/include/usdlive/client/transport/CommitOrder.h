@@ -13,9 +13,9 @@ namespace usdlive::client {
 class CommitOrder {
 public:
     /// A missing commit is requested after this time, because it may only be late.
-    static constexpr std::chrono::milliseconds kPatience{100};
+    static constexpr std::chrono::milliseconds kRequestDelay{100};
     /// The most commits in one request.
-    static constexpr Revision kAsked = 64;
+    static constexpr Revision kRequestCommits = 64;
     /// Limits for commits that arrived too early. Further ones are dropped and requested later.
     static constexpr std::size_t kHeldCommits = 1'024;
     static constexpr std::size_t kHeldBytes = 64 * 1024 * 1024;
@@ -40,8 +40,9 @@ public:
         Revision from = 0, to = 0;
     };
     /// Returns the commits to request now. Does not return them again for a while.
-    [[nodiscard]] std::optional<Range> toAsk(dds::TimePoint now);
-    /// Returns the time when toAsk() may return something, or nothing if no commit is missing.
+    [[nodiscard]] std::optional<Range> nextRequest(dds::TimePoint now);
+    /// Returns the time when nextRequest() may return something, or nothing if no commit is
+    /// missing.
     [[nodiscard]] std::optional<dds::TimePoint> deadline() const;
 
 private:
@@ -62,7 +63,7 @@ private:
     Revision next_ = 0;  ///< next commit
     bool live_ = false;  ///< commits are taken from the topic
     Revision sent_ = 0;
-    Revision asked_ = 0;                          ///< requested up to this one
+    Revision requestedTo_ = 0;                    ///< requested up to this one
     Revision missing_ = 0;                        ///< value of `next_` at the last check
     std::optional<dds::TimePoint> missingSince_;  ///< or the time of the last request
 };

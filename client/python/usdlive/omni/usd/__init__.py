@@ -27,27 +27,29 @@ __all__ = [
     "merge_prim_spec", "resolve_paths", "resolve_prim_path_references", "resolve_prim_paths_references",
 ]
 
-# Kit's API knows contexts by name, so there is a registry here. The default one is there from the start.
+# Kit's API finds contexts by name, so there is a registry here. The default context is created on
+# first use.
 _contexts: dict[str, UsdContext] = {}
 
 
 def get_context(name: str = "") -> UsdContext | None:
-    """The default context, or one that create_context() made."""
+    """Returns the default context, or one that was created with create_context()."""
     if name == "" and name not in _contexts:
         _contexts[name] = UsdContext(name)
     return _contexts.get(name)
 
 
 def create_context(name: str = "", **settings: typing.Any) -> UsdContext:
-    """The context of that name; a new one takes the fields of ContextSettings as keywords."""
+    """Returns the context of that name. A new one takes the fields of ContextSettings as keywords."""
     if name not in _contexts:
         _contexts[name] = UsdContext(name, **settings)
     return _contexts[name]
 
 
 def destroy_context(name: str = "") -> bool:
-    """Closes its stage. False when there is no such context, it is in the middle of an operation, or the stage
-    cannot be closed because its server has not confirmed what was authored (see close_stage)."""
+    """Closes the context's stage and removes the context. Returns False if there is no such context, if an
+    operation is running, or if the stage cannot be closed because its server has not confirmed one's own edits
+    (see close_stage)."""
     context = _contexts.get(name)
     if context is None or not context._destroy():
         return False
@@ -62,5 +64,5 @@ def get_context_from_stage(stage: Usd.Stage) -> UsdContext | None:
 
 
 def get_context_from_live_layer(layer: Sdf.Layer) -> UsdContext | None:
-    """The context whose project the layer is live in."""
+    """Returns the context whose project contains the live layer."""
     return next((context for context in _contexts.values() if context.is_live_layer(layer)), None)

@@ -30,7 +30,7 @@ from ._steps import Steps, run, run_async
 _log = logging.getLogger("usdlive.omni.usd")
 
 LOAD_ALL, LOAD_NONE = UsdContextInitialLoadSet.LOAD_ALL, UsdContextInitialLoadSet.LOAD_NONE
-_DIAGNOSTICS_KEPT = 100  # more are counted
+_DIAGNOSTICS_KEPT = 100  # more are only counted
 _ASSET_ERRORS = ("ErrorInvalidAssetPath", "ErrorInvalidSublayerPath", "ErrorSublayerCycle")
 
 Result = tuple[bool, str]
@@ -41,11 +41,11 @@ OnSaveFinish = typing.Callable[[bool, str, list[str]], typing.Any]
 
 @dataclasses.dataclass
 class ContextSettings:
-    """What one may want otherwise. `fail_stage_open_on_asset_errors` is Kit's `failStageOpenOnAssetErrors`: a
-    stage does not open when a sublayer, reference or payload of it cannot be read. `user` is shown to
-    others in a live project, empty is the system's; a server has `connect_timeout` seconds to answer.
-    `auto_reload_sublayers` and `auto_reload_non_sublayers`: outdated layers of the local stack, and others that
-    are used, are reloaded without being asked for; also to be changed while a stage is open."""
+    """The settings of a context. `fail_stage_open_on_asset_errors` is Kit's `failStageOpenOnAssetErrors`: a
+    stage does not open if one of its sublayers, references or payloads cannot be read. `user`: the name shown
+    to others in a live project; the default is the system's user name. `connect_timeout`: the seconds that a
+    server has to answer. `auto_reload_sublayers` and `auto_reload_non_sublayers`: reload outdated layers of the
+    local stack, and other used layers, automatically; can be changed while a stage is open."""
 
     fail_stage_open_on_asset_errors: bool = False
     user: str = ""
@@ -56,27 +56,28 @@ class ContextSettings:
 
 @dataclasses.dataclass
 class _Opened:
-    """A stage and what belongs to it as long as it is open."""
+    """An open stage and the objects that belong to it."""
 
     stage: Usd.Stage
     url: str
     load_set: UsdContextInitialLoadSet
     is_new: bool = False
     live: LiveStage | None = None
-    owned: bool = True  # the context has opened it: it is in the stage cache as long as it is open
+    owned: bool = True  # the context has opened it, so it is in the stage cache while it is open
     notice: Tf.Notice.Listener | None = None
 
 
-_contexts: weakref.WeakSet[UsdContext] = weakref.WeakSet()  # all that there are, whatever their names
-# Identifiers of layers whose unsaved edits went with a stage that was closed. Somebody may hold such a layer
-# with the edits; the next open takes its file.
+_contexts: weakref.WeakSet[UsdContext] = weakref.WeakSet()  # all existing contexts
+# Identifiers of layers whose unsaved edits were discarded with a closed stage. If a reference keeps
+# such a layer alive, the next open reads its file again.
 _discarded: set[str] = set()
 
 
 class UsdContext:
-    """Used on the thread of its stage. Every operation comes in three forms: `x()` blocks, `x_async()` lets
-    the event loop go on, `x_with_callback()` begins and calls when it is done. None raises for what a file,
-    a disk or a server can do: the reason comes back. While one operation runs, another is refused."""
+    """One stage with its operations and events. Use it on the stage's thread. Every operation has three forms:
+    `x()` blocks, `x_async()` lets the event loop run, and `x_with_callback()` starts it and calls the callback
+    at the end. None of them raises for an error of a file, a disk or a server: they return the reason. While
+    one operation runs, others are refused."""
 
     def __init__(self, name: str = "", **settings: typing.Any):
         self.settings = ContextSettings(**settings)
@@ -84,11 +85,12 @@ class UsdContext:
         self._opened: _Opened | None = None
         self._state = StageState.CLOSED
         self._last_url = ""
-        self._operation = ""  # the one that runs
+        self._operation = ""  # the running operation
         self._loading: Loading | None = None
-        self._pending_edit: bool | None = None  # what set_pending_edit() said, instead of the truth
+        # the value of set_pending_edit(), which overrides the real state
+        self._pending_edit: bool | None = None
         self._was_dirty = self._edited_since_tick = False
-        self._save_cancelled: bool | None = None  # None: nothing that could be cancelled
+        self._save_cancelled: bool | None = None  # None: there is no save to cancel
         self._diagnostics: list[str] = []
         self._events = StageEvents(name)
         self._selection = Selection(self.get_stage, self._mark_selection)
@@ -106,7 +108,7 @@ class UsdContext:
     # -- opening
 
     def new_stage(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
-        """An empty stage, in memory until it is saved as a file."""
+        """Opens an empty stage in memory. Save it with save_as_stage()."""
         return self._run("making a new stage", self._new(load_set))
 
     async def new_stage_async(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> Result:
@@ -117,7 +119,7 @@ class UsdContext:
         return self._start("making a new stage", self._new(load_set), on_finish_fn)
 
     def open_stage(self, url: str, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
-        """Opens a file, or an address of a live layer: `usdlive://host:port/path`, `dds://project/path`."""
+        """Opens a file or the address of a live layer: `usdlive://host:port/path`, `dds://project/path`."""
         return self._run("opening a stage", self._open(url, load_set))
 
     async def open_stage_async(self, url: str, load_set: UsdContextInitialLoadSet = LOAD_ALL,
@@ -131,11 +133,11 @@ class UsdContext:
     def open_stage_with_session_layer(self, url: str, session_layer_url: str,
                                       on_finish_fn: OnFinish | None = None,
                                       load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
-        """Composed once, with that file as the session layer; fails if it cannot be opened."""
+        """Opens a stage with that file as its session layer. Fails if the file cannot be opened."""
         return self._start("opening a stage", self._open(url, load_set, session_layer_url), on_finish_fn)
 
     def reopen_stage(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> bool:
-        """The same file anew, as it is on disk; after close_stage() the one that was open last."""
+        """Opens the same file again from the disk. After close_stage(), opens the last open file."""
         return self._run("opening the stage again", self._reopen(load_set))
 
     async def reopen_stage_async(self, load_set: UsdContextInitialLoadSet = LOAD_ALL) -> Result:
@@ -146,8 +148,9 @@ class UsdContext:
         return self._start("opening the stage again", self._reopen(load_set), on_finish_fn)
 
     def attach_stage(self, stage: Usd.Stage | int, live: usdlive.Live | None = None) -> bool:
-        """Takes over an opened stage, or one of UsdUtils.StageCache by its id; close_stage() leaves it to its
-        owner. `live`: the connection its layers have; it is ticked from now on and not closed with the stage."""
+        """Uses a stage that is open already, given as such or by its id in UsdUtils.StageCache. close_stage()
+        leaves it to its owner. `live`: the connection of its layers. The context ticks it from now on but does
+        not close it with the stage."""
         return self._run("attaching a stage", self._attach(stage, live))
 
     async def attach_stage_async(self, stage: Usd.Stage | int, live: usdlive.Live | None = None) -> Result:
@@ -158,8 +161,8 @@ class UsdContext:
         return self._start("attaching a stage", self._attach(stage_id, None), on_finish_fn)
 
     def close_stage(self) -> bool:
-        """Leaves a live project when what was authored in it is confirmed. False, with the stage still open,
-        when the server does not confirm it; after set_pending_edit(False) it is discarded."""
+        """Leaves a live project when all own edits are confirmed. Returns False and keeps the stage open if the
+        server does not confirm them. After set_pending_edit(False) they are discarded."""
         return self._run("closing the stage", self._close())
 
     async def close_stage_async(self) -> Result:
@@ -171,8 +174,8 @@ class UsdContext:
     # -- saving
 
     def save_stage(self) -> bool:
-        """Writes what changed in the local layer stack: a live layer by its server, others here. Locked
-        layers are left alone."""
+        """Saves the changed layers of the local layer stack: live layers on their server, others here. Skips
+        locked layers."""
         return self._run("saving", self._save(None))
 
     async def save_stage_async(self) -> SaveResult:
@@ -182,8 +185,8 @@ class UsdContext:
         return self._start("saving", self._save(None), on_finish_fn, saving=True)
 
     def save_as_stage(self, url: str) -> bool:
-        """Writes the root layer to another file, whose relative asset paths lead to where they led, and the
-        other changed layers to theirs; the context has the new root then."""
+        """Writes the root layer to another file and adjusts its relative asset paths. Saves the other changed
+        layers to their own files. The context then uses the new root layer."""
         return self._run("saving", self._save_as(url))
 
     async def save_as_stage_async(self, url: str) -> SaveResult:
@@ -193,7 +196,8 @@ class UsdContext:
         return self._start("saving", self._save_as(url), on_finish_fn, saving=True)
 
     def save_layers(self, new_root_layer_path: str, layer_identifiers: typing.Sequence[str]) -> bool:
-        """Writes these layers of the local stack; with a path, the root layer to it, as save_as_stage()."""
+        """Saves these layers of the local stack. With a path, also writes the root layer to it, like
+        save_as_stage()."""
         return self._run("saving", self._save_layers(new_root_layer_path, layer_identifiers))
 
     async def save_layers_async(self, new_root_layer_path: str,
@@ -207,7 +211,7 @@ class UsdContext:
                            saving=True)
 
     def export_as_stage(self, url: str) -> bool:
-        """Writes what is composed, with the session layer, as one layer. The stage stays as it is."""
+        """Writes the composed stage, including the session layer, as one layer. The stage stays unchanged."""
         return self._run("exporting", self._export(url))
 
     async def export_as_stage_async(self, url: str) -> Result:
@@ -217,8 +221,8 @@ class UsdContext:
         return self._start("exporting", self._export(url), on_finish_fn)
 
     async def create_checkpoint_async(self, comment: str = "", force: bool = False) -> Result:
-        """Names what the stage's project is now, all of its layers: to find it again (`usdlive
-        checkpoints`). Unless `force`, a revision that has a name gets no other."""
+        """Gives the present revision of the stage's project a name (see `usdlive checkpoints`). A revision that
+        has a name gets a second one only with `force`."""
         if not (self._opened and self._opened.live):
             return False, "only a live project has checkpoints"
         self._distribute()
@@ -226,15 +230,16 @@ class UsdContext:
         return not error, error
 
     def try_cancel_save(self) -> bool:
-        """From a subscriber that hears SAVING or SETTINGS_SAVING: the save then fails and writes nothing."""
+        """Cancels a save from a subscriber to SAVING or SETTINGS_SAVING. The save then fails and writes
+        nothing."""
         if self._save_cancelled is None:
             return False
         self._save_cancelled = True
         return True
 
     def call_before_saving(self, function: typing.Callable[[], None]) -> None:
-        """usdlive's own: `function()` is called before what was authored is saved, sent or left, so that what
-        waits for the next frame is among it."""
+        """Not in Kit: calls `function()` before edits are saved, sent or left, so that edits waiting for the
+        next frame are included."""
         self._before_saving.append(function)
 
     # -- queries
@@ -252,7 +257,7 @@ class UsdContext:
         return self._opened is not None and self._opened.is_new
 
     def is_writable(self) -> bool:
-        """Can the root layer's file be written?"""
+        """Returns True if the root layer's file can be written."""
         if self._opened is None:
             return False
         root = self._opened.stage.GetRootLayer()
@@ -263,10 +268,10 @@ class UsdContext:
         try:
             return not is_read_only(root.realPath)
         except OSError:
-            return True  # the file is gone, and can be written again
+            return True  # the file is missing and can be written again
 
     def is_omni_stage(self) -> bool:
-        """Is the stage live?"""
+        """Returns True if the stage is live."""
         return self.live is not None
 
     def is_live_layer(self, layer: Sdf.Layer) -> bool:
@@ -274,7 +279,7 @@ class UsdContext:
         return bool(live and live.name_of(layer))
 
     def is_live_layer_unsaved(self, layer: Sdf.Layer) -> bool:
-        """Does the server have, or will it get, what is not in the layer's file?"""
+        """Returns True if the server has, or will get, edits that are not in the layer's file."""
         return self.is_live_layer(layer) and self._opened.live.is_dirty([layer])
 
     @property
@@ -288,15 +293,15 @@ class UsdContext:
         return self._is_dirty() if self._pending_edit is None else self._pending_edit
 
     def set_pending_edit(self, edit: bool) -> None:
-        """Holds until the stage is saved, and False only until the next edit."""
+        """Overrides the state until the stage is saved; False is overridden by the next edit."""
         self._pending_edit = bool(edit)
 
     def get_stage(self) -> Usd.Stage | None:
         return self._opened.stage if self._opened else None
 
     def get_stage_id(self) -> int:
-        """In UsdUtils.StageCache; -1 without a stage. A stage that was attached is put there when its id is
-        first asked for, and stays there: pxr would end it with its place in the cache."""
+        """Returns the id in UsdUtils.StageCache, or -1 without a stage. An attached stage is inserted when its
+        id is requested for the first time, and stays there, because removing it would close it."""
         return UsdUtils.StageCache.Get().Insert(self._opened.stage).ToLongInt() if self._opened else -1
 
     def get_stage_url(self) -> str:
@@ -306,7 +311,7 @@ class UsdContext:
         return self._state
 
     def get_stage_loading_status(self) -> tuple[str, int, int]:
-        """(message, loaded, total): layers, while a stage opens; ("", 0, 0) otherwise."""
+        """Returns (message, loaded layers, all layers) while a stage opens; ("", 0, 0) otherwise."""
         loading = self._loading
         return (loading.message, loading.loaded, loading.total) if loading else ("", 0, 0)
 
@@ -314,7 +319,7 @@ class UsdContext:
         return False  # nothing is streamed to a renderer
 
     def get_asset_open_diagnostics(self) -> list[str]:
-        """What could not be opened of what the stage uses; the first 100."""
+        """Returns the errors for assets of the stage that could not be opened; the first 100."""
         return self._diagnostics[:_DIAGNOSTICS_KEPT]
 
     def get_num_asset_open_diagnostics(self) -> int:
@@ -332,17 +337,18 @@ class UsdContext:
         return self._events.stream
 
     def stage_event_name(self, event_type: StageEventType) -> str:
-        """As Kit names it: `omni.usd:<context>:stage:<event>`."""
+        """Returns Kit's name of the event: `omni.usd:<context>:stage:<event>`."""
         return f"omni.usd:{self._name}:stage:{StageEventType(event_type).name.lower()}"
 
     async def next_stage_event_async(self) -> tuple[int, dict]:
-        """(event type, payload). A task that asks again at once misses none, also several of one frame."""
+        """Waits for the next (event type, payload). A task that calls this again at once misses no event, even
+        if there are several in a frame."""
         return await self._events.next()
 
     async def selection_changed_async(self) -> None:
         await self._events.next_of(StageEventType.SELECTION_CHANGED)
 
-    # -- operations, as steps that touch the stage and yield what may take long
+    # -- operations, as steps that use the stage and yield slow work
 
     def _new(self, load_set: UsdContextInitialLoadSet) -> Steps[Result]:
         if self._opened:
@@ -353,7 +359,8 @@ class UsdContext:
 
     def _open(self, url: str, load_set: UsdContextInitialLoadSet,
               session_layer_url: str | None = None) -> Steps[Result]:
-        """A stage that is open is closed when the new one's layers are read; if they cannot be, it stays."""
+        """Opens a stage. The present one is closed after the new one's layers have been read, and stays open if
+        that fails."""
         url = local_path(url)
         session_layer_url = local_path(session_layer_url) if session_layer_url else None
         self._loading = loading = Loading(url, load_set)
@@ -371,7 +378,8 @@ class UsdContext:
                 root = yield loading.read
             else:
                 root = live.live.open_layer(
-                    address.layer, _load(load_set) == Usd.Stage.LoadAll)  # waited for here: layers belong to this thread
+                    # blocks here, because layers belong to this thread
+                    address.layer, _load(load_set) == Usd.Stage.LoadAll)
             session = yield (lambda: open_root(session_layer_url)) if session_layer_url else (lambda: None)
             text = ""
             self._check_not_shared(loading.layers.values())
@@ -406,7 +414,7 @@ class UsdContext:
             self._check_not_shared(self._opened.stage.GetUsedLayers())
             used = [layer.identifier for layer in self._opened.stage.GetUsedLayers()]
             yield from self._close()
-            # Others may hold some, and Sdf would give them as they are.
+            # Other references may keep some of them, and Sdf would return them unchanged.
             held = [layer for identifier in used if (layer := Sdf.Layer.Find(identifier))]
             if not is_live_address(url):
                 Sdf.Layer.ReloadLayers([layer for layer in held if not layer.anonymous], True)
@@ -440,12 +448,12 @@ class UsdContext:
         text, unsaved = "", []
         try:
             self._distribute()
-            if opened.owned:  # else the owner goes on with them
+            if opened.owned:  # otherwise the owner keeps using them
                 unsaved = [layer.identifier for layer in opened.stage.GetUsedLayers() if layer.dirty
                            and not layer.anonymous and not self.is_live_layer(layer)]
             if opened.live:
                 text = yield from opened.live.leave(discard=self._pending_edit is False)
-        except usdlive.Error as error:  # there is no connection any more
+        except usdlive.Error as error:  # the connection is closed
             text = reason(error)
         except BaseException:  # refused or cancelled
             self._state = StageState.OPENED
@@ -458,50 +466,51 @@ class UsdContext:
         self._hierarchy_changed = False
         self._diagnostics = []
         self._set_state(StageState.CLOSED, StageEventType.CLOSED)
-        # Not before: who hears CLOSED may still take leave of the stage.
+        # Last, because subscribers to CLOSED may still use the stage.
         if opened.owned and not any(other.get_stage() == opened.stage for other in _contexts):
             UsdUtils.StageCache.Get().Erase(opened.stage)
         return True, text
 
     def _save(self, layers: list[Sdf.Layer] | None, locks_of: list[Sdf.Layer] | None = None) -> Steps[SaveResult]:
-        """`layers`: None for all that need it. `locks_of`: whose own locks are saved, None for all."""
+        """Saves layers. `layers`: None for all changed ones. `locks_of`: the layers whose own locks are saved;
+        None for all."""
         stage = self._need_stage()
         if self.is_new_stage() and layers is None:
             raise Failure("the stage has no file yet; use save_as_stage")
         live = self._opened.live
-        self._tell_saving()
+        self._send_saving()
         self._distribute()
-        with self._telling_of_a_cancel():
+        with self._sending_a_cancel():
             chosen = _saving.unsaved(stage, live) if layers is None else layers
             saved, problems = yield from _saving.save(chosen, live, unsaved_only=layers is None)
             problems += yield from _saving.save_locks(stage, live, locks_of)
-        return self._tell_saved(saved, problems)
+        return self._send_saved(saved, problems)
 
     def _save_as(self, url: str, others: list[Sdf.Layer] | None = None) -> Steps[SaveResult]:
         stage, url = self._need_stage(), local_path(url)
         root = stage.GetRootLayer()
         if self.is_omni_stage():
-            raise Failure("a live stage stays where its server keeps it; export_as_stage writes a copy")
+            raise Failure("a live stage cannot move to another file; use export_as_stage to write a copy")
         _saving.check_new_root(url, stage)
         self._distribute()
         if not root.anonymous and Sdf.Layer.Find(url) == root:
             chosen = _saving.unsaved(stage, None) if others is None else others
             return (yield from self._save([root, *(layer for layer in chosen if layer != root)], others))
-        self._tell_saving()
+        self._send_saving()
         self._distribute()
         named = others
         others = [layer for layer in (_saving.unsaved(stage, None) if others is None else others)
                   if layer != root]
-        with self._telling_of_a_cancel():
+        with self._sending_a_cancel():
             saved, problems = yield from _saving.save(others, None)
             problems += yield from _saving.save_locks(stage, None, named)
             if problems:
-                return self._tell_saved(saved, problems)
+                return self._send_saved(saved, problems)
             try:
                 new_root = yield from _saving.write_root(root, url)
             except OUTSIDE as error:
-                return self._tell_saved(saved, [reason(error)])
-        result = self._tell_saved([*saved, new_root], [])
+                return self._send_saved(saved, [reason(error)])
+        result = self._send_saved([*saved, new_root], [])
         yield from self._replace_root(new_root)
         return result
 
@@ -519,21 +528,21 @@ class UsdContext:
         yield from _saving.export(stage, url)
         return True, ""
 
-    # -- what the operations share
+    # -- helpers of the operations
 
     def _distribute(self) -> None:
         for function in self._before_saving:
             function()
 
     def _check_not_shared(self, layers: typing.Iterable[Sdf.Layer]) -> None:
-        """Edits that are discarded here must not be another context's unsaved work."""
+        """Refuses to discard edits that are the unsaved work of another context."""
         mine = set(self._opened.stage.GetUsedLayers()) if self._opened else set()
         for layer in layers:
             if not layer.dirty or layer.anonymous or layer not in mine and layer.identifier not in _discarded:
                 continue
             for other in _contexts:
                 if other.is_live_layer(layer):
-                    break  # its edits are with the server
+                    break  # the server has its edits
                 if other is not self and (stage := other.get_stage()) and layer in stage.GetUsedLayers():
                     raise Failure(f"{layer.identifier} has unsaved edits and is also open in the context "
                                   f"'{other.get_name()}'. Save it, or close it there, first")
@@ -563,12 +572,12 @@ class UsdContext:
         self._edited_since_tick = False
         self._pending_edit, self._was_dirty = None, self._is_dirty()
         self._set_state(StageState.OPENED, StageEventType.OPENED)
-        self._events.tell_later(StageEventType.ASSETS_LOADING)
-        self._events.tell_later(StageEventType.ASSETS_LOADED)
+        self._events.queue(StageEventType.ASSETS_LOADING)
+        self._events.queue(StageEventType.ASSETS_LOADED)
         return True, ""
 
     def _replace_root(self, root: Sdf.Layer) -> Steps[None]:
-        """The same session layer, edit target and selection, over another root."""
+        """Replaces the root layer. Keeps the session layer, the edit target and the selection."""
         old = self._opened
         session, target, old_root = (hold(layer) for layer in (
             old.stage.GetSessionLayer(), old.stage.GetEditTarget().GetLayer(), old.stage.GetRootLayer()))
@@ -593,42 +602,42 @@ class UsdContext:
             more = f" (and {len(self._diagnostics) - 1} more)" if len(self._diagnostics) > 1 else ""
             raise Failure(self._diagnostics[0] + more)
 
-    def _tell_saving(self) -> None:
+    def _send_saving(self) -> None:
         self._save_cancelled = False
         try:
-            self._events.tell(StageEventType.SAVING)
-            self._events.tell(StageEventType.SETTINGS_SAVING)
+            self._events.send(StageEventType.SAVING)
+            self._events.send(StageEventType.SETTINGS_SAVING)
             cancelled = self._save_cancelled
         finally:
             self._save_cancelled = None
         if cancelled:
-            self._events.tell(StageEventType.SAVE_FAILED, error="saving was cancelled")
+            self._events.send(StageEventType.SAVE_FAILED, error="saving was cancelled")
             raise Failure("saving was cancelled")
 
     @contextlib.contextmanager
-    def _telling_of_a_cancel(self) -> typing.Iterator[None]:
+    def _sending_a_cancel(self) -> typing.Iterator[None]:
         try:
             yield
         except GeneratorExit:
-            self._events.tell(StageEventType.SAVE_FAILED, error="it was cancelled")
+            self._events.send(StageEventType.SAVE_FAILED, error="it was cancelled")
             raise
 
-    def _tell_saved(self, saved: list[Sdf.Layer], problems: list[str]) -> SaveResult:
+    def _send_saved(self, saved: list[Sdf.Layer], problems: list[str]) -> SaveResult:
         text, identifiers = "; ".join(problems), [layer.identifier for layer in saved]
         if problems:
-            self._events.tell(StageEventType.SAVE_FAILED, error=text)
+            self._events.send(StageEventType.SAVE_FAILED, error=text)
         else:
-            self._events.tell(StageEventType.SAVED)
+            self._events.send(StageEventType.SAVED)
             self._pending_edit, self._edited_since_tick = None, False
         dirty = self.has_pending_edit()
         if not problems or dirty != self._was_dirty:
-            self._events.tell(StageEventType.DIRTY_STATE_CHANGED)
+            self._events.send(StageEventType.DIRTY_STATE_CHANGED)
         self._was_dirty = dirty
         return not problems, text, identifiers
 
     def _set_state(self, state: StageState, event: StageEventType, **payload: typing.Any) -> None:
         self._state = state
-        self._events.tell(event, **payload)
+        self._events.send(event, **payload)
 
     def _is_dirty(self) -> bool:
         layers = self._opened.stage.GetLayerStack(False)
@@ -642,22 +651,22 @@ class UsdContext:
     def _tick_live(self) -> None:
         if self._opened and self._opened.live:
             self._opened.live.tick()
-            self._edited_since_tick = False  # from here on the connection knows
+            self._edited_since_tick = False  # from now on the connection knows
 
     def _look(self) -> None:
-        """Once per frame: what changed often is told once."""
+        """Called once per frame. Sends one event for repeated changes."""
         if self._selection_changed:
             self._selection_changed = False
-            self._events.tell_later(StageEventType.SELECTION_CHANGED)
+            self._events.queue(StageEventType.SELECTION_CHANGED)
         if self._state != StageState.OPENED:
             return
         if self._hierarchy_changed:
             self._hierarchy_changed = False
-            self._events.tell_later(StageEventType.HIERARCHY_CHANGED)
+            self._events.queue(StageEventType.HIERARCHY_CHANGED)
         dirty = self.has_pending_edit()
         if dirty != self._was_dirty and self._operation != "saving":
             self._was_dirty = dirty
-            self._events.tell_later(StageEventType.DIRTY_STATE_CHANGED)
+            self._events.queue(StageEventType.DIRTY_STATE_CHANGED)
 
     def _on_objects_changed(self, notice: Usd.Notice.ObjectsChanged, _: object) -> None:
         if notice.GetResyncedPaths():
@@ -679,21 +688,21 @@ class UsdContext:
 
     def _start(self, what: str, steps: Steps, on_finish: typing.Callable | None,
                saving: bool = False) -> bool:
-        """True when it was begun. Without an event loop it is done in the next frame."""
+        """Starts an operation. Returns True if it was started. Without an event loop it runs in the next frame."""
         if self._operation:
             steps.close()
             return False
         guarded = self._guarded(what, steps, saving)
-        tell = on_finish or (lambda *_: None)
+        finish = on_finish or (lambda *_: None)
         try:
             loop = asyncio.get_running_loop()
         except RuntimeError:
-            self._in_next_frame(lambda: tell(*run(guarded)))
+            self._in_next_frame(lambda: finish(*run(guarded)))
             return True
         task = loop.create_task(run_async(guarded))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-        task.add_done_callback(lambda done: None if done.cancelled() else tell(*done.result()))
+        task.add_done_callback(lambda done: None if done.cancelled() else finish(*done.result()))
         return True
 
     def _in_next_frame(self, function: typing.Callable[[], typing.Any]) -> None:
@@ -704,7 +713,7 @@ class UsdContext:
         subscription = get_app().get_update_event_stream().create_subscription_to_pop(once, ORDER_EVENTS)
 
     def _guarded(self, what: str, steps: Steps, saving: bool) -> Steps:
-        """One at a time; what can fail for outside reasons becomes the tuple."""
+        """Runs one operation at a time. Converts errors from outside into the result tuple."""
         if self._operation:
             steps.close()
             text = f"the context is {self._operation}"
@@ -720,7 +729,7 @@ class UsdContext:
         return (False, text, []) if saving else (False, text)
 
     def _destroy(self) -> bool:
-        """Ends what the context has with the application. Not in the middle of an operation."""
+        """Ends the subscriptions of the context. Refused while an operation runs."""
         if self._operation or self.can_close_stage() and not self.close_stage():
             return False
         for frame in self._frames:
@@ -733,14 +742,14 @@ def _load(load_set: UsdContextInitialLoadSet) -> Usd.Stage.InitialLoadSet:
 
 
 def _reload_discarded(layers: typing.Iterable[Sdf.Layer]) -> None:
-    """A file opens as it is on disk, also when somebody still holds its layer with edits of a closed stage."""
+    """Reloads files whose layers still have edits of a closed stage, so that they open as on the disk."""
     chosen = [layer for layer in layers if layer.identifier in _discarded]
     Sdf.Layer.ReloadLayers([layer for layer in chosen if layer.dirty], True)
     _discarded.difference_update(layer.identifier for layer in chosen)
 
 
 def _restore_edit_target(stage: Usd.Stage) -> None:
-    """The layer that was authored in when the stage was saved, as Kit keeps it in the root layer."""
+    """Restores the edit target of the last save, which Kit stores in the root layer."""
     from usdlive.omni.kit.usd.layers import LayerUtils
 
     LayerUtils.restore_authoring_layer_from_custom_data(stage)

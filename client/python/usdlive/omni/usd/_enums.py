@@ -6,7 +6,7 @@ import enum
 
 
 class UsdContextInitialLoadSet(enum.IntEnum):
-    """Which payloads are loaded with a stage."""
+    """The payloads that are loaded with a stage."""
 
     LOAD_ALL = 0
     LOAD_NONE = 1
@@ -20,8 +20,8 @@ class StageState(enum.IntEnum):
 
 
 class StageEventType(enum.IntEnum):
-    """What comes through a context's stage event stream. Those of rendering and simulation are here for the
-    scripts that name them; usdlive has neither and never sends them."""
+    """The events of a context's stage event stream. Those of rendering and simulation exist for scripts that
+    name them; usdlive never sends them."""
 
     SAVED = 0
     SAVE_FAILED = 1

@@ -1,4 +1,4 @@
-"""What went wrong, in one sentence, as the tuples of UsdContext carry it."""
+"""Converts errors to one sentence for the result tuples of UsdContext."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ _TF_PREFIX = re.compile(r"\s*Error in '[^\n]*?' at line \d+ in file \S+ : ")
 
 
 class Failure(Exception):
-    """An operation that does not come about, and why."""
+    """The reason why an operation failed."""
 
 
-# What a library or the system raises for reasons outside of the program.
+# Exceptions of a library or the system with a cause outside of this program.
 OUTSIDE = (Failure, Tf.ErrorException, usdlive.Error, OSError)
 
 
 def reason(error: BaseException) -> str:
-    """The sentence for the user."""
+    """Returns the sentence for the user."""
     if isinstance(error, Tf.ErrorException):
         parts = [part.strip().removeprefix("'").removesuffix("'") for part in _TF_PREFIX.split(str(error))]
         return "; ".join(dict.fromkeys(part for part in parts if part))

@@ -1,8 +1,8 @@
-"""Writing layers to files so that a file is whole or stays as it was.
+"""Writes layers to files atomically.
 
-`Sdf.Layer.Save()` overwrites: with a full disk it leaves neither the old file nor the new one, and a `.usdc`
-is changed in place. Here the content goes to a file beside the old one, is synced and read back, and takes
-its place then.
+`Sdf.Layer.Save()` overwrites the file: with a full disk neither the old nor the new content remains, and a
+`.usdc` file is changed in place. Here the content is written to a file beside the old one, synced and read
+back, and then replaces it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def extension(path: str) -> str:
 
 
 def check_writable(path: str) -> None:
-    """Raises a Failure with the reason why a file cannot be written there. Root is refused like everybody
-    else where the file has no write permission at all."""
+    """Raises a Failure with the reason if a file cannot be written there. Also refuses root if the file has no
+    write permission."""
     folder = os.path.dirname(os.path.abspath(path))
     if extension(path) not in WRITABLE_EXTENSIONS or not Sdf.FileFormat.FindByExtension(extension(path)):
         raise Failure(f"{path}: files of this kind cannot be written; use .usd, .usda or .usdc")
@@ -42,11 +42,12 @@ def is_read_only(path: str) -> bool:
 
 
 class Replacement:
-    """The new content of `path`, in a file beside it. discard() removes one that was not put in place."""
+    """The new content of `path` in a temporary file beside it. discard() removes a file that was not put in
+    place."""
 
     def __init__(self, layer: Sdf.Layer, path: str, like: Sdf.Layer | None = None):
-        """Raises Failure, OSError or Tf.ErrorException; nothing is left then. `like`: whose kind of `.usd` a
-        new one is."""
+        """Writes the temporary file. Raises Failure, OSError or Tf.ErrorException, and leaves no file then.
+        `like`: the layer whose kind of `.usd` file a new file gets."""
         self.path = os.path.realpath(path)
         check_writable(self.path)
         folder, name = os.path.split(self.path)
@@ -60,16 +61,16 @@ class Replacement:
             self.discard()
             raise
 
-    def settle(self) -> None:
-        """Waits for the disk and reads the file once, so that what cannot be read never replaces what can.
-        Needs no stage: may run in a thread."""
+    def sync_and_verify(self) -> None:
+        """Syncs the file and reads it once, so that an unreadable file never replaces a readable one. Uses no
+        stage, so it may run in a thread."""
         with open(self._temporary, "rb") as file:
             os.fsync(file.fileno())
         if not Sdf.Layer.OpenAsAnonymous(self._temporary):
-            raise Failure(f"{self.path}: what was written does not read back")
+            raise Failure(f"{self.path}: the written file cannot be read back")
 
     def put_in_place(self) -> None:
-        """With the owner, if one may, and the permissions of the old one."""
+        """Replaces the old file. Keeps its permissions, and its owner if possible."""
         with contextlib.suppress(FileNotFoundError):
             old = os.stat(self.path)
             with contextlib.suppress(PermissionError):
@@ -92,7 +93,8 @@ def _sync_folder(path: str) -> None:
 
 
 def _arguments(layer: Sdf.Layer, path: str) -> dict[str, str]:
-    """A `.usd` file stays text or binary as it was; one that is new is as its layer's file, else binary."""
+    """Returns the arguments for a `.usd` file: text or binary as before. A new file is like its layer's file,
+    or binary."""
     if extension(path) != "usd":
         return {}
     for existing in (path, layer.realPath):

@@ -16,12 +16,12 @@ from ._steps import Steps, Until
 
 _log = logging.getLogger("usdlive.omni.usd")
 
-_SAVE_SECONDS = 60.0  # a server that has not answered by then is not waited for
-_LEAVE_SECONDS = 5.0  # so long are edits of one's own waited for that are not confirmed
+_SAVE_SECONDS = 60.0  # the longest wait for the server's answer
+_LEAVE_SECONDS = 5.0  # the longest wait for the confirmation of own edits
 
 
 class LiveStage:
-    """Ticks a `usdlive.Live`, and asks and waits in the way of _steps."""
+    """Ticks a `usdlive.Live`. Sends requests and waits for answers with the steps of _steps."""
 
     def __init__(self, live: usdlive.Live, owned: bool):
         self.live = live
@@ -36,11 +36,11 @@ class LiveStage:
             _log.error("%s", error.message)
 
     def name_of(self, layer: Sdf.Layer) -> str | None:
-        """The layer's name in the project, if it is live."""
+        """Returns the layer's name in the project, if it is live."""
         return self.live.layer_name(layer)
 
     def is_dirty(self, layers: typing.Iterable[Sdf.Layer]) -> bool:
-        """Does the server have, or will it get, what is not in the layers' files?"""
+        """Returns True if the server has, or will get, edits that are not in the layers' files."""
         names = {name for layer in layers if (name := self.name_of(layer))}
         if names and self.live.pending:
             return True
@@ -48,22 +48,22 @@ class LiveStage:
         return any(states[name].dirty for name in names if name in states)
 
     def save(self, layers: list[Sdf.Layer], unsaved_only: bool) -> Steps[tuple[list[Sdf.Layer], list[str]]]:
-        """Those that the server has written, and reasons for those it has not."""
+        """Returns the layers that the server has saved, and the reasons for the others."""
         named = {name: layer for layer in layers if (name := self.name_of(layer))}
         if not named:
             return [], []
         answers: list[events.Saved | events.ServerError] = []
-        committed: set[str] = set()  # their layers' states may come a little later
+        committed: set[str] = set()  # their states may arrive a little later
 
-        def hear(event: events.Event) -> None:
+        def receive(event: events.Event) -> None:
             if isinstance(event, (events.Saved, events.ServerError)):
                 answers.append(event)
             elif isinstance(event, events.Committed):
                 committed.update(edit.layer for edit in event.edits)
 
-        self.live.add_handler(hear)
+        self.live.add_handler(receive)
         try:
-            self.tick()  # what was authored since the last frame is to be saved, too
+            self.tick()  # includes the edits since the last frame
             yield Until(lambda: not self.live.pending or not self.live.connected, self.tick, _SAVE_SECONDS)
             states = self.live.layer_states()
             if unsaved_only and self.live.connected:
@@ -75,17 +75,17 @@ class LiveStage:
             self.live.request_save(*named)
             answered = yield Until(lambda: bool(answers), self.tick, _SAVE_SECONDS)
         finally:
-            self.live.remove_handler(hear)
+            self.live.remove_handler(receive)
         if not answered:
-            return [], [f"the server did not say within {_SAVE_SECONDS:.0f} s that it has saved"]
+            return [], [f"the server did not confirm the save within {_SAVE_SECONDS:.0f} s"]
         if isinstance(answers[0], events.ServerError):
             return [], [answers[0].message]
         failed = [f"{layer}: {message}" for layer, _, message in answers[0].failed]
         return [named[name] for name in answers[0].saved if name in named], failed
 
     def checkpoint(self, comment: str, force: bool) -> Steps[str]:
-        """Names what the project is now: by the comment, with a number where that is taken. Unless `force`,
-        a revision that has a name gets no other. Returns why it could not be done, or ""."""
+        """Creates a checkpoint named after the comment, with a number if that name is used. A revision that has
+        a name gets a second one only with `force`. Returns the reason for a failure, or ""."""
         self.tick()
         yield Until(lambda: not self.live.pending or not self.live.connected, self.tick, _SAVE_SECONDS)
         listed = yield from self._ask(self.live.request_checkpoints)
@@ -105,28 +105,28 @@ class LiveStage:
                 return ""
             if made.code != "checkpointExists":
                 return made.message
-            taken.add(name)  # by somebody else, just now
+            taken.add(name)  # somebody else has just used it
 
     def _ask(self, request: typing.Callable[[], int]) -> Steps[events.Event]:
-        """The event that answers it."""
-        heard: list[events.Event] = []
-        self.live.add_handler(heard.append)
+        """Sends a request and returns the event that answers it."""
+        received: list[events.Event] = []
+        self.live.add_handler(received.append)
         try:
             number = request()
 
             def answers() -> list[events.Event]:
-                return [event for event in heard if getattr(event, "request", None) == number]
+                return [event for event in received if getattr(event, "request", None) == number]
 
             yield Until(lambda: bool(answers()), self.tick, _SAVE_SECONDS)
             told = answers()
         finally:
-            self.live.remove_handler(heard.append)
+            self.live.remove_handler(received.append)
         return told[0] if told else events.ServerError(
             "notConnected", f"the server did not answer within {_SAVE_SECONDS:.0f} s", number)
 
     def leave(self, discard: bool) -> Steps[str]:
-        """Leaves the project when what was authored is confirmed. A Failure when it is not after a while,
-        unless it may be discarded: then the text says so."""
+        """Leaves the project when all own edits are confirmed. Raises a Failure if that takes too long. If they
+        may be discarded, returns a text about them instead."""
         if not self._owned:
             return ""
         self.tick()
@@ -134,7 +134,7 @@ class LiveStage:
             yield Until(lambda: not self.live.pending or not self.live.connected, self.tick, _LEAVE_SECONDS)
         pending = self.live.pending
         if pending and not discard:
-            raise Failure(f"{pending} transactions of yours were not confirmed by the server. The stage stays "
+            raise Failure(f"{pending} of your transactions were not confirmed by the server. The stage stays "
                           "open: wait for the server, write a copy with export_as_stage(), or call "
                           "set_pending_edit(False) and close again: they are then kept as unsent work")
         self.live.close(timeout=0)
@@ -146,21 +146,21 @@ class LiveStage:
 
 
 def _checkpoint_name(comment: str) -> str:
-    """One that the server takes, with room for a number."""
+    """Returns a name that the server accepts, with space for a number."""
     printable = " ".join("".join(c if c.isprintable() else " " for c in comment).split())
     return printable.encode()[:180].decode(errors="ignore") or "checkpoint"
 
 
 def join(address: LiveAddress, user: str, timeout: float) -> Steps[LiveStage]:
-    """Connects; waiting for an answer needs no stage."""
+    """Connects to the project. Waiting for the answer needs no stage."""
     server = address.server.replace("usdlive://", "ws://", 1)
     live = yield lambda: usdlive.connect(server, user=user, application="usdlive.omni", timeout=timeout)
     return LiveStage(live, owned=True)
 
 
 def make_live(connection: LiveStage, address: LiveAddress, stage: Usd.Stage) -> None:
-    """A stage that was read from an attached folder becomes live. What is muted for everybody is the affair
-    of the context's layers (`set_muteness_scope`)."""
+    """Makes a stage live that was read from an attached folder. The context's layers handle muteness
+    (`set_muteness_scope`)."""
     live = connection.live
     if address.folder and address.layer not in live.attach(stage, address.folder, follow_muteness=False):
-        raise Failure(f"{address.layer} is no layer of the project at {address.server}")
+        raise Failure(f"{address.layer} is not a layer of the project at {address.server}")

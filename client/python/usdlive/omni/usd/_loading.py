@@ -1,4 +1,4 @@
-"""Reading a file and the layers it uses, without a stage."""
+"""Reads a file and the layers that it uses, without a stage."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ._errors import Failure, reason
 
 
 class Loading:
-    """Reads in a thread what composing would otherwise read on the loop's: Sdf lets go of the interpreter
-    while it parses. `loaded` of the `total` layers known so far are here.
+    """Reads layers in a thread, which composing would otherwise read on the event loop's thread. Sdf releases
+    the interpreter while it parses. `loaded` of the `total` layers known so far have been read.
 
-    Sublayers, references and payloads are followed (with LOAD_NONE sublayers alone), also in variants that
-    are not selected; those that no composition holds are let go of with this object.
+    Follows sublayers, references and payloads (with LOAD_NONE only sublayers), also in variants that are not
+    selected. Layers that no composition uses are released with this object.
     """
 
     def __init__(self, url: str, load_set: UsdContextInitialLoadSet):
@@ -30,7 +30,7 @@ class Loading:
         return f"Opening {self.url}"
 
     def read(self) -> Sdf.Layer:
-        """The root layer. Raises a Failure that names the file."""
+        """Returns the root layer. Raises a Failure that names the file."""
         resolver = Ar.GetResolver()
         with Ar.ResolverContextBinder(resolver.CreateDefaultContextForAsset(self.url)):
             root = open_root(self.url)
@@ -49,7 +49,7 @@ class Loading:
                 try:
                     found = Sdf.Layer.FindOrOpenRelativeToLayer(layer, path)
                 except Tf.ErrorException:
-                    pass  # composing reports it, with where it is used
+                    pass  # composing reports the error, with the place where it is used
             if found is None or found.identifier in self.layers:
                 self.total -= 1
                 continue
@@ -62,7 +62,7 @@ class Loading:
 
 
 def open_root(url: str) -> Sdf.Layer:
-    """The layer of a file; a Failure says what is wrong with it and names it."""
+    """Returns the layer of a file. Raises a Failure with the file's name and the problem."""
     if not url:
         raise Failure("no file was named")
     asset = Sdf.Layer.SplitIdentifier(url)[0]
@@ -80,5 +80,5 @@ def open_root(url: str) -> Sdf.Layer:
         text = reason(error)
         raise Failure(text if url in text else f"{url}: {text}") from error
     if layer is None:
-        raise Failure(f"{url} is no file that USD can read")  # a resolver's, which reports nothing
+        raise Failure(f"{url} cannot be read by USD")  # a resolver's, which reports nothing
     return layer

@@ -1,4 +1,4 @@
-"""Which stages are live: those of an address, and files in a folder that was attached to a server."""
+"""Decides which stages are live: those of an address, and files in a folder that is attached to a server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ _attached: dict[str, str] = {}  # folder -> server
 
 @dataclasses.dataclass(frozen=True)
 class LiveAddress:
-    """Where a live layer is. `folder`: of the files it was attached to, "" when the client keeps its own."""
+    """The address of a live layer. `folder`: the attached folder of its file, or "" if the client keeps its own
+    files."""
 
     server: str
     layer: str
@@ -25,18 +26,18 @@ class LiveAddress:
 
 
 def attach_project(folder: str, server: str) -> None:
-    """From now on files in `folder` open live: it is the folder that `server` (`usdlive://host:port`,
+    """Makes files in `folder` open live from now on. It is the folder that `server` (`usdlive://host:port`,
     `dds://project`) serves, or a copy of it."""
     _attached[os.path.realpath(local_path(folder))] = server.rstrip("/")
 
 
 def detach_project(folder: str) -> None:
-    """Files in it open as files again. Stages that are open stay as they are."""
+    """Makes files in the folder open as files again. Open stages stay unchanged."""
     _attached.pop(os.path.realpath(local_path(folder)), None)
 
 
 def local_path(url: str) -> str:
-    """The path of a `file://` URL; anything else as it is."""
+    """Returns the path of a `file://` URL, and any other text unchanged."""
     return _usdlive.layer_utils.without_file_scheme(str(url))
 
 
@@ -45,8 +46,8 @@ def is_live_address(url: str) -> bool:
 
 
 def live_address(url: str) -> LiveAddress | None:
-    """A layer's name may be given as it is or percent-encoded. None for a file that is not in an attached
-    folder, and for what is_live_address() and names no layer."""
+    """Returns the live address of a URL or file. A layer's name may be percent-encoded. Returns None for a file
+    outside the attached folders, and for a live address without a layer."""
     if match := _ADDRESS.fullmatch(url):
         return LiveAddress(match["server"], urllib.parse.unquote(match["layer"]))
     if is_live_address(url):

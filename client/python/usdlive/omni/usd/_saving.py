@@ -1,4 +1,4 @@
-"""What UsdContext's saving does to layers."""
+"""Saves the layers and locks of a UsdContext."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from ._steps import Steps
 
 
 def unsaved(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
-    """The layers of the local stack that a save may write; all that are live, since their server knows."""
+    """Returns the layers of the local stack that a save may write. Includes all live layers, because only their
+    server knows whether they have changed."""
     layers, root = [], stage.GetRootLayer()
     for layer in stage.GetLayerStack():
         if live and live.name_of(layer):
@@ -27,7 +28,7 @@ def unsaved(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
 
 
 def newly_locked(stage: Usd.Stage, live: LiveStage | None) -> list[Sdf.Layer]:
-    """Layers of the local stack whose own lock is not in their files yet."""
+    """Returns the layers of the local stack whose own lock is not saved yet."""
     return [layer for layer in stage.GetLayerStack()
             if layer.dirty and not layer.anonymous and not (live and live.name_of(layer))
             and layer != stage.GetRootLayer() and _has_own_lock(layer) and _lacks_lock(layer.realPath)]
@@ -38,7 +39,7 @@ def _has_own_lock(layer: Sdf.Layer) -> bool:
 
 
 def _lacks_lock(path: str) -> bool:
-    """A file that could get the lock and has none."""
+    """Returns True for a writable file without a lock."""
     try:
         return not is_read_only(path) and not _has_own_lock(Sdf.Layer.OpenAsAnonymous(path, metadataOnly=True))
     except OUTSIDE:
@@ -46,7 +47,7 @@ def _lacks_lock(path: str) -> bool:
 
 
 def save_locks(stage: Usd.Stage, live: LiveStage | None, only: list[Sdf.Layer] | None) -> Steps[list[str]]:
-    """Those that are not in the files of their layers yet; `only`: of these layers. Why some are not saved."""
+    """Saves the unsaved locks of the stage's layers; `only`: of these layers. Returns the problems."""
     problems = []
     for layer in newly_locked(stage, live):
         if only is not None and layer not in only:
@@ -59,8 +60,8 @@ def save_locks(stage: Usd.Stage, live: LiveStage | None, only: list[Sdf.Layer] |
 
 
 def save_lock(layer: Sdf.Layer) -> Steps[None]:
-    """Writes the lock into the layer's file, so that the next one who opens it has it. Other edits of a locked
-    layer are not saved."""
+    """Writes the lock to the layer's file, so that it exists when the layer is opened next. Does not save other
+    edits of a locked layer."""
     content = Sdf.Layer.OpenAsAnonymous(layer.realPath)
     _usdlive.layer_utils.set_own_lock(content.identifier)
     yield from _replace(Replacement(content, layer.realPath, like=layer))
@@ -72,12 +73,13 @@ def save_lock(layer: Sdf.Layer) -> Steps[None]:
 
 def find_local(stage: Usd.Stage, live: LiveStage | None,
                identifiers: typing.Iterable[str]) -> list[Sdf.Layer]:
-    """Of a live layer the server knows who may save it while it is locked."""
+    """Finds layers of the local stack that may be saved. For a live layer the server decides who may save it
+    while it is locked."""
     layers = []
     for identifier in identifiers:
         layer = Sdf.Layer.Find(identifier)
         if layer is None or not stage.HasLocalLayer(layer):
-            raise Failure(f"{identifier} is no layer of the local layer stack")
+            raise Failure(f"{identifier} is not a layer of the local layer stack")
         is_live = live and live.name_of(layer)
         if not is_live and _layer_content.is_locked(layer, stage.GetRootLayer()):
             raise Failure(f"{identifier} is locked")
@@ -87,7 +89,7 @@ def find_local(stage: Usd.Stage, live: LiveStage | None,
 
 def save(layers: list[Sdf.Layer], live: LiveStage | None,
          unsaved_only: bool = False) -> Steps[tuple[list[Sdf.Layer], list[str]]]:
-    """Those that were saved, and what was wrong with the others. `unsaved_only` is about live ones."""
+    """Returns the saved layers and the problems of the others. `unsaved_only` applies to live layers."""
     saved: list[Sdf.Layer] = []
     problems: list[str] = []
     if live:
@@ -107,7 +109,7 @@ def _save_file(layer: Sdf.Layer) -> Steps[None]:
     if layer.anonymous:
         raise Failure(f"{layer.identifier} is in memory only and has no file")
     if not layer.permissionToSave:
-        raise Failure(f"{layer.identifier} may not be saved")
+        raise Failure(f"{layer.identifier} does not permit saving")
     changed: list[bool] = []
     notice = Tf.Notice.Register(Sdf.Notice.LayersDidChangeSentPerLayer,
                                 lambda *_: changed.append(True), layer)
@@ -115,8 +117,8 @@ def _save_file(layer: Sdf.Layer) -> Steps[None]:
         yield from _replace(Replacement(layer, layer.realPath or layer.identifier))
     finally:
         notice.Revoke()
-    # Nothing else lets pxr know that a layer is as its file again; a .usdc has to read its values from the
-    # new file besides. Who edited meanwhile keeps a layer that is dirty.
+    # Only this tells pxr that the layer equals its file again, and a .usdc layer has to read its
+    # values from the new file. A layer that was edited meanwhile stays dirty.
     if not changed:
         layer.Reload(True)
     else:
@@ -125,14 +127,14 @@ def _save_file(layer: Sdf.Layer) -> Steps[None]:
 
 def _replace(replacement: Replacement) -> Steps[None]:
     try:
-        yield replacement.settle
+        yield replacement.sync_and_verify
         replacement.put_in_place()
     finally:
         replacement.discard()
 
 
 def check_new_root(url: str, stage: Usd.Stage, anything_used: bool = False) -> None:
-    """May the stage be written to this file?"""
+    """Checks whether the stage can be written to this file."""
     check_writable(url)
     existing = Sdf.Layer.Find(url)
     if existing is None or existing == stage.GetRootLayer() and not anything_used:
@@ -144,7 +146,7 @@ def check_new_root(url: str, stage: Usd.Stage, anything_used: bool = False) -> N
 
 
 def write_root(root: Sdf.Layer, url: str) -> Steps[Sdf.Layer]:
-    """The layer of the new file."""
+    """Writes the root layer to a new file. Returns its layer."""
     copy = Sdf.Layer.CreateAnonymous("root." + extension(url))
     copy.TransferContent(root)
     _layer_content.reanchor_to_file(copy, root, url)

@@ -1,4 +1,4 @@
-"""What is selected in a context."""
+"""The selection of a context."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pxr import Sdf, Usd
 
 
 class Selection:
-    """Paths of prims, in the order in which they were selected. Belongs to one UsdContext, which tells
-    SELECTION_CHANGED once per frame, however often the selection changed in it."""
+    """Paths of prims in the order of their selection. Belongs to one UsdContext, which sends SELECTION_CHANGED
+    at most once per frame."""
 
     def __init__(self, stage: typing.Callable[[], Usd.Stage | None], changed: typing.Callable[[], None]):
         self._stage = stage
@@ -23,12 +23,12 @@ class Selection:
         return str(path) in self._paths
 
     def set_selected_prim_paths(self, paths: typing.Iterable[str], expand_in_stage: bool = True) -> bool:
-        """Selects these and nothing else. `expand_in_stage` is for a tree view, which usdlive has not."""
+        """Selects exactly these paths. `expand_in_stage` is for a tree view, which usdlive does not have."""
         return self._set(dict.fromkeys(str(path) for path in paths if Sdf.Path.IsValidPathString(str(path))))
 
     def set_prim_path_selected(self, path: str, selected: bool, force_prim: bool = False,
                                clear_selected: bool = False, expand_in_stage: bool = True) -> bool:
-        """Adds one path or takes it out. `force_prim` takes it although the stage has no such prim."""
+        """Adds or removes one path. With `force_prim` the stage need not have the prim."""
         stage = self._stage()
         if selected and not force_prim and not (stage and stage.GetPrimAtPath(str(path))):
             return False
@@ -56,7 +56,7 @@ class Selection:
         return stage.Traverse() if stage else ()
 
     def _set(self, paths: dict[str, None]) -> bool:
-        """True when it is another selection than before; that is told."""
+        """Sets the selection. Returns True and notifies if it has changed."""
         if list(paths) == list(self._paths):
             return False
         self._paths = paths

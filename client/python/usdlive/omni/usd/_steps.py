@@ -1,7 +1,7 @@
-"""One operation, written once, that runs blocking or beside the event loop.
+"""Runs one operation either blocking or beside the event loop.
 
-An operation is a generator. It touches the stage itself, and yields what takes long: a function without
-arguments that may run in a thread (its result or its exception comes back from the `yield`), or `Until`.
+An operation is a generator. It uses the stage itself, and yields slow work: a function without arguments that
+may run in a thread (the `yield` returns its result or raises its exception), or `Until`.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ Work = typing.Callable[[], typing.Any]
 
 @dataclasses.dataclass(frozen=True)
 class Until:
-    """Frames go by until `condition()`, at most `seconds`; the `yield` gives whether it came true."""
+    """Runs frames until `condition()` is true, for at most `seconds`. The `yield` returns whether it became
+    true."""
 
     condition: typing.Callable[[], bool]
-    frame: typing.Callable[[], None]  # what lets it come true where no application makes frames
+    frame: typing.Callable[[], None]  # runs a frame if no application does
     seconds: float
 
 
@@ -30,13 +31,13 @@ Steps = typing.Generator[Work | Until, typing.Any, T]
 
 
 def run(steps: Steps[T]) -> T:
-    """To its end, here and now."""
+    """Runs the operation to its end, blocking."""
     try:
         step = next(steps)
         while True:
             try:
                 answer = _frames(step) if isinstance(step, Until) else step()
-            except Exception as error:  # noqa: BLE001 - the operation's to judge
+            except Exception as error:  # the operation decides
                 step = steps.throw(error)
             else:
                 step = steps.send(answer)
@@ -45,7 +46,7 @@ def run(steps: Steps[T]) -> T:
 
 
 async def run_async(steps: Steps[T]) -> T:
-    """The same while the loop goes on. Cancelled, the operation ends as failed."""
+    """Runs the operation beside the event loop. If it is cancelled, the operation fails."""
     try:
         step = next(steps)
         while True:

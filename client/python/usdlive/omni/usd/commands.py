@@ -1,4 +1,4 @@
-"""Kit's commands for prims that know of layers."""
+"""Kit's commands for prims that change layers."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _OnMove = typing.Callable[[Sdf.Path, Sdf.Path], typing.Any]
 
 
 class MovePrimCommand(RecordedCommand):
-    """`destructive` moves the prim in all local layers, with all that leads to it; undo moves it back, with
-    what others have done to it meanwhile. Otherwise what the local layers say of it is copied to the edit
-    target under the new path, and the old one deactivated there."""
+    """`destructive` moves the prim in all local layers and adjusts all paths to it. Undo moves it back and
+    keeps later edits of others. Otherwise the opinions of the local layers are copied to the edit target under
+    the new path, and the old prim is deactivated there."""
 
     def __init__(self, path_from: str | Sdf.Path, path_to: str | Sdf.Path,
                  time_code: Usd.TimeCode | None = None, keep_world_transform: bool = True,
@@ -61,7 +61,8 @@ class MovePrimCommand(RecordedCommand):
         if self._destructive:
             try:
                 self._move(self._to, self._from)
-            except CommandFailed as error:  # another one has moved it on, or put something in its place
+            # another user has moved it again, or created a prim in its place
+            except CommandFailed as error:
                 layer = self.stage.GetRootLayer().identifier
                 return [*kept, Kept(layer, str(self._to), None, None, str(error))]
             with Sdf.ChangeBlock():
@@ -89,7 +90,7 @@ class MovePrimCommand(RecordedCommand):
             layer).GetMapFunction().timeOffset) for layer in stage.GetLayerStack()
             if layer.GetPrimAtPath(self._from)]
         content = _layer_content.composed(parts, target, self._from)
-        if self._resolve:  # any prim may lead to it
+        if self._resolve:  # any prim may refer to it
             recorder.touch(target, deep=True)
         for path in (self._to, self._from):
             recorder.touch_with_ancestors(target, path)
@@ -118,7 +119,7 @@ class MovePrimCommand(RecordedCommand):
 
 
 class ReorderPrimCommand(RecordedCommand):
-    """Puts a prim at `position` among its siblings, -1 last; always authored in the root layer."""
+    """Moves a prim to `position` among its siblings; -1 is the last. Always written to the root layer."""
 
     def __init__(self, prim_path: str | Sdf.Path, position: int,
                  stage_or_context: str | UsdContext | Usd.Stage = ""):

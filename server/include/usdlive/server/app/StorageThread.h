@@ -41,7 +41,7 @@ public:
     // May be called from any thread.
     void append(CommitRecord commit);
     /// Accepts commits again. Returns false if none were dropped since the last call.
-    bool goOn();
+    bool resume();
     /// Calls `done` on the storage thread when all commits so far are stored or dropped. `done`
     /// must not call this class.
     void flush(std::function<void()> done);

@@ -41,7 +41,7 @@ public:
 
     /// Call when the storage thread has stored these commits, or has dropped the waiting ones.
     void appended(Revision upTo);
-    void thrownAway();
+    void dropped();
     /// Makes long operations end soon.
     void stop() { stopping_ = true; }
 

@@ -8,7 +8,7 @@
 #include "usdlive/common/core/Bytes.h"
 #include "usdlive/common/core/Result.h"
 #include "usdlive/server/project/Project.h"  // SessionId
-#include "usdlive/server/transport/OddSamples.h"
+#include "usdlive/server/transport/IgnoredSamples.h"
 
 namespace usdlive::server {
 
@@ -40,7 +40,7 @@ struct TransportCounters {
     std::uint64_t messagesOut = 0, framesOut = 0, bytesOut = 0;  ///< handed to the system
     std::uint64_t connections = 0;
     std::uint64_t queuedBytes = 0;  ///< waiting or being sent, of all sessions
-    OddityCounts ignored{};         ///< ignored samples of DDS
+    IgnoreCounts ignored{};         ///< ignored samples of DDS
 };
 
 /// The kinds of transports. The id of a session tells its transport.

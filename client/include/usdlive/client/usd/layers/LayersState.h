@@ -126,13 +126,13 @@ private:
     void applyScope(const std::set<std::string>& wanted);
     [[nodiscard]] const std::set<std::string>& flagsOfScope() const;
     [[nodiscard]] bool isLocked(const std::string& id, const Known& known) const;
-    [[nodiscard]] bool reloadsItself(const std::string& id, const Known& known) const;
+    [[nodiscard]] bool isAutoReloaded(const std::string& id, const Known& known) const;
     [[nodiscard]] bool isRoot(const std::string& id) const;
     [[nodiscard]] bool isSession(const std::string& id) const;
     bool reload(const std::vector<std::string>& ids);
-    void reloadWhatReloadsItself();
+    void reloadAutomatically();
     void look(double nowMs);
-    void tellLocks();
+    void notifyLocks();
 
     LayersContext& context_;
     bool globalScope_ = false;

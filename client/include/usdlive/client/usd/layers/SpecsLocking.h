@@ -79,18 +79,18 @@ private:
     LayerResult<Paths> change(Table changed);
     void follow(Table locks);
     void admit();
-    void settleAll();
+    void enforceAll();
     void takeShadows();
     [[nodiscard]] bool covers(const pxr::SdfPath& path) const;
     [[nodiscard]] bool hasLockBelow(const pxr::SdfPath& path) const;
     void takeShadow(const pxr::SdfLayerHandle& layer, Shadow& shadow);
     void refuse(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path);
-    void settleLayer(const pxr::SdfLayerHandle& layer, Shadow& shadow);
+    void enforceLayer(const pxr::SdfLayerHandle& layer, Shadow& shadow);
     void removeAdditions(const pxr::SdfLayerHandle& layer, const std::set<pxr::SdfPath>& changed);
     bool moveBack(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
     static void adopt(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
-    void settleMissing(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
-    void settle(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
+    void restoreMissing(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
+    void enforce(const pxr::SdfLayerHandle& layer, Shadow& shadow, const pxr::SdfPath& path);
     void restore(const pxr::SdfLayerHandle& layer, const Shadow& shadow, const pxr::SdfPath& path);
     void restoreBelow(const pxr::SdfLayerHandle& layer, const Shadow& shadow,
                       const pxr::SdfPath& path);

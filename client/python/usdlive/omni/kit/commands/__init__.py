@@ -1,10 +1,10 @@
-"""Kit's `omni.kit.commands`: what is done by name, and can be undone.
+"""Kit's `omni.kit.commands`: actions that are executed by name and can be undone.
 
     ok, identifier = omni.kit.commands.execute("CreateSublayer", layer_identifier=root, ...)
     omni.kit.undo.undo()
 
-Each context has a history of its own, which ends with its stage. In a live project a command's edits are one
-transaction, and undo takes back one's own work only (see RecordedCommand).
+Each context has its own history, which ends with its stage. In a live project the edits of a command are one
+transaction, and undo changes only one's own work (see RecordedCommand).
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ __all__ = [
     "unregister_module_commands",
 ]
 
-# Kit's API knows commands by name, so there is a registry here.
+# Kit's API finds commands by name, so there is a registry here.
 _commands: dict[str, type[Command]] = {}
-# Those that come with usdlive are looked for when a name is not known.
+# Modules with our own commands. They are imported when a name is unknown.
 _OUR_MODULES = ["usdlive.omni.usd.commands", "usdlive.omni.kit.usd.layers.commands"]
 _CONTEXT_ARGUMENTS = ("usd_context", "usd_context_name", "context_name", "stage_or_context")
 
@@ -40,7 +40,7 @@ def _short(name: str) -> str:
 
 
 def register(command_class: type[Command]) -> None:
-    """A class that is no Command will do if it has do()."""
+    """Registers a command. Any class with do() is accepted."""
     if not callable(getattr(command_class, "do", None)):
         raise TypeError(f"{command_class.__name__} has no do()")
     _commands[_short(command_class.__name__)] = command_class
@@ -51,7 +51,7 @@ def unregister(command_class: type[Command]) -> None:
 
 
 def register_all_commands_in_module(module: types.ModuleType | str) -> list[type[Command]]:
-    """Every Command that is defined in the module; for unregister_module_commands()."""
+    """Registers every Command that the module defines. Returns them for unregister_module_commands()."""
     if isinstance(module, str):
         module = importlib.import_module(module)
     found = [member for _, member in inspect.getmembers(module, inspect.isclass)
@@ -80,7 +80,8 @@ def get_commands() -> dict[str, type[Command]]:
 
 
 def create(name: str, **kwargs: typing.Any) -> Command:
-    """The command, not done yet. CommandFailed: nobody knows the name, or it takes other arguments."""
+    """Creates a command without executing it. Raises CommandFailed if the name is unknown or the arguments do
+    not match."""
     command_class = get_command_class(name)
     if command_class is None:
         raise CommandFailed("there is no such command")
@@ -92,10 +93,11 @@ def create(name: str, **kwargs: typing.Any) -> Command:
 
 
 def execute(name: str, **kwargs: typing.Any) -> tuple[bool, typing.Any]:
-    """(True, what do() gave). When it fails: (False, None), and the log says why; nothing is left of it."""
+    """Executes a command. Returns (True, the result of do()). On failure returns (False, None), logs the
+    reason, and undoes everything."""
     try:
         command = create(name, **kwargs)
-    except Exception as error:  # noqa: BLE001 - Kit's execute does not raise
+    except Exception as error:  # Kit's execute does not raise
         _history.log_failure(name, error)
         return False, None
     return execute_command(command, name, kwargs)

@@ -1,4 +1,4 @@
-"""What a command is."""
+"""The base classes of commands."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from usdlive.omni.usd import UsdContext, get_context, get_context_from_stage
 
 
 class CommandFailed(Exception):
-    """Raised in do(): nothing comes of the command, and this is why."""
+    """Raised in do() with the reason why the command failed."""
 
 
 class Command(abc.ABC):
-    """Its arguments are those of its constructor. do() gives the result; one that can be undone has an
-    undo(), too. redo is do() again. `FooCommand` is executed as "Foo" or "FooCommand"."""
+    """A command. Its arguments are those of its constructor. do() returns the result. A command that can be
+    undone also has undo(). Redo calls do() again. `FooCommand` is executed as "Foo" or "FooCommand"."""
 
     @abc.abstractmethod
     def do(self) -> typing.Any: ...
 
 
 def context_of(usd_context: str | UsdContext | Usd.Stage | None) -> UsdContext | None:
-    """What Kit's commands take as a context: a name, the context, or its stage."""
+    """Returns the context for an argument of Kit's commands: a name, a context, or its stage."""
     if isinstance(usd_context, UsdContext):
         return usd_context
     if isinstance(usd_context, Usd.Stage):
@@ -33,8 +33,9 @@ def context_of(usd_context: str | UsdContext | Usd.Stage | None) -> UsdContext |
 
 
 class RecordedCommand(Command):
-    """Writes layers in edit(), and tells the recorder before what it is about to write. undo() brings back
-    what was there; in a live layer only where nobody else has written since. It gives what it left."""
+    """A command that edits layers in edit() and calls the recorder before each edit. undo() restores the
+    earlier content; in a live layer only where nobody else has written since. It returns the parts that were
+    not restored."""
 
     def __init__(self, usd_context: str | UsdContext = ""):
         self._usd_context = usd_context
@@ -65,7 +66,7 @@ class RecordedCommand(Command):
             self._record = recorder.finish()
 
     def roll_back(self) -> None:
-        """After a do() that failed: all of it or nothing."""
+        """Undoes everything after a do() that failed."""
         self._record.undo()
 
     def undo(self) -> list[Kept]:

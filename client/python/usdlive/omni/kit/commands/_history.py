@@ -1,4 +1,4 @@
-"""What was done in each context, and the way back."""
+"""The history of executed commands in each context, with undo and redo."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ._command import Command, CommandFailed, RecordedCommand
 
 _log = logging.getLogger("usdlive.omni.kit.commands")
 
-_STEPS_KEPT = 200  # of each context; what was done before can no longer be undone
+_STEPS_KEPT = 200  # per context; older ones cannot be undone
 
 
 @dataclasses.dataclass(frozen=True)
 class UndoResult:
-    """True when there was something to undo (or redo) and it went back. `kept`: what another one has written
-    since, and was left as it is. `error`: why it went wrong."""
+    """The result of undo or redo. True if there was something to undo (or redo) and it succeeded. `kept`: parts
+    that another user has changed since, and that were not changed back. `error`: the reason of a failure."""
 
     done: bool
     name: str = ""
@@ -36,7 +36,7 @@ class UndoResult:
 
 @dataclasses.dataclass
 class Entry:
-    """A command, or a group of them without one."""
+    """A command, or a group of commands without one."""
 
     name: str
     command: Command | None = None
@@ -60,14 +60,14 @@ class History:
     def __init__(self, context: UsdContext | None):
         self.undo_steps: collections.deque[Entry] = collections.deque(maxlen=_STEPS_KEPT)
         self.redo_steps: list[Entry] = []
-        self._open: list[Entry] = []  # commands whose do() runs, and the group around them
+        self._open: list[Entry] = []  # running commands, and the group around them
         if context is not None:
             itself = weakref.ref(self)
             self._closing = context.get_stage_event_stream().create_subscription_to_pop_by_type(
                 StageEventType.CLOSED, lambda _: (history := itself()) and history.clear())
 
     def run(self, entry: Entry) -> typing.Any:
-        """Does the command. What it had executed itself is undone when it fails."""
+        """Executes the command. If it fails, undoes the commands that it has executed itself."""
         if _groups.depth and not self._open:
             self._open.append(Entry("group"))
             _groups.histories.append(self)
@@ -103,12 +103,12 @@ class History:
         entry = self.undo_steps.pop()
         try:
             kept = tuple(entry.undo())
-        except Exception as error:  # noqa: BLE001 - a command's fault is its own
+        except Exception as error:  # an error of one command must not stop the others
             _log.exception("%s could not be undone", entry.name)
             return UndoResult(False, entry.name, error=str(error))
         self.redo_steps.append(entry)
         for item in kept:
-            _log.warning("Undoing %s left %s", entry.name, item)
+            _log.warning("Undoing %s did not restore %s", entry.name, item)
         return UndoResult(True, entry.name, kept)
 
     def redo(self) -> UndoResult:
@@ -154,7 +154,7 @@ class _Depth:
             self.depth -= 1
 
 
-# As in Kit, a group is for whatever is executed meanwhile, in whichever context.
+# As in Kit, a group includes everything that is executed meanwhile, in any context.
 _groups, _disabled, _redoing = _Depth(), _Depth(), _Depth()
 _histories: weakref.WeakKeyDictionary[UsdContext, History] = weakref.WeakKeyDictionary()
 _without_context = History(None)

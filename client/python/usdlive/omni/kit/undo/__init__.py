@@ -1,4 +1,4 @@
-"""Kit's `omni.kit.undo`: the way back, for each context."""
+"""Kit's `omni.kit.undo`: undo and redo for each context."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def _history(usd_context: Context) -> History:
 
 
 def undo(usd_context: Context = "") -> UndoResult:
-    """Takes back the last command or group. What another one has written since is left, and named."""
+    """Undoes the last command or group. Keeps later edits of other users and names them in the result."""
     return _history(usd_context).undo()
 
 
 def redo(usd_context: Context = "") -> UndoResult:
-    """Does again what was undone last, until something new is done."""
+    """Executes again what was undone last. Not possible after a new command."""
     return _history(usd_context).redo()
 
 
@@ -53,7 +53,7 @@ def clear_stack(usd_context: Context = "") -> None:
 
 @contextlib.contextmanager
 def group() -> typing.Iterator[None]:
-    """What is executed meanwhile is undone together."""
+    """Groups all commands that are executed meanwhile, so that they are undone together."""
     begin_group()
     try:
         yield
@@ -63,7 +63,7 @@ def group() -> typing.Iterator[None]:
 
 @contextlib.contextmanager
 def disabled() -> typing.Iterator[None]:
-    """What is executed meanwhile cannot be undone."""
+    """Excludes all commands that are executed meanwhile from undo."""
     begin_disabled()
     try:
         yield

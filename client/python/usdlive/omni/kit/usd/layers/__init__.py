@@ -3,8 +3,8 @@
     import usdlive.omni.kit.usd.layers as layers
     state = layers.get_layers().get_layers_state()
 
-Where a context is asked for, its name or the UsdContext itself will do: anything with `get_stage()` and
-`get_name()`. A context whose attribute `live` is a `usdlive.Live` has its live layers' states from there.
+A context argument may be a name or a UsdContext: any object with `get_stage()` and `get_name()`. If its
+attribute `live` is a `usdlive.Live`, the states of live layers come from there.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ __all__ = [
 
 _Texts = typing.Union[str, typing.Sequence[str]]
 
-# By context, as Kit has them.
+# Keyed by context, as in Kit.
 _layers: "weakref.WeakKeyDictionary[typing.Any, Layers]" = weakref.WeakKeyDictionary()
 
 
 def get_layers(context_name_or_instance: typing.Any = "") -> Layers | None:
-    """None for a context that is not there."""
+    """Returns the layers of a context, or None if it does not exist."""
     context = context_name_or_instance
     if isinstance(context, str):
         from usdlive.omni.usd import get_context
@@ -93,11 +93,11 @@ def get_last_error_string(context_name_or_instance: typing.Any = "") -> str:
 
 
 def active_authoring_layer_context(usd_context: typing.Any) -> Usd.EditContext:
-    """Authors to the edit target, in auto authoring to the default layer: `with ...: ...`."""
+    """Edits the edit target, or in auto authoring the default layer: `with ...: ...`."""
     return authoring_context(get_layers(usd_context))
 
 
-# -- specs, several at once; where dictionaries are returned: {spec path: [layers]}
+# -- several specs at once; dictionaries are {spec path: [layers]}
 
 
 def _texts(texts: _Texts) -> list[str]:
@@ -113,7 +113,7 @@ def _changed(paths: typing.Iterable[str], layer: str, into: dict[str, list[str]]
 
 def link_specs(usd_context: typing.Any, spec_paths: _Texts, layer_identifiers: _Texts,
                hierarchy: bool = False) -> dict[str, list[str]]:
-    """What was really linked."""
+    """Returns the links that were added."""
     linking, linked = get_specs_linking(usd_context), {}
     for layer in _texts(layer_identifiers):
         for path in _texts(spec_paths):
@@ -160,7 +160,7 @@ def get_spec_layer_links(usd_context: typing.Any, spec_paths: _Texts,
 
 
 def get_spec_links_for_layers(usd_context: typing.Any, layer_identifiers: _Texts) -> dict[str, list[str]]:
-    """{layer: [spec paths]}"""
+    """Returns {layer: [spec paths]}."""
     linking = get_specs_linking(usd_context)
     return {layer: linking.get_spec_links_for_layer(layer) for layer in _texts(layer_identifiers)}
 
@@ -201,8 +201,8 @@ def is_spec_locked(usd_context: typing.Any, spec_path: str) -> bool:
 def subscribe_to_custom_data(layer_identifier: str, keys: typing.Iterable[str],
                              function: typing.Callable[[dict[str, typing.Any]], None],
                              context_name_or_instance: typing.Any = "") -> Subscription:
-    """`function({key: value})` when some of these keys of the layer's customLayerData change; keys within
-    dictionaries are joined by ':'. None is the value of a key that is gone."""
+    """Calls `function({key: value})` when some of these keys of the layer's customLayerData change. Keys within
+    dictionaries are joined by ':'. The value of a removed key is None."""
     return _subscriptions.custom_data(get_event_stream(context_name_or_instance), layer_identifier, keys,
                                       function)
 
@@ -214,7 +214,7 @@ def subscribe_to_sublayers(function: typing.Callable[[], None],
 
 def subscribe_to_prim_specs(layer_identifier: str, function: typing.Callable[[list[str]], None],
                             context_name_or_instance: typing.Any = "") -> Subscription:
-    """`function(spec paths)` for what changes in one layer."""
+    """Calls `function(spec paths)` when specs of the layer change."""
     return _subscriptions.prim_specs(get_event_stream(context_name_or_instance), layer_identifier, function)
 
 
@@ -222,13 +222,13 @@ def subscribe_to_prim_specs(layer_identifier: str, function: typing.Callable[[li
 
 
 def get_short_user_name(user_name: str) -> str:
-    """Initials: "ada.lovelace@example.com" and "Ada Lovelace" are AL, "ada" is A."""
+    """Returns initials: AL for "ada.lovelace@example.com" and "Ada Lovelace", A for "ada"."""
     words = [word for word in re.split(r"[\s._-]+", user_name.split("@")[0]) if word]
     return "".join(word[0] for word in words[:2]).upper()
 
 
 def get_live_session_name_from_shared_link(shared_link: str) -> str | None:
-    """The last part of `?live_session_name=...`, which may be a whole URL; None where there is none."""
+    """Returns the last part of `?live_session_name=...`, which may be a whole URL, or None."""
     query = urllib.parse.parse_qs(urllib.parse.urlsplit(shared_link).query)
     names = query.get("live_session_name")
     return names[0].rstrip("/").rsplit("/", 1)[-1].removesuffix(".live") if names else None

@@ -1,4 +1,4 @@
-"""A Usd.Stage as the extension needs it (`usdlive::layers::StageHost`)."""
+"""Provides a Usd.Stage for the extension (`usdlive::layers::StageHost`)."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _NO_STAGE = (LayerErrorType.INVALID_STAGE, "the context has no stage")
 
 
 class Context(typing.Protocol):
-    """What is used of a UsdContext."""
+    """The part of a UsdContext that is used here."""
 
     def get_stage(self) -> Usd.Stage | None: ...
     def get_name(self) -> str: ...
@@ -30,7 +30,7 @@ class Context(typing.Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class RefusedEdit:
-    """An edit that was taken back. `field` is empty where the spec itself is meant."""
+    """An edit that was taken back. `field` is empty if the spec itself is meant."""
 
     path: str
     field: str
@@ -55,10 +55,10 @@ class _Part:
 
 
 class LayersState(_Part):
-    """States of layers, by identifier."""
+    """The states of layers, by identifier."""
 
     def set_muteness_scope(self, global_scope: bool) -> None:
-        """Global muteness is kept in the root layer and shared live; local muteness is this process's."""
+        """Global muteness is stored in the root layer and shared live; local muteness belongs to this process."""
         if native := self._native:
             native.set_muteness_scope(global_scope)
 
@@ -75,12 +75,12 @@ class LayersState(_Part):
         return bool(native) and native.is_layer_globally_muted(layer_identifier)
 
     def set_layer_global_muteness(self, layer_identifier: str, muted: bool) -> bool:
-        """usdlive's own: writes the flag, which in global scope the stage follows at once."""
+        """Not in Kit: writes the flag. In global scope the stage follows at once."""
         native = self._native
         return bool(native) and native.set_layer_global_muteness(layer_identifier, muted)
 
     def is_layer_writable(self, layer_identifier: str) -> bool:
-        """Neither read-only on disk, nor muted, nor locked."""
+        """Returns True if the layer is not read-only on disk, muted or locked."""
         native = self._native
         return bool(native) and native.is_layer_writable(layer_identifier)
 
@@ -89,12 +89,12 @@ class LayersState(_Part):
         return bool(native) and native.is_layer_readonly_on_disk(layer_identifier)
 
     def is_layer_savable(self, layer_identifier: str) -> bool:
-        """Writable, and not anonymous."""
+        """Returns True if the layer is writable and not anonymous."""
         native = self._native
         return bool(native) and native.is_layer_savable(layer_identifier)
 
     def set_layer_lock_state(self, layer_identifier: str, locked: bool) -> None:
-        """Only sublayers can be locked; the root layer stays as it is."""
+        """Locks or unlocks a sublayer. The root layer cannot be locked."""
         if native := self._native:
             native.set_layer_lock_state(layer_identifier, locked)
 
@@ -111,12 +111,12 @@ class LayersState(_Part):
         return native.get_layer_name(layer_identifier) if native else ""
 
     def get_layer_owner(self, layer_identifier: str) -> str:
-        """Of the layer's file; empty where that is not known."""
+        """Returns the owner of the layer's file, or an empty text if it is unknown."""
         native = self._native
         return native.get_layer_owner(layer_identifier) if native else ""
 
     def is_layer_outdated(self, layer_identifier: str) -> bool:
-        """The file (of a live layer: the server's) is newer than what is in memory."""
+        """Returns True if the file is newer than the layer in memory. For a live layer it is the server's file."""
         native = self._native
         return bool(native) and native.is_layer_outdated(layer_identifier)
 
@@ -148,7 +148,7 @@ class LayersState(_Part):
         return native.outdated_layers(2, not_auto) if native else []
 
     def reload_all_outdated_layers(self, not_in_session: bool = True, not_auto: bool = False) -> None:
-        """Unsaved edits of these layers are lost."""
+        """Discards unsaved edits of these layers."""
         if native := self._native:
             native.reload_outdated_layers(0, not_auto)
 
@@ -169,12 +169,13 @@ class LayersState(_Part):
         return bool(native) and native.has_used_layer(layer_identifier)
 
     def is_auto_reload_layer(self, layer_identifier: str) -> bool:
-        """Also by the context's settings `auto_reload_sublayers` and `auto_reload_non_sublayers`."""
+        """Returns True also for layers that the context's settings `auto_reload_sublayers` and
+        `auto_reload_non_sublayers` include."""
         native = self._native
         return bool(native) and native.is_auto_reload_layer(layer_identifier)
 
     def add_auto_reload_layer(self, layer_identifier: str) -> bool:
-        """False where it is one already, or the stage does not use it."""
+        """Returns False if it was added before, or if the stage does not use the layer."""
         native = self._native
         return bool(native) and native.add_auto_reload_layer(layer_identifier)
 
@@ -188,14 +189,15 @@ class LayersState(_Part):
 
 
 class AutoAuthoring(_Part):
-    """Edits go to a delegate layer, and with each frame to the layers with the strongest opinions."""
+    """Collects edits in a delegate layer and moves them in each frame to the layers with the strongest
+    opinions."""
 
     def is_enabled(self) -> bool:
         native = self._native
         return bool(native) and native.edit_mode() == LayerEditMode.AUTO_AUTHORING
 
     def set_default_layer(self, layer_identifier: str) -> None:
-        """Where new specs go. The session's layers and unknown ones are not taken."""
+        """Sets the layer for new specs. Session layers and unknown layers are refused."""
         if native := self._native:
             native.set_default_layer(layer_identifier)
 
@@ -208,7 +210,7 @@ class AutoAuthoring(_Part):
         return bool(native) and native.is_auto_authoring_layer(layer_identifier)
 
     def suspend(self) -> None:
-        """Edits stay in the delegate until resume()."""
+        """Keeps edits in the delegate until resume()."""
         if native := self._native:
             native.suspend()
 
@@ -218,21 +220,21 @@ class AutoAuthoring(_Part):
 
     @property
     def refused_edits(self) -> list[RefusedEdit]:
-        """usdlive's own: edits that were taken back, with the reason, oldest first."""
+        """Not in Kit: returns the edits that were taken back, with the reasons, oldest first."""
         native = self._native
         return [RefusedEdit(path, field, layer, LayerErrorType(error), reason)
                 for path, field, layer, error, reason in (native.refused_edits() if native else [])]
 
 
 class SpecsLinking(_Part):
-    """To which layers the edits of specs go, in the mode SPECS_LINKING."""
+    """The layers that receive the edits of specs in the mode SPECS_LINKING."""
 
     def is_enabled(self) -> bool:
         native = self._native
         return bool(native) and native.edit_mode() == LayerEditMode.SPECS_LINKING
 
     def link_spec(self, spec_path: str, layer_identifier: str, hierarchy: bool = False) -> list[str]:
-        """The specs whose links changed, as everywhere here."""
+        """Returns the specs whose links changed, like the other functions here."""
         native = self._native
         return native.link_spec(str(spec_path), layer_identifier, hierarchy) if native else []
 
@@ -270,10 +272,10 @@ class SpecsLinking(_Part):
 
 
 class SpecsLocking(_Part):
-    """Prims and properties that take no edits."""
+    """The prims and properties that accept no edits."""
 
     def lock_spec(self, spec_path: str, hierarchy: bool = False) -> list[str]:
-        """The specs that were not locked before. A prim's properties are locked with it."""
+        """Returns the specs that were not locked before. A prim's properties are locked with it."""
         native = self._native
         return native.lock_spec(str(spec_path), hierarchy) if native else []
 
@@ -295,8 +297,8 @@ class SpecsLocking(_Part):
 
 
 class Layers:
-    """Follows the context's stage. There is one for each context, get_layers(); used from the thread that
-    owns the stage."""
+    """Follows the context's stage. There is one for each context, get_layers(). Use it on the thread that owns
+    the stage."""
 
     def __init__(self, context: Context):
         self._context = weakref.ref(context)
@@ -305,7 +307,8 @@ class Layers:
         self._live: object | None = None
         self._muting: Tf.Notice.Listener | None = None
         self._identifiers: dict[str, str] = {}  # of live layers, by their names in the project
-        self._resumed: tuple[Sdf.Layer, int, str] | None = None  # a mode that another root layer takes over
+        # the mode that a new root layer continues
+        self._resumed: tuple[Sdf.Layer, int, str] | None = None
         self._error: tuple[int, str] | None = None
         self._name = context.get_name()
         _all_layers.add(self)
@@ -321,7 +324,8 @@ class Layers:
             updates.create_subscription_to_pop(lambda _: this()._update(), ORDER_LAYERS, self._stream.name),
             updates.create_subscription_to_pop(lambda _: this()._deliver(), ORDER_EVENTS, self._stream.name),
         ]
-        # From here on, and from the opening of another stage, before others hear of it: nothing is missed.
+        # Subscribes before other subscribers see the opening of a stage, so that no event is
+        # missed.
         if context.get_stage():
             self._native_layers()
         if stage_events := getattr(context, "get_stage_event_stream", None):
@@ -384,11 +388,11 @@ class Layers:
         return self._stream
 
     def get_event_key(self) -> str:
-        """What tells this context's events from others'."""
+        """Returns the key that identifies this context's events."""
         return self._name
 
     def send_event(self, name: str, payload: dict | None = None) -> None:
-        """An event of this context, by its name or type; delivered with the others of the frame."""
+        """Queues an event of this context, by its name or type, for the frame."""
         kind = layer_event_type(name) if isinstance(name, str) else LayerEventType(name)
         if kind is None:
             self._error = (LayerErrorType.INVALID_PARAM, f"there is no layer event '{name}'")
@@ -396,14 +400,14 @@ class Layers:
         self._stream.push(kind, payload={"name": layer_event_name(kind), **(payload or {})})
 
     def deliver_queued_events(self) -> None:
-        """Now, and not with the frame."""
+        """Delivers queued events now instead of with the frame."""
         self._queue_events()
         self._stream.pump()
 
     # -- the stage
 
     def _native_layers(self) -> "_usdlive.Layers | None":
-        """For the context's stage as it is now."""
+        """Returns the layers for the context's present stage."""
         context = self._context()
         stage = context.get_stage() if context else None
         if stage is None:
@@ -438,7 +442,7 @@ class Layers:
             live.add_handler(self._live_handler)
 
     def _on_live_event(self, event: events.Event) -> None:
-        """What the server did not take is told like what a local lock did not."""
+        """Reports edits that the server refused like those that a local lock refused."""
         if isinstance(event, events.Lost) and self._native:
             kind = LayerErrorType.READ_ONLY if event.code == "locked" else LayerErrorType.UNKNOWN
             self._native.refuse(int(kind), event.message,
@@ -452,14 +456,14 @@ class Layers:
         return self._identifiers.get(name, name)
 
     def _resume_mode(self, stage: Usd.Stage) -> None:
-        """A stage that was saved as another file is edited on as it was: it has the same session layer."""
+        """Continues the mode on a stage that was saved as another file. It has the same session layer."""
         resumed, self._resumed = self._resumed, None
         if resumed and resumed[0] == stage.GetSessionLayer():
             self._enter_mode(self._native, resumed[1])
             self._native.set_default_layer(resumed[2])
 
     def _distribute(self) -> None:
-        """Before what was authored is saved, sent or left."""
+        """Called before edits are saved, sent or left."""
         if native := self._native_layers():
             native.distribute()
             self._queue_events()
@@ -470,7 +474,7 @@ class Layers:
         self._queue_events()
         mode, default = self._native.edit_mode(), self._native.default_layer()
         if mode != LayerEditMode.NORMAL:
-            if self._stage:  # not one that its owner has ended
+            if self._stage:  # not a stage that its owner has closed
                 self._enter_mode(self._native, LayerEditMode.NORMAL)
                 self._resumed = (self._stage.GetSessionLayer(), mode, default)
             self._queue_events()
@@ -506,13 +510,13 @@ _all_layers: "weakref.WeakSet[Layers]" = weakref.WeakSet()
 
 
 def distribute_all() -> None:
-    """For a save that knows layers and no context."""
+    """Distributes the edits of all contexts, for a save that knows only layers."""
     for layers in list(_all_layers):
         layers._distribute()
 
 
 def authoring_context(layers: Layers) -> Usd.EditContext:
-    """Into the default layer in the modes with a delegate, else the edit target as it is."""
+    """Edits the default layer in the modes with a delegate, otherwise the edit target."""
     stage = layers.usd_context.get_stage()
     if layers.get_edit_mode() == LayerEditMode.NORMAL:
         return Usd.EditContext(stage, stage.GetEditTarget())

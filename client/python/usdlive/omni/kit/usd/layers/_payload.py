@@ -1,4 +1,4 @@
-"""What an event of the layers says."""
+"""The payload of a layers event."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _BY_LAYER = {LayerEventType.INFO_CHANGED, LayerEventType.PRIM_SPECS_CHANGED}
 
 
 class LayerEventPayload:
-    """`event_type` is None for an event of something else."""
+    """`event_type` is None for an event of another kind."""
 
     def __init__(self, event: IEvent):
         payload = event.payload
@@ -41,11 +41,11 @@ class LayerEventPayload:
 
     @property
     def layer_identifier(self) -> str:
-        """The first of them."""
+        """Returns the first identifier."""
         return self.identifiers_or_spec_paths[0] if self.identifiers_or_spec_paths else ""
 
     def is_layer_influenced(self, layer: typing.Any) -> bool:
-        """Is the layer (an identifier or an Sdf.Layer) one that this is about?"""
+        """Returns True if the event concerns the layer (an identifier or an Sdf.Layer)."""
         identifier = layer if isinstance(layer, str) else layer.identifier
         return (identifier in self.identifiers_or_spec_paths or identifier in self.layer_info_data
                 or identifier in self.layer_spec_paths)

@@ -1,9 +1,9 @@
-"""`stage.RemovePrim` while auto authoring is on.
+"""Replaces `stage.RemovePrim` during auto authoring.
 
-`pxr.Usd` removes a prim from the layer of the edit target, and says False when that has no spec of it. The
-delegate has specs only of what was edited since the mode began; what is seen of all other prims is in the
-layers below. So the stage's own `RemovePrim` is shadowed as long as the mode is on: the delegate gets a
-spec first, and its removal is distributed like that of any other."""
+`pxr.Usd` removes a prim from the layer of the edit target and returns False if that layer has no spec of it.
+The delegate has specs only for prims that were edited since the mode started. So the stage's `RemovePrim` is
+shadowed during the mode: the delegate gets a spec first, and its removal is distributed like that of any other.
+"""
 
 import typing
 import weakref
@@ -15,7 +15,7 @@ if typing.TYPE_CHECKING:
 
 
 def shadow_removal(layers: "Layers", stage: Usd.Stage) -> None:
-    """Until unshadow_removal(). Holds neither of them."""
+    """Shadows RemovePrim until unshadow_removal(). Keeps neither object alive."""
     this = weakref.ref(layers)
 
     def remove_prim(path: Sdf.Path | str) -> bool:
@@ -33,12 +33,12 @@ def unshadow_removal(stage: Usd.Stage) -> None:
 
 
 def _mirror(layers: "Layers", stage: Usd.Stage, path: Sdf.Path) -> None:
-    """Gives the delegate a spec of a prim that has none there yet."""
+    """Creates a spec in the delegate for a prim that has none there yet."""
     target = stage.GetEditTarget().GetLayer()
     prim = stage.GetPrimAtPath(path) if path.IsAbsoluteRootOrPrimPath() else None
     if (not prim or prim.IsPseudoRoot() or prim.IsInstanceProxy() or prim.IsInPrototype()
             or not layers.get_auto_authoring().is_auto_authoring_layer(target.identifier)
             or target.GetPrimAtPath(prim.GetPath())):
         return
-    # An `over` that says nothing would be nobody's removal.
+    # The removal of an empty `over` is ignored.
     Sdf.CreatePrimInLayer(target, prim.GetPath()).specifier = Sdf.SpecifierDef

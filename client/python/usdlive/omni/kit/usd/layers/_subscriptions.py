@@ -1,4 +1,4 @@
-"""Subscriptions to what a window shows of layers: custom data, sublayers, the prims of one layer."""
+"""Subscriptions to the parts of layers that a window shows: custom data, sublayers, the prims of one layer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def custom_data(stream: EventStream, layer_identifier: str, keys: typing.Iterabl
     layer = Sdf.Layer.Find(layer_identifier) if layer_identifier else None
     known = {key: _value(layer, key) for key in keys}
 
-    def heard(event: IEvent) -> None:
+    def received(event: IEvent) -> None:
         payload = LayerEventPayload(event)
         if payload.event_type != LayerEventType.INFO_CHANGED:
             return
@@ -36,7 +36,7 @@ def custom_data(stream: EventStream, layer_identifier: str, keys: typing.Iterabl
         if changed:
             function(changed)
 
-    return stream.create_subscription_to_pop(heard, name="custom data")
+    return stream.create_subscription_to_pop(received, name="custom data")
 
 
 def sublayers(stream: EventStream, function: typing.Callable[[], None]) -> Subscription:
@@ -46,10 +46,10 @@ def sublayers(stream: EventStream, function: typing.Callable[[], None]) -> Subsc
 
 def prim_specs(stream: EventStream, layer_identifier: str,
                function: typing.Callable[[list[str]], None]) -> Subscription:
-    def heard(event: IEvent) -> None:
+    def received(event: IEvent) -> None:
         paths = LayerEventPayload(event).layer_spec_paths.get(layer_identifier)
         if paths:
             function(paths)
 
     return stream.create_subscription_to_pop_by_type(
-        LayerEventType.PRIM_SPECS_CHANGED, heard, name="prim specs")
+        LayerEventType.PRIM_SPECS_CHANGED, received, name="prim specs")

@@ -12,7 +12,7 @@ class LayerEditMode(enum.IntEnum):
 
 
 class LayerErrorType(enum.IntEnum):
-    """What the last call of a context's API came to. Two of Kit's names are misspelt; both ways work."""
+    """The result of a context's last call. Kit misspells two of the names; both spellings work."""
 
     SUCCESS = 0
     READ_ONLY = 1
@@ -56,7 +56,7 @@ class LayerEventType(enum.IntEnum):
     LIVE_SESSION_JOINING = 20
     LAYER_FILE_PERMISSION_CHANGED = 21
     AUTO_RELOAD_LAYERS_CHANGED = 1000
-    #: usdlive's own: edits of the delegate or of locked specs were taken back; see
+    #: Not in Kit: edits of the delegate or of locked specs were taken back; see
     #: `AutoAuthoring.refused_edits`.
     EDITS_REFUSED = 1001
 
@@ -69,7 +69,7 @@ def layer_event_name(event_type: LayerEventType) -> str:
 
 
 def layer_event_type(name: str) -> LayerEventType | None:
-    """None for what is no name of a layer event."""
+    """Returns the event type, or None if the name is not that of a layer event."""
     if not name.startswith(_PREFIX):
         return None
     return LayerEventType.__members__.get(name[len(_PREFIX):].upper())

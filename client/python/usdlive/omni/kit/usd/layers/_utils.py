@@ -1,4 +1,4 @@
-"""What one does with layers and sublayers: Kit's `LayerUtils`."""
+"""Operations on layers and sublayers: Kit's `LayerUtils`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from ._layers import distribute_all
 
 _log = logging.getLogger("usdlive.omni.kit.usd.layers")
 _utils = _usdlive.layer_utils
-_tasks: set[asyncio.Future] = set()  # begun by create_checkpoint(); a loop alone does not hold them
+# started by create_checkpoint(); the loop alone does not keep them alive
+_tasks: set[asyncio.Future] = set()
 
 _Layer = typing.Union[str, Sdf.Layer]
 
@@ -33,32 +34,32 @@ def _layer(kept: tuple[str, object] | None) -> Sdf.Layer | None:
 
 
 def _is_file_writable(path: str) -> bool:
-    # A file without any permission to write is meant not to be written, whoever one is.
+    # A file without write permission is not written, even by root.
     return not os.path.exists(path) or bool(os.stat(path).st_mode & 0o222 and os.access(path, os.W_OK))
 
 
 def _context_of(identifier: str) -> UsdContext | None:
-    """The one whose project the layer is live in."""
+    """Returns the context whose project contains the live layer."""
     layer = Sdf.Layer.Find(identifier) if identifier else None
     return get_context_from_live_layer(layer) if layer else None
 
 
 class LayerUtils:
-    """Layers may be given as Sdf.Layer or by identifier. Nothing raises: None, "", -1 or False where it
-    cannot be done."""
+    """Operations on layers, given as Sdf.Layer or by identifier. None of them raises: a failure returns None,
+    "", -1 or False."""
 
     # -- sublayers
 
     @staticmethod
     def create_sublayer(layer: _Layer, sublayer_position: int, layer_identifier: str) -> Sdf.Layer | None:
-        """A new sublayer; an existing file is emptied, no identifier makes an anonymous layer. Position -1,
-        or past the end: last."""
+        """Creates a sublayer. An existing file is emptied; without an identifier the layer is anonymous.
+        Position -1, or past the end, means last."""
         return _layer(_utils.create_sublayer(_id(layer), sublayer_position, layer_identifier or ""))
 
     @staticmethod
     def insert_sublayer(layer: _Layer, sublayer_position: int, layer_identifier: str,
                         check_empty_layer: bool = True) -> Sdf.Layer | None:
-        """None also where the layer would contain itself."""
+        """Returns None also if the layer would contain itself."""
         return _layer(_utils.insert_sublayer(_id(layer), sublayer_position, layer_identifier or "",
                                              check_empty_layer))
 
@@ -68,7 +69,7 @@ class LayerUtils:
 
     @staticmethod
     def remove_sublayer(layer: _Layer, sublayer_position: int) -> str | None:
-        """The identifier of the one that was there."""
+        """Returns the identifier of the removed sublayer."""
         return _utils.remove_sublayer(_id(layer), sublayer_position) or None
 
     @staticmethod
@@ -84,14 +85,14 @@ class LayerUtils:
 
     @staticmethod
     def get_sublayer_position_in_parent(parent_layer: _Layer, layer_identifier: _Layer) -> int:
-        """-1: it is none of its sublayers."""
+        """Returns -1 if it is not a sublayer of the parent."""
         return _utils.sublayer_position(_id(parent_layer), _id(layer_identifier))
 
     @staticmethod
     def get_all_sublayers(stage: Usd.Stage, include_session_layers: bool = False,
                           include_only_omni_layers: bool = False,
                           include_anonymous_layers: bool = True) -> list[str]:
-        """The local layers, the root layer first, also muted ones. Session layers come last."""
+        """Returns the local layers, including muted ones: the root layer first, session layers last."""
         tops = [stage.GetRootLayer()]
         if include_session_layers and stage.GetSessionLayer():
             tops.append(stage.GetSessionLayer())
@@ -108,7 +109,7 @@ class LayerUtils:
 
     @staticmethod
     def get_dirty_layers(stage: Usd.Stage, include_root_layer: bool = True) -> list[str]:
-        """Used layers with edits that are not saved; anonymous ones are left out."""
+        """Returns used layers with unsaved edits, without anonymous ones."""
         root = stage.GetRootLayer()
         return [layer.identifier for layer in stage.GetUsedLayers()
                 if layer.dirty and not layer.anonymous and (include_root_layer or layer != root)
@@ -129,14 +130,14 @@ class LayerUtils:
     @staticmethod
     def transfer_layer_content(source_layer: _Layer, target_layer: _Layer, copy_custom_data: bool = True,
                                skip_sublayers: bool = True) -> bool:
-        """The target gets the source's content; relative asset paths go on meaning the same."""
+        """Copies the source's content to the target and adjusts relative asset paths."""
         return _utils.transfer_content(_id(source_layer), _id(target_layer), copy_custom_data, skip_sublayers)
 
     @staticmethod
     def resolve_paths(base_layer: _Layer, target_layer: _Layer, store_relative_path: bool = True,
                       relative_to_base_layer: bool = False, copy_sublayer_offsets: bool = False) -> None:
-        """Asset paths of the target that are relative to the base layer become relative to the target (or
-        stay so to the base), or absolute."""
+        """Makes asset paths of the target that are relative to the base layer relative to the target, relative
+        to the base, or absolute."""
         _utils.resolve_paths(_id(base_layer), _id(target_layer), store_relative_path, relative_to_base_layer,
                              copy_sublayer_offsets)
 
@@ -149,7 +150,7 @@ class LayerUtils:
 
     @staticmethod
     def set_edit_target(stage: Usd.Stage, layer_identifier: str) -> bool:
-        """False for a layer that is not local, or is locked."""
+        """Returns False for a layer that is not local, or is locked."""
         layer = Sdf.Layer.Find(layer_identifier) if layer_identifier else None
         if not layer or not stage.HasLocalLayer(layer) or is_locked(layer, stage.GetRootLayer()):
             return False
@@ -158,7 +159,7 @@ class LayerUtils:
 
     @staticmethod
     def save_authoring_layer_to_custom_data(stage: Usd.Stage) -> bool:
-        """An anonymous edit target is not written."""
+        """Stores the edit target in the root layer, unless it is anonymous."""
         root, layer = stage.GetRootLayer(), stage.GetEditTarget().GetLayer()
         if not layer or layer.anonymous or not root.permissionToEdit:
             return False
@@ -197,7 +198,7 @@ class LayerUtils:
 
     @staticmethod
     def restore_muteness_from_custom_data(stage: Usd.Stage) -> None:
-        """In one change of the stage."""
+        """Mutes and unmutes with one change of the stage."""
         root = stage.GetRootLayer().identifier
         flags = _utils.layer_flags(root, "muteness")
         flags.pop(root, None)
@@ -208,7 +209,7 @@ class LayerUtils:
 
     @staticmethod
     def get_custom_layer_name(layer: _Layer) -> str:
-        """The custom name, else what the layer's file is called; an anonymous layer's identifier."""
+        """Returns the custom name, otherwise the name of the layer's file, or an anonymous layer's identifier."""
         identifier = _id(layer)
         custom = _utils.custom_layer_name(identifier)
         if custom or Sdf.Layer.IsAnonymousLayerIdentifier(identifier):
@@ -221,7 +222,7 @@ class LayerUtils:
 
     @staticmethod
     def is_layer_writable(layer_identifier: str) -> bool:
-        """May be edited, as far as the layer and its file go."""
+        """Returns True if the layer and its file permit edits."""
         layer = Sdf.Layer.Find(layer_identifier) if layer_identifier else None
         if not layer or not layer.permissionToEdit:
             return False
@@ -229,7 +230,7 @@ class LayerUtils:
 
     @staticmethod
     def reload_all_layers(layer_identifiers: list[str]) -> bool:
-        """In one change of the stages that use them."""
+        """Reloads with one change of the stages that use the layers."""
         return _utils.reload_layers(list(layer_identifiers))
 
     # -- checkpoints
@@ -237,8 +238,8 @@ class LayerUtils:
     @staticmethod
     async def create_checkpoint_async(layer_identifier: str | typing.Sequence[str], comment: str,
                                       force: bool = False) -> tuple[list[str], list[str]]:
-        """(done, failed). A checkpoint names what a whole project is; layers that are not live have none, and
-        fail. Unless `force`, one that is there of the same revision will do."""
+        """Returns (done, failed). A checkpoint names a revision of a whole project, so layers that are not live
+        fail. An existing checkpoint of the same revision is enough unless `force`."""
         identifiers = [layer_identifier] if isinstance(layer_identifier, str) else list(layer_identifier)
         projects = {identifier: _context_of(identifier) for identifier in identifiers}
         done: dict[object, bool] = {None: False}
@@ -253,7 +254,7 @@ class LayerUtils:
     @staticmethod
     def create_checkpoint(layer_identifier: str | typing.Sequence[str], comment: str,
                           force: bool = False) -> None:
-        """The same without waiting, in a running event loop."""
+        """Starts creating checkpoints without waiting. Needs a running event loop."""
         task = asyncio.ensure_future(LayerUtils.create_checkpoint_async(layer_identifier, comment, force))
         _tasks.add(task)
         task.add_done_callback(_tasks.discard)
@@ -261,19 +262,20 @@ class LayerUtils:
     @staticmethod
     async def create_checkpoint_for_stage_async(stage: Usd.Stage, comment: str, only_dirty_layers: bool = False,
                                                 force: bool = False) -> tuple[list[str], list[str]]:
-        """Of its live local layers, with `only_dirty_layers` of those that are not saved."""
+        """Creates checkpoints for the stage's live local layers; with `only_dirty_layers`, for the unsaved
+        ones."""
         chosen = []
         distribute_all()
         for identifier in LayerUtils.get_all_sublayers(stage, include_anonymous_layers=False):
             context = _context_of(identifier)
             if context and only_dirty_layers:
-                context.live.tick()  # what was authored in this frame counts, too
+                context.live.tick()  # includes the edits of this frame
             if context and (not only_dirty_layers or context.is_live_layer_unsaved(Sdf.Layer.Find(identifier))):
                 chosen.append(identifier)
         return await LayerUtils.create_checkpoint_async(chosen, comment, force)
 
     @staticmethod
     def save_layers(layer_identifiers: list[str]) -> list[str]:
-        """Returns those that could not be saved."""
+        """Returns the layers that could not be saved."""
         distribute_all()
         return _utils.save_layers(list(layer_identifiers))

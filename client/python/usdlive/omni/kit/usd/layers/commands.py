@@ -1,4 +1,4 @@
-"""Kit's commands for layers, by Kit's names. Each keeps the edit target and the selection for its undo."""
+"""Kit's commands for layers, under Kit's names. Each restores the edit target and the selection on undo."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ _SHARED_METADATA = ("upAxis", "metersPerUnit", "timeCodesPerSecond", "framesPerS
 
 
 class AbstractLayerCommand(RecordedCommand):
-    """undo() also brings the selection back, and the edit target unless that layer is muted or gone."""
+    """A layer command. undo() also restores the selection, and the edit target unless that layer is muted or
+    missing."""
 
     def __init__(self, usd_context: Context = ""):
         super().__init__(usd_context)
@@ -45,7 +46,7 @@ class AbstractLayerCommand(RecordedCommand):
         self.context.get_selection().set_selected_prim_paths(self._selected, False)
         return kept
 
-    # -- what the commands share
+    # -- helpers of the commands
 
     @property
     def root(self) -> Sdf.Layer:
@@ -63,7 +64,7 @@ class AbstractLayerCommand(RecordedCommand):
     def local_layer(self, identifier: str) -> Sdf.Layer:
         layer = self.layer(identifier)
         if not self.stage.HasLocalLayer(layer):
-            raise CommandFailed(f"{identifier} is no layer of this stage")
+            raise CommandFailed(f"{identifier} is not a layer of this stage")
         return layer
 
     def set_edit_target(self, layer: Sdf.Layer | None) -> None:
@@ -73,20 +74,20 @@ class AbstractLayerCommand(RecordedCommand):
         stage.SetEditTarget(stage.GetEditTargetForLocalLayer(layer))
 
     def leave_edit_target(self, layer: Sdf.Layer | None, follow: Sdf.Layer | None = None) -> None:
-        """The edit target is no longer `layer`, nor one that is gone."""
+        """Replaces the edit target if it is `layer` or a removed layer."""
         target = self.stage.GetEditTarget().GetLayer()
         if target == layer or not self.stage.HasLocalLayer(target):
             self.set_edit_target(follow)
 
     def editable(self, layer: Sdf.Layer) -> Sdf.Layer:
         if not layer.permissionToEdit:
-            raise CommandFailed(f"{layer.identifier} may not be edited")
+            raise CommandFailed(f"{layer.identifier} does not permit edits")
         if _layer_content.is_locked(layer, self.root):
             raise CommandFailed(f"{layer.identifier} is locked")
         return layer
 
     def offset_of(self, layer: Sdf.Layer) -> Sdf.LayerOffset:
-        """From the layer's time to the stage's."""
+        """Returns the offset from the layer's time to the stage's time."""
         return self.stage.GetEditTargetForLocalLayer(layer).GetMapFunction().timeOffset
 
 
@@ -100,9 +101,9 @@ def _sublayer_at(parent: Sdf.Layer, position: int) -> str:
 
 
 def _position(parent: Sdf.Layer, position: int) -> int:
-    """Where to insert: -1 and what is past the end append."""
+    """Returns the index for inserting: -1 and positions past the end append."""
     if position < -1:
-        raise CommandFailed(f"{position} is no position of a sublayer")
+        raise CommandFailed(f"{position} is not a position of a sublayer")
     count = len(parent.subLayerPaths)
     return count if position == -1 else min(position, count)
 
@@ -115,13 +116,13 @@ def _find_sublayer(parent: Sdf.Layer, path: str) -> Sdf.Layer | None:
 
 
 def _position_of(parent: Sdf.Layer, layer: Sdf.Layer) -> int:
-    """-1 when it is no sublayer of it."""
+    """Returns -1 if it is not a sublayer of the parent."""
     found = [Sdf.Layer.FindRelativeToLayer(parent, path) for path in parent.subLayerPaths]
     return found.index(layer) if layer in found else -1
 
 
 def _is_below(layer: Sdf.Layer, top: Sdf.Layer, seen: set[str] | None = None) -> bool:
-    """Is `layer` the top or a sublayer of it, all the way down?"""
+    """Returns True if `layer` is the top or a sublayer at any depth."""
     seen = seen if seen is not None else set()
     if layer == top:
         return True
@@ -143,12 +144,13 @@ def _insert(parent: Sdf.Layer, position: int, layer: Sdf.Layer,
 
 
 class _SublayerCommand(AbstractLayerCommand):
-    """Mutes of layers that are taken out of the stack end, and what the root layer keeps of their state."""
+    """A command that changes sublayers. Removes the mutes and the stored states of layers that are removed from
+    the stack."""
 
     def __init__(self, usd_context: Context = ""):
         super().__init__(usd_context)
-        self._muted: list[str] = []  # that do() has unmuted
-        self._held: list[Sdf.Layer] = []  # one in memory would be gone before the undo
+        self._muted: list[str] = []  # layers that do() has unmuted
+        self._held: list[Sdf.Layer] = []  # keeps layers in memory alive for undo
 
     def do(self) -> typing.Any:
         self._muted, self._held = [], []
@@ -164,7 +166,8 @@ class _SublayerCommand(AbstractLayerCommand):
         return kept
 
     def sublayer_for(self, parent: Sdf.Layer, path: str) -> Sdf.Layer:
-        """A live layer can have only layers of its project, which may be named as they are there."""
+        """Returns the layer for a path. A live parent accepts only layers of its project, also by their names
+        there."""
         if not self.context.is_live_layer(parent):
             return self.layer(path)
         live = self.context.live
@@ -172,11 +175,11 @@ class _SublayerCommand(AbstractLayerCommand):
             return live.open_layer(path)
         layer = self.layer(path)
         if not self.context.is_live_layer(layer):
-            raise CommandFailed(f"{path} is no layer of the project")
+            raise CommandFailed(f"{path} is not a layer of the project")
         return layer
 
     def take_out(self, recorder: Recorder, parent: Sdf.Layer, position: int) -> Sdf.Layer | None:
-        """The layer that was there, if it can be opened."""
+        """Removes a sublayer and returns it if it can be opened."""
         path = _sublayer_at(self.editable(parent), position)
         recorder.touch(parent)
         layer = _find_sublayer(parent, path)
@@ -210,7 +213,7 @@ class SetEditTargetCommand(AbstractLayerCommand):
     def edit(self, recorder: Recorder) -> None:
         layer = Sdf.Layer.Find(self._identifier)
         if layer is None or not self.stage.HasLocalLayer(layer):
-            _log.warning("%s is no layer of this stage; the edit target stays", self._identifier)
+            _log.warning("%s is not a layer of this stage; the edit target is not changed", self._identifier)
             return
         if _layer_content.is_locked(layer, self.root):
             raise CommandFailed(f"{self._identifier} is locked and cannot be the edit target. Unlock it first")
@@ -218,9 +221,9 @@ class SetEditTargetCommand(AbstractLayerCommand):
 
 
 class CreateSublayerCommand(_SublayerCommand):
-    """`create_or_insert`: True makes the layer anew, empties it if it is there (in memory; its file when it
-    is saved); False inserts one that is there. Without a path it is in memory. Gives its identifier. undo
-    takes it out again, and leaves its file."""
+    """With `create_or_insert` True, creates a layer; an existing one is emptied in memory (its file when it is
+    saved). With False, inserts an existing layer. Without a path the layer is anonymous. Returns its
+    identifier. undo removes it from the stack and keeps its file."""
 
     def __init__(self, layer_identifier: str, sublayer_position: int, new_layer_path: str,
                  transfer_root_content: bool, create_or_insert: bool, layer_name: str = "",
@@ -229,7 +232,7 @@ class CreateSublayerCommand(_SublayerCommand):
         self._identifier, self._at = layer_identifier, sublayer_position
         self._path, self._name = new_layer_path, layer_name
         self._transfer, self._create = transfer_root_content, create_or_insert
-        self._new: Sdf.Layer | None = None  # redo takes the same one
+        self._new: Sdf.Layer | None = None  # redo uses the same layer
 
     def edit(self, recorder: Recorder) -> str:
         parent = self.editable(self.local_layer(self._identifier))
@@ -263,7 +266,7 @@ class CreateSublayerCommand(_SublayerCommand):
         else:
             layer = Sdf.Layer.CreateNew(self._path) if self._path else Sdf.Layer.CreateAnonymous()
             if layer is None:
-                raise CommandFailed(f"{self._path} cannot be made")
+                raise CommandFailed(f"{self._path} cannot be created")
             self._new = layer
         recorder.touch(layer)
         for field in _SHARED_METADATA:
@@ -272,9 +275,10 @@ class CreateSublayerCommand(_SublayerCommand):
         return layer
 
     def _made_in_project(self, parent: Sdf.Layer) -> Sdf.Layer:
-        """A new layer for everybody. One that is there is not emptied: others may be working in it."""
+        """Creates a layer of the project. An existing one is refused instead of emptied, because others may be
+        editing it."""
         if not self._path:
-            raise CommandFailed("a new layer of a live project has a path: nobody else would have one in memory")
+            raise CommandFailed("a new layer of a live project needs a path: others cannot use a layer in memory")
         live = self.context.live
         name = live.layer_name(parent)
         project = parent.realPath.removesuffix(name)
@@ -282,7 +286,7 @@ class CreateSublayerCommand(_SublayerCommand):
         try:
             return live.create_layer(path)
         except usdlive.Error as error:
-            raise CommandFailed(f"{path} cannot be made: {error.message}") from error
+            raise CommandFailed(f"{path} cannot be created: {error.message}") from error
 
     def _transfer_root(self, recorder: Recorder, layer: Sdf.Layer) -> None:
         for prim in list(self.editable(self.root).rootPrims):
@@ -322,7 +326,7 @@ class ReplaceSublayerCommand(_SublayerCommand):
 
 
 class MoveSublayerCommand(_SublayerCommand):
-    """Afterwards the layer is at `to_sublayer_position` of its new parent."""
+    """Moves a sublayer. Afterwards it is at `to_sublayer_position` of its new parent."""
 
     def __init__(self, from_parent_layer_identifier: str, from_sublayer_position: int,
                  to_parent_layer_identifier: str, to_sublayer_position: int, remove_source: bool = False,
@@ -353,8 +357,8 @@ class MoveSublayerCommand(_SublayerCommand):
 
 
 class MergeLayersCommand(_SublayerCommand):
-    """Brings the source into the destination and takes it out of its parent. `src_layer_offset` is on top of
-    the offsets of the two. The sublayers of both are the destination's then."""
+    """Merges the source into the destination and removes it from its parent. `src_layer_offset` is applied in
+    addition to the offsets of both. The sublayers of both become the destination's."""
 
     def __init__(self, dst_parent_layer_identifier: str, dst_layer_identifier: str,
                  src_parent_layer_identifier: str, src_layer_identifier: str, dst_stronger_than_src: bool,
@@ -376,7 +380,7 @@ class MergeLayersCommand(_SublayerCommand):
         self.leave_edit_target(None, Sdf.Layer.Find(self._dst))
 
     def _is_out(self, identifier: str) -> bool:
-        """Muted, or not there."""
+        """Returns True if the layer is muted or missing."""
         if self.stage.IsLayerMuted(identifier):
             return True
         try:
@@ -391,7 +395,7 @@ class MergeLayersCommand(_SublayerCommand):
             if Sdf.ComputeAssetPathRelativeToLayer(parent, path) == identifier or (
                     found is not None and found.identifier == identifier):
                 return index
-        raise CommandFailed(f"{identifier} is no sublayer of {parent.identifier}")
+        raise CommandFailed(f"{identifier} is not a sublayer of {parent.identifier}")
 
     def _merge(self, recorder: Recorder, src_parent: Sdf.Layer) -> None:
         dst, src = self.editable(self.local_layer(self._dst)), self.local_layer(self._src)
@@ -420,14 +424,14 @@ def _set_sublayers(layer: Sdf.Layer, entries: list[tuple[str, Sdf.LayerOffset]])
 
 def _layers_below(src: Sdf.Layer, dst: Sdf.Layer,
                   offset: Sdf.LayerOffset) -> list[tuple[str, Sdf.LayerOffset]]:
-    """The sublayers of `src` as entries of `dst`."""
+    """Returns the sublayers of `src` as entries of `dst`."""
     folders = _layer_content.folder_of(src), _layer_content.folder_of(dst)
     return [(_layer_content.reanchored(path, *folders) if folders[0] != folders[1] else path, offset * own)
             for path, own in zip(src.subLayerPaths, src.subLayerOffsets)]
 
 
 class FlattenLayersCommand(_SublayerCommand):
-    """All layers below the root layer are brought into it. Those that are muted say nothing, and go."""
+    """Merges all layers below the root layer into it. Muted layers are removed without merging."""
 
     def __init__(self, usd_context: Context = ""):
         super().__init__(usd_context)
@@ -448,7 +452,7 @@ class FlattenLayersCommand(_SublayerCommand):
 
 
 def _session_layers(stage: Usd.Stage) -> list[str]:
-    """The session layer and its sublayers."""
+    """Returns the session layer and its sublayers."""
     found, waiting = [], [stage.GetSessionLayer()]
     while waiting:
         layer = waiting.pop()
@@ -459,7 +463,7 @@ def _session_layers(stage: Usd.Stage) -> list[str]:
 
 
 class CreateLayerReferenceCommand(AbstractLayerCommand):
-    """A prim in that layer alone, at `path_to` or the next free path, which it gives."""
+    """Creates a prim in that layer only, at `path_to` or the next free path. Returns the path."""
 
     def __init__(self, layer_identifier: str, path_to: str | Sdf.Path, asset_path: str | None = None,
                  prim_path: str | Sdf.Path | None = None, usd_context: Context = ""):
@@ -482,7 +486,7 @@ class CreateLayerReferenceCommand(AbstractLayerCommand):
 
     def _free_path(self, layer: Sdf.Layer, path: Sdf.Path) -> Sdf.Path:
         if not path.IsAbsoluteRootOrPrimPath() or path == _ROOT:
-            raise CommandFailed(f"{self._path} is no path of a prim")
+            raise CommandFailed(f"{self._path} is not the path of a prim")
         free, number = path, 0
         while self.stage.GetPrimAtPath(free) or layer.GetPrimAtPath(free):
             number += 1
@@ -494,12 +498,12 @@ def _prim_paths(paths: Paths) -> list[Sdf.Path]:
     paths = [paths] if isinstance(paths, (str, Sdf.Path)) else list(paths)
     for path in paths:
         if not Sdf.Path.IsValidPathString(str(path)) or not Sdf.Path(path).IsPrimPath():
-            raise CommandFailed(f"{path} is no path of a prim")
+            raise CommandFailed(f"{path} is not the path of a prim")
     return list(Sdf.Path.RemoveDescendentPaths([Sdf.Path(path) for path in paths]))
 
 
 class RemovePrimSpecCommand(AbstractLayerCommand):
-    """`prim_spec_path`: one or several."""
+    """Removes one or several prim specs."""
 
     def __init__(self, layer_identifier: str, prim_spec_path: Paths, usd_context: Context = ""):
         super().__init__(usd_context)
@@ -517,7 +521,7 @@ class RemovePrimSpecCommand(AbstractLayerCommand):
 
 
 class StitchPrimSpecsToLayer(AbstractLayerCommand):
-    """What the local layers say of these prims is said by the target layer alone."""
+    """Moves all opinions of the local layers about these prims to the target layer."""
 
     def __init__(self, prim_paths: Paths, target_layer_identifier: str, usd_context: Context = ""):
         super().__init__(usd_context)
@@ -569,7 +573,7 @@ class MovePrimSpecsToLayerCommand(AbstractLayerCommand):
 
 
 class _StateCommand(AbstractLayerCommand):
-    """Through `Layers` of the context, whose parts keep the states."""
+    """A command that changes states through the context's `Layers`."""
 
     def layers(self) -> typing.Any:
         from usdlive.omni.kit.usd.layers import get_layers
@@ -578,7 +582,7 @@ class _StateCommand(AbstractLayerCommand):
 
 
 class SetLayerMutenessCommand(_StateCommand):
-    """In the scope that is set; what the other scope has stays."""
+    """Sets the muteness in the present scope. The other scope stays unchanged."""
 
     def __init__(self, layer_identifier: str, muted: bool, usd_context: Context = ""):
         super().__init__(usd_context)
@@ -618,8 +622,9 @@ class LockLayerCommand(_StateCommand):
         layer = self.layer(self._identifier)
         if layer == self.root:
             raise CommandFailed("the root layer cannot be locked")
-        if not self.stage.HasLocalLayer(layer) and not _is_below(layer, self.root):  # as a muted one is
-            raise CommandFailed(f"{self._identifier} is no layer of this stage")
+        # a muted one is not local
+        if not self.stage.HasLocalLayer(layer) and not _is_below(layer, self.root):
+            raise CommandFailed(f"{self._identifier} is not a layer of this stage")
         state = self.layers().get_layers_state()
         self._was = state.is_layer_locked(self._identifier)
         state.set_layer_lock_state(self._identifier, self._locked)
@@ -629,7 +634,7 @@ class LockLayerCommand(_StateCommand):
     def undo(self) -> list[Kept]:
         state = self.layers().get_layers_state()
         if state.is_layer_locked(self._identifier) != self._locked:
-            kept = [Kept(self._identifier, str(_ROOT), None, None, "another one has changed its lock since")]
+            kept = [Kept(self._identifier, str(_ROOT), None, None, "another user has changed its lock since")]
             return kept + super().undo()
         state.set_layer_lock_state(self._identifier, self._was)
         return super().undo()
@@ -640,7 +645,7 @@ def _names(given: Paths) -> list[str]:
 
 
 class _SpecsCommand(_StateCommand):
-    """Something that is kept as a set; undo takes back what do() has changed of it, and nothing else."""
+    """A command that changes a stored set. undo restores only the changes of do()."""
 
     def __init__(self, usd_context: Context = ""):
         super().__init__(usd_context)
@@ -670,7 +675,7 @@ class _SpecsCommand(_StateCommand):
     def undo(self) -> list[Kept]:
         before = self.state()
         wanted = (before - self._added) | self._removed
-        # One call may do more than one spec: a prim brings its properties.
+        # One call may change several specs: a prim includes its properties.
         for item in sorted(self._added):
             if item in self.state():
                 self.remove(item)
@@ -703,7 +708,7 @@ class _LinkCommand(_SpecsCommand):
 
 
 class LinkSpecsCommand(_LinkCommand):
-    """Without `additive` the specs are linked to these layers alone."""
+    """Links specs to layers. Without `additive`, removes their other links."""
 
     def __init__(self, spec_paths: Paths, layer_identifiers: str | typing.Sequence[str],
                  additive: bool = True, hierarchy: bool = False, usd_context: Context = ""):

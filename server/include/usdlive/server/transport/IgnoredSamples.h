@@ -8,19 +8,19 @@
 namespace usdlive::server {
 
 /// The reasons for ignoring a sample received over DDS (DD13).
-enum class Oddity {
+enum class IgnoreReason {
     NotGreeted,     ///< its participant has never opened a session
     OtherClient,    ///< it names a client of another participant
     OtherProtocol,  ///< it has another protocol version
     Malformed       ///< too large, or not allowed in its stream
 };
-inline constexpr std::size_t kOddities = 4;
+inline constexpr std::size_t kIgnoreReasons = 4;
 /// Returns the name for logs and metrics.
-[[nodiscard]] std::string_view nameOf(Oddity oddity);
-using OddityCounts = std::array<std::uint64_t, kOddities>;
+[[nodiscard]] std::string_view nameOf(IgnoreReason reason);
+using IgnoreCounts = std::array<std::uint64_t, kIgnoreReasons>;
 
 /// Counts ignored samples and detects the first one of each participant. A plain value.
-class OddSamples {
+class IgnoredSamples {
 public:
     using Participant = std::array<std::uint8_t, 16>;  ///< its GUID
 
@@ -28,11 +28,11 @@ public:
     static constexpr std::size_t kMostParticipants = 1'024;
 
     /// Returns true for the first ignored sample of this participant.
-    bool add(Oddity oddity, const Participant& participant);
-    [[nodiscard]] const OddityCounts& counts() const { return counts_; }
+    bool add(IgnoreReason reason, const Participant& participant);
+    [[nodiscard]] const IgnoreCounts& counts() const { return counts_; }
 
 private:
-    OddityCounts counts_{};
+    IgnoreCounts counts_{};
     std::set<Participant> participants_;
 };
 

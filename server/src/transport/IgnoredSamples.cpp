@@ -1,0 +1,19 @@
+// Counts the DDS samples that the server ignores.
+#include "usdlive/server/transport/IgnoredSamples.h"
+
+namespace usdlive::server {
+
+std::string_view nameOf(IgnoreReason reason) {
+    constexpr std::array<std::string_view, kIgnoreReasons> kNames{"notGreeted", "otherClient",
+                                                                  "otherProtocol", "malformed"};
+    return kNames.at(std::size_t(reason));
+}
+
+bool IgnoredSamples::add(IgnoreReason reason, const Participant& participant) {
+    ++counts_.at(std::size_t(reason));
+    if (participants_.size() >= kMostParticipants && !participants_.contains(participant))
+        participants_.clear();
+    return participants_.insert(participant).second;
+}
+
+}  // namespace usdlive::server
