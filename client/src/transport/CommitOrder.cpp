@@ -14,8 +14,8 @@ void CommitOrder::commit(Revision revision, std::uint64_t position, SharedBytes 
     const auto [entry, inserted] = held_.try_emplace(revision, Held{position, std::move(frame)});
     if (!inserted) return;
     heldBytes_ += entry->second.frame->size();
-    // Of future commits, the last is needed last. Before the stream is live, the server sends the
-    // first ones itself.
+    // Drops the last commit, because it is needed last. Before the stream is live, drops the first,
+    // because the server sends it itself.
     while (held_.size() > 1 && (held_.size() > kHeldCommits || heldBytes_ > kHeldBytes))
         drop(live_ ? std::prev(held_.end()) : held_.begin());
 }

@@ -47,7 +47,7 @@ public:
         const std::lock_guard lock(mutex_);
         clearOutbox();
         open_.reset();
-        // Of failed attempts that were not fetched, only the latest is kept.
+        // Keeps only the latest failed attempt that was not fetched.
         if (!inbox_.empty() && std::holds_alternative<Connection::Lost>(inbox_.back().happening))
             inbox_.pop_back();
         inbox_.push_back({Connection::Lost{std::move(reason)}, generation_});

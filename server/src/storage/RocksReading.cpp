@@ -95,7 +95,7 @@ Result<std::vector<RocksCommitStore::Run>> RocksCommitStore::runsAfter(std::uint
     const std::unique_ptr<rocksdb::Iterator> at(
         db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
     const auto inside = [&] { return at->Valid() && text(at->key()).starts_with(all); };
-    at->SeekForPrev(key(kEditedPrefix, layer, revision));  // it may go on after `revision`
+    at->SeekForPrev(key(kEditedPrefix, layer, revision));  // the run may end after `revision`
     if (!inside()) at->Seek(all);
     for (; inside(); at->Next()) {
         const std::string_view first = text(at->key()).substr(all.size());
@@ -192,12 +192,13 @@ Result<std::optional<LayerDoc>> RocksCommitStore::layerAt(const LayerId& layer, 
     for (;;) {
         const Base from = base();
         auto found = layerFrom(from, layer, revision, replayed);
-        // What it is made of may have been removed while it was read.
+        // Files of an earlier base may have been removed during the read: tries again with the new
+        // one.
         if (found || from == base()) return found;
     }
 }
 
-/// A snapshot that is missing costs the time to do the whole log again.
+/// Replays the whole log if there is no snapshot.
 Result<std::optional<LayerDoc>> RocksCommitStore::layerFrom(const Base& base, const LayerId& layer,
                                                             Revision revision,
                                                             Replayed* replayed) const {
@@ -212,7 +213,7 @@ Result<std::optional<LayerDoc>> RocksCommitStore::layerFrom(const Base& base, co
     }
     auto runs = runsAfter(number, from ? from->revision : base.revision);
     if (!runs) return tl::unexpected(runs.error());
-    // The first commit of a layer is the one that brought it in.
+    // The first commit of a layer imported or created it.
     if (!from && !runs->empty()) revision = std::max(revision, runs->front().first);
     std::erase_if(*runs, [&](const Run& run) { return run.first > revision; });
     if (!runs->empty()) runs->back().last = std::min(runs->back().last, revision);

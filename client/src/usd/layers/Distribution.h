@@ -35,7 +35,6 @@ public:
 /// the layer with the strongest opinion, otherwise to the strongest layer with the spec, otherwise
 /// to the default layer. If the strongest opinion of a property is inside a selected variant of the
 /// stack, it is written there.
-/// written there.
 class Distribution {
 public:
     Distribution(LocalStack& stack, const pxr::SdfLayerHandle& delegate,

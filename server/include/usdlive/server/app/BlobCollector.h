@@ -20,7 +20,6 @@ namespace usdlive::server {
 ///
 /// The process may be killed at any point: everything removed was unused, and the next process
 /// finds the rest.
-/// finds again.
 class BlobCollector {
 public:
     /// Calls Project::unusedBlobs() on the network thread.

@@ -19,7 +19,6 @@ namespace usdlive::server {
 ///
 /// After a failed append, drops that group and all following commits until resume(): by then the
 /// project knows the state of the store and continues from it.
-/// has then been told where the store stands and builds on that.
 class StorageThread {
 public:
     /// Called on the storage thread.

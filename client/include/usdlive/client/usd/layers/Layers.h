@@ -19,7 +19,6 @@ namespace usdlive::layers {
 /// Belongs to the thread that created it and owns the stage; on another thread all functions throw
 /// Misuse. The parts do not check the thread, so request them only on this one. Call update() once
 /// per frame, after the live client's tick(), and then takeEvents().
-/// what is live has been brought in: update(), and then takeEvents().
 class Layers {
 public:
     struct Options {

@@ -21,7 +21,6 @@ namespace usdlive::layers {
 /// update() takes back edits of locked specs in any layer of the stack, to the content at the time
 /// of the lock. A locked prim accepts no new properties, and no new children if all its existing
 /// children are locked. Edits from a live connection are part of the project and stay.
-/// stays.
 class SpecsLocking {
 public:
     using Paths = std::vector<pxr::SdfPath>;
