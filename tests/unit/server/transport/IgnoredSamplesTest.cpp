@@ -27,5 +27,6 @@ TEST(IgnoredSamples, KeepsABoundedNumberOfParticipants) {
     for (std::size_t number = 0; number <= IgnoredSamples::kMostParticipants; ++number)
         EXPECT_TRUE(samples.add(IgnoreReason::OtherClient, participant(number)));
     EXPECT_TRUE(samples.add(IgnoreReason::OtherClient, participant(0)));  // forgotten meanwhile
-    EXPECT_EQ(samples.counts()[std::size_t(IgnoreReason::OtherClient)], IgnoredSamples::kMostParticipants + 2);
+    EXPECT_EQ(samples.counts()[std::size_t(IgnoreReason::OtherClient)],
+              IgnoredSamples::kMostParticipants + 2);
 }
