@@ -71,7 +71,7 @@ public:
                  kNone, stat);
         addMute("mute", "Mute layers for everybody on the stages of a root layer", true);
         addMute("unmute", "Unmute layers for everybody", false);
-        addPlain("lock", "Lock layers: nobody else may edit them", "[URL] LAYER...", kSome,
+        addPlain("lock", "Lock layers against edits by others", "[URL] LAYER...", kSome,
                  [](const Common& options) { return setLocked(options, true); });
         addUnlock();
         app_.add_subcommand("completion", "Print a completion script for bash, zsh or fish");

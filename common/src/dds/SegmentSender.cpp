@@ -56,7 +56,7 @@ bool SegmentSender::acknowledged(std::uint64_t upTo, TimePoint now) {
         inFlightBytes_ -= inFlight_.front().bytes.size();
         inFlight_.pop_front();
     }
-    heard_ = true;
+    anyAcknowledged_ = true;
     timeout_ = kTimeout;
     progress_ = now;
     if (inFlight_.empty())
@@ -121,7 +121,7 @@ std::size_t SegmentSender::countThatJoin() const {
         const Waiting& next = waiting_[count];
         if (last.mark.liveFrom != 0 || last.end || last.offset > 0) break;
         if (next.mark.hold || next.mark.afterCommit != last.mark.afterCommit) break;
-        if (last.mark.isOfNews() || next.mark.isOfNews()) break;
+        if (last.mark.startsUpdates() || next.mark.startsUpdates()) break;
         bytes += next.left();
         if (bytes > kJoinedBytes) break;
         ++count;

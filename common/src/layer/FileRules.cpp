@@ -248,7 +248,7 @@ Result<void> checkDictionary(const SetField& set) {
     if (!key) return {};
     return fail(ErrorCode::InvalidValue, "the value at the key " + inQuotes(*key) + " in " +
                                              inQuotes(set.field) +
-                                             " is of a type that no attribute can have, either");
+                                             " has a type that no attribute can have");
 }
 
 std::optional<ValueType> valueTypeOf(std::string_view typeName) {
@@ -303,8 +303,8 @@ Result<void> checkTypeName(SpecKind kind, const EditAction& action) {
         return fail(ErrorCode::InvalidValue, "a type name is a token");
     if (canBeWritten(kind, *text)) return {};
     return fail(ErrorCode::InvalidValue, inQuotes(*text) +
-                                             " is no type name that a file can hold: " +
-                                             "it has to be an identifier and no keyword");
+                                             " is not a type name that a file can contain: " +
+                                             "it must be an identifier that is not a keyword");
 }
 
 bool saysNothing(std::string_view field, const FieldValue& content) {

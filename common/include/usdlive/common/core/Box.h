@@ -5,14 +5,15 @@
 
 namespace usdlive {
 
-/// A value of T that stands on the heap, so that what holds it stays small: a variant of which T is
-/// the large and rare alternative. Copies, compares and holds a T like T itself; one that was moved
-/// from may only be assigned to or destroyed.
+/// Keeps a T on the heap, so that its owner stays small. For a variant with one large, rare
+/// alternative. Copies and compares like T itself. A moved-from Box may only be assigned to or
+/// destroyed.
 template <class T>
 class Box {
 public:
     Box() : value_(std::make_unique<T>()) {}
-    Box(T value) : value_(std::make_unique<T>(std::move(value))) {}  // NOLINT: as T itself
+    // NOLINT: converts like T itself
+    Box(T value) : value_(std::make_unique<T>(std::move(value))) {}
     Box(const Box& other) : Box(*other) {}
     Box(Box&&) noexcept = default;
     Box& operator=(const Box& other) { return *this = Box(other); }

@@ -17,8 +17,8 @@ static_assert(std::endian::native == std::endian::little, "bytes are copied as t
 template <class T>
 concept Number = std::integral<T> || std::floating_point<T>;
 
-/// Reads little-endian numbers and length-prefixed text from bytes that may hold anything. Reading
-/// past the end gives zeroes and empty views and sets `failed()`, for good.
+/// Reads little-endian numbers and length-prefixed text from untrusted bytes. A read past the end
+/// returns zero or an empty view and sets `failed()`, which then stays set.
 class ByteReader {
 public:
     explicit ByteReader(ByteView bytes) : rest_(bytes) {}
@@ -37,7 +37,7 @@ public:
     std::int64_t i64() { return number<std::int64_t>(); }
     double f64() { return number<double>(); }
 
-    /// The next `size` bytes, or nothing and failed().
+    /// Returns the next `size` bytes. If there are fewer, returns an empty view and sets failed().
     ByteView take(std::uint64_t size) {
         if (size > rest_.size()) {
             failed_ = true;
@@ -48,12 +48,12 @@ public:
         rest_ = rest_.subspan(std::size_t(size));
         return taken;
     }
-    /// u32 length, then bytes; not checked to be UTF-8.
+    /// Reads a u32 length and that many bytes. Does not check that they are UTF-8.
     std::string_view text() { return asText(take(u32())); }
 
     [[nodiscard]] std::size_t left() const { return rest_.size(); }
     [[nodiscard]] bool failed() const { return failed_; }
-    /// Everything was there and nothing is left over.
+    /// Returns true if no read failed and no byte is left over.
     [[nodiscard]] bool finished() const { return !failed_ && rest_.empty(); }
 
 private:
@@ -69,7 +69,7 @@ void appendNumber(Bytes& out, std::type_identity_t<T> value) {
 inline void appendBytes(Bytes& out, ByteView bytes) {
     out.insert(out.end(), bytes.begin(), bytes.end());
 }
-/// u32 length, then bytes. Precondition: shorter than 4 GiB.
+/// Appends a u32 length, then the bytes. Precondition: `text` is shorter than 4 GiB.
 inline void appendText(Bytes& out, std::string_view text) {
     appendNumber<std::uint32_t>(out, std::uint32_t(text.size()));
     appendBytes(out, asBytes(text));

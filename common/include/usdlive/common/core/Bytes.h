@@ -12,7 +12,8 @@ namespace usdlive {
 using Bytes = std::vector<std::uint8_t>;
 using ByteView = std::span<const std::uint8_t>;
 
-/// Immutable bytes shared by many readers (an encoded commit on every connection).
+/// Immutable bytes with many readers, for example a commit that is encoded once for all
+/// connections.
 using SharedBytes = std::shared_ptr<const Bytes>;
 
 [[nodiscard]] inline ByteView asBytes(std::string_view text) {

@@ -12,19 +12,20 @@
 
 namespace usdlive {
 
-/// A SHA-256: names big values by their content and chains commits.
+/// A SHA-256. It names big values by their content and chains commits.
 struct Hash {
     std::array<std::uint8_t, 32> bytes{};
 
     auto operator<=>(const Hash&) const = default;
-    /// 64 lower-case hexadecimal digits.
+    /// Returns 64 lower-case hexadecimal digits.
     [[nodiscard]] std::string hex() const;
 };
 
-/// What Hash::hex() gave; nothing: the text is not that, or has capital digits.
+/// Parses the result of Hash::hex(). Returns nothing for any other text, also for upper-case
+/// digits.
 [[nodiscard]] std::optional<Hash> hashFromHex(std::string_view text);
 
-/// The SHA-256 of the parts one after the other.
+/// Returns the SHA-256 of the concatenated parts.
 [[nodiscard]] Hash sha256(std::initializer_list<ByteView> parts);
 [[nodiscard]] inline Hash sha256(ByteView bytes) { return sha256({bytes}); }
 

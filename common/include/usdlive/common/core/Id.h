@@ -7,7 +7,8 @@
 
 namespace usdlive {
 
-/// A distinct string type per kind of id, so that a layer is never passed where a user is meant.
+/// A distinct string type for each kind of id, so that the compiler rejects a layer where a user is
+/// expected.
 template <class Tag>
 struct Id {
     std::string value;
@@ -16,21 +17,21 @@ struct Id {
     [[nodiscard]] bool empty() const { return value.empty(); }
 };
 
-/// A layer, named by its path relative to the project: `shot/anim.usda`. Never absolute, never
-/// `..`; see isLayerId() in core/LayerPath.h.
+/// A layer, named by its path relative to the project: `shot/anim.usda`. Never absolute and never
+/// with `..`; see parseLayerId() in core/LayerPath.h.
 using LayerId = Id<struct LayerIdTag>;
 
-/// One running client, chosen by itself at random (32 hexadecimal digits). It stays the same over
-/// reconnects, so that a transaction sent twice is known again (M9).
+/// One running client. The client chooses it at random (32 hexadecimal digits) and keeps it over
+/// reconnects, so that the server recognizes a transaction that is sent twice (M9).
 using ClientId = Id<struct ClientIdTag>;
 
-/// Who a person says they are. Shown to others; not proof of anything.
+/// The name that a person gives for themselves. It is shown to others and proves nothing.
 using UserName = Id<struct UserNameTag>;
 
-/// Counts the commits of a project: 1, 2, 3 ... 0 is the state before the first.
+/// Counts the commits of a project: 1, 2, 3 ... 0 is the state before the first commit.
 using Revision = std::uint64_t;
 
-/// Grows each time a server process takes a project over.
+/// Increases each time a server process opens the project.
 using Epoch = std::uint64_t;
 
 }  // namespace usdlive

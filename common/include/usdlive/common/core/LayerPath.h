@@ -7,11 +7,12 @@
 
 namespace usdlive {
 
-/// LN1: a layer's name is a relative path with `/` between its parts, in UTF-8, at most 1,024
-/// bytes, no part of it empty, `.` or `..`, no part beginning with `.usdlive`, no NUL, control
-/// character, backslash or colon, and its last part ends in `.usd`, `.usda` or `.usdc`, in any
-/// case, after something. Says what is wrong otherwise (ErrorCode::InvalidLayerName). Whether a
-/// link on the disk leads out is for server/files to say.
+/// LN1: parses the name of a layer. A name is a relative path in UTF-8 with `/` between its parts
+/// and at most 1,024 bytes. No part is empty, `.` or `..`, or begins with `.usdlive`. NUL, control
+/// characters, backslashes and colons are forbidden. The last part has a stem and ends in `.usd`,
+/// `.usda` or `.usdc`, in any case.
+/// Returns ErrorCode::InvalidLayerName with the reason for any other text. server/files checks that
+/// no link on the disk leads out of the project.
 [[nodiscard]] Result<LayerId> parseLayerId(std::string_view text);
 
 }  // namespace usdlive

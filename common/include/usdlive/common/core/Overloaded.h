@@ -2,12 +2,12 @@
 
 namespace usdlive {
 
-/// One function of several lambdas, for std::visit.
+/// Combines several lambdas into one function object, for std::visit.
 template <class... Functions>
 struct Overloaded : Functions... {
     using Functions::operator()...;
 };
-// Clang deduces nothing for an aggregate with bases before version 17.
+// Clang before version 17 does not deduce the arguments of an aggregate with base classes.
 template <class... Functions>
 Overloaded(Functions...) -> Overloaded<Functions...>;
 

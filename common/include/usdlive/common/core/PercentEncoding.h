@@ -6,11 +6,12 @@
 
 namespace usdlive {
 
-/// Decodes percent-encoded characters. Nothing if a % is not followed by two hexadecimal digits.
+/// Decodes percent-encoded characters. Returns nothing if a % is not followed by two hexadecimal
+/// digits.
 [[nodiscard]] std::optional<std::string> percentDecoded(std::string_view text);
 
-/// Encodes what cannot stand in the path of a URL: spaces, control characters, %, ? and #. Slashes
-/// and all other characters stay as they are.
+/// Encodes the characters that the path of a URL cannot contain: spaces, control characters, %, ?
+/// and #. Slashes and all other characters are kept.
 [[nodiscard]] std::string percentEncoded(std::string_view text);
 
 }  // namespace usdlive

@@ -6,7 +6,7 @@
 
 namespace usdlive {
 
-/// The count of those who share a block. A copy of a block begins with nobody sharing it.
+/// Counts the references to a block. A copy of a block starts without references.
 struct Shared {
     Shared() = default;
     Shared(const Shared&) {}
@@ -16,8 +16,8 @@ struct Shared {
 };
 
 /// A counted reference to a block (derived from Shared) of a copy-on-write structure. Several
-/// threads may share a block through references of their own; nobody changes it but through
-/// editable().
+/// threads may share a block, each through references of its own. A block is changed through
+/// editable() only.
 template <class T>
 class Ref {
 public:
@@ -30,7 +30,7 @@ public:
         return *this;
     }
     ~Ref() {
-        // Acquire-release: whoever deletes the block has seen what all others did with it.
+        // Acquire-release: the thread that deletes the block sees the writes of all others.
         if (block_ && block_->sharers.fetch_sub(1, std::memory_order_acq_rel) == 1) delete block_;
     }
 
@@ -39,7 +39,7 @@ public:
     const T* operator->() const { return block_; }
     explicit operator bool() const { return block_ != nullptr; }
 
-    /// The block for changing: itself when nobody else shares it, otherwise a copy.
+    /// Returns the block for changes. Copies it first if others share it.
     [[nodiscard]] T& editable() {
         if (block_->sharers.load(std::memory_order_acquire) != 1) *this = Ref(new T(*block_));
         return *block_;

@@ -8,10 +8,10 @@
 
 namespace usdlive {
 
-/// What went wrong, in a form that can be shown, sent and compared by code.
+/// An error that can be shown, sent and compared by its code.
 struct Error {
     ErrorCode code{};
-    std::string message;  ///< one sentence that names what and where; never empty
+    std::string message;  ///< one sentence that names what failed and where; never empty
 
     bool operator==(const Error&) const = default;
 };

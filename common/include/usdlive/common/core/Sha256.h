@@ -9,12 +9,12 @@ struct evp_md_ctx_st;
 
 namespace usdlive {
 
-/// The SHA-256 of bytes that come in parts; sha256() does it for those that are all here.
+/// Computes the SHA-256 of bytes that arrive in parts. For bytes in one piece use sha256().
 class Sha256 {
 public:
     Sha256();
     void add(ByteView part);
-    /// Ends it: nothing may be added any more.
+    /// Returns the hash. Do not call add() afterwards.
     [[nodiscard]] Hash finish();
 
 private:

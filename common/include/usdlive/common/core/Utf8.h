@@ -7,15 +7,16 @@
 
 namespace usdlive {
 
-/// Is the text well-formed UTF-8: no overlong forms, no surrogates, nothing above U+10FFFF?
+/// Returns true if the text is well-formed UTF-8: no overlong forms, no surrogates, nothing above
+/// U+10FFFF.
 [[nodiscard]] bool isUtf8(std::string_view text);
 
-/// Takes the first code point off `text`; nothing when `text` is empty or does not begin with a
-/// well-formed one (`text` is then left as it is).
+/// Removes the first code point from `text` and returns it. Returns nothing and keeps `text` if it
+/// is empty or does not begin with a well-formed code point.
 [[nodiscard]] std::optional<char32_t> takeCodePoint(std::string_view& text);
 
-/// Foreign text as a message may show it: in quotes, cut at some 100 bytes, without control
-/// characters, always UTF-8.
+/// Quotes foreign text for a message: cut after about 100 bytes, without control characters, always
+/// UTF-8.
 [[nodiscard]] std::string inQuotes(std::string_view text);
 
 }  // namespace usdlive

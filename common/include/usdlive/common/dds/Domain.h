@@ -12,39 +12,41 @@
 
 namespace usdlive::dds {
 
-/// Where DDS is spoken. Nothing is ever sent on another interface than this one.
+/// The DDS domain and network interface to use. Nothing is sent on any other interface.
 struct DomainSettings {
     std::string interface = "lo";
-    std::uint32_t domain = 74;  ///< at most kMaxDomain; the ports are 7400 + 250 * domain and on
-    /// A configuration of Cyclone DDS instead of ours, which then says the interface.
+    std::uint32_t domain = 74;  ///< at most kMaxDomain; the ports start at 7400 + 250 * domain
+    /// A configuration file for Cyclone DDS. It replaces the generated one and has to name the
+    /// interface.
     std::string configFile;
-    /// A folder with what says who this participant is and whom it trusts (kSecurityFiles); empty:
-    /// everybody on the interface is trusted.
+    /// A folder with this participant's identity and the authorities that it trusts
+    /// (kSecurityFiles). Empty: all participants on the interface are trusted.
     std::string securityFolder;
 };
 inline constexpr std::uint32_t kMaxDomain = 230;
 
-/// Of DDS Security 1.1: the authority of identities and this participant's own one, with its key;
-/// the authority of permissions, and what it has signed.
+/// The files of DDS Security 1.1: the authority of identities, this participant's certificate and
+/// key, the authority of permissions, and two documents that it has signed.
 inline constexpr std::array<const char*, 6> kSecurityFiles{"identity_ca.pem", "identity.pem",
                                                            "identity.key",    "permissions_ca.pem",
                                                            "governance.p7s",  "permissions.p7s"};
 
-/// What Cyclone has to say, from any thread.
+/// Receives the messages of Cyclone DDS. Called from any thread.
 using DomainLog = std::function<void(bool isError, std::string_view message)>;
-/// One for the process, as Cyclone has it; without one its words are dropped.
+/// Sets the log for the process, because Cyclone DDS has only one. Without a log its messages are
+/// dropped.
 void setDomainLog(DomainLog log);
 
-/// A participant in a DDS domain, with the threads that Cyclone runs for it. Others in the same
-/// process are reached over the interface, as any other.
+/// A participant in a DDS domain, with the threads that Cyclone DDS runs for it. Participants in
+/// the same process also communicate over the interface.
 class Domain {
 public:
     virtual ~Domain() = default;
-    /// dds_entity_t of the participant.
+    /// Returns the dds_entity_t of the participant.
     [[nodiscard]] virtual std::int32_t participant() const = 0;
 };
 
-/// InvalidConfiguration says what Cyclone does not like of the settings.
+/// Error: InvalidConfiguration names the setting that Cyclone DDS does not accept.
 [[nodiscard]] Result<std::unique_ptr<Domain>> createDomain(const DomainSettings& settings);
 
 }  // namespace usdlive::dds

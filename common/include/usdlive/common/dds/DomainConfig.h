@@ -6,7 +6,7 @@
 
 namespace usdlive::dds {
 
-/// The configuration of Cyclone DDS that the settings mean, as createDomain() uses it.
+/// Returns the configuration of Cyclone DDS for the settings, as createDomain() uses it.
 [[nodiscard]] Result<std::string> cycloneConfig(const DomainSettings& settings);
 
 }  // namespace usdlive::dds

@@ -8,7 +8,7 @@
 
 namespace usdlive::dds {
 
-/// A layer's state as a sample, which points into it: the state has to outlive this.
+/// A layer's state as a sample. The sample points into `state`, which must outlive it.
 class LayerStateOut {
 public:
     explicit LayerStateOut(const LayerState& state);
@@ -20,10 +20,10 @@ public:
 private:
     std::vector<char*> editors_;
 };
-/// Nothing: it is none that a server would send.
+/// Returns nothing if the sample is invalid.
 [[nodiscard]] std::optional<LayerState> layerStateOf(const LayerStateSample& sample);
 
-/// A presence as a sample, which points into it: the presence has to outlive this.
+/// A presence as a sample. The sample points into `presence`, which must outlive it.
 class PresenceOut {
 public:
     explicit PresenceOut(const Presence& presence);
@@ -36,7 +36,7 @@ private:
     std::string colour_;
     std::vector<char*> selection_;
 };
-/// Nothing: it is none that a server would send.
+/// Returns nothing if the sample is invalid.
 [[nodiscard]] std::optional<Presence> presenceOf(const PresenceSample& sample);
 
 }  // namespace usdlive::dds

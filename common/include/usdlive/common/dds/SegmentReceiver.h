@@ -9,21 +9,21 @@
 
 namespace usdlive::dds {
 
-/// The receiving end of a stream (DD4): puts segments in order, joins messages, and says when an
-/// acknowledgement is due. What is not taken is not acknowledged, which stops the sender. Without
-/// I/O; one thread.
+/// The receiving end of a stream (DD4). Puts segments in order, joins messages and reports when an
+/// acknowledgement is due. Segments that are not taken are not acknowledged, which stops the
+/// sender. No I/O; one thread.
 class SegmentReceiver {
 public:
-    /// An acknowledgement waits so long for something that carries it.
+    /// An acknowledgement waits this long for a message that can carry it.
     static constexpr std::chrono::milliseconds kAckDelay{50};
     static constexpr std::uint64_t kAckSegments = 64;
     static constexpr std::size_t kAckBytes = 256 * 1024;
 
-    /// `maxMessageBytes`: of one message that comes in pieces.
+    /// `maxMessageBytes` limits a message that arrives in pieces.
     explicit SegmentReceiver(std::size_t maxMessageBytes) : maxMessageBytes_(maxMessageBytes) {}
 
-    /// What came, in any order, any number of times. False: it is no part of the window and was
-    /// dropped.
+    /// Call for each received segment, in any order and any number of times. Returns false if the
+    /// segment is outside the window and was dropped.
     bool received(Segment segment, TimePoint now);
 
     struct Message {
@@ -31,18 +31,19 @@ public:
         StreamMark mark;
         bool end = false;
     };
-    /// The mark of what is next in order, a whole message or a piece.
+    /// Returns the mark of the next whole message or piece in order.
     [[nodiscard]] std::optional<StreamMark> next() const;
-    /// Takes what next() tells of; nothing while pieces of the message are missing.
+    /// Takes the part that next() describes. Returns nothing while pieces of the message are
+    /// missing.
     [[nodiscard]] std::optional<Message> take(TimePoint now);
-    /// A message was larger than it may be: the stream has ended.
+    /// Returns true after a message exceeded the limit. The stream has ended then.
     [[nodiscard]] bool isTooLarge() const { return tooLarge_; }
-    /// Of the stream, so far.
+    /// Returns the number of bytes taken from the stream so far.
     [[nodiscard]] std::uint64_t bytesTaken() const { return bytesTaken_; }
 
-    /// What to acknowledge: all up to this one.
+    /// Returns the number to acknowledge: all segments up to it were taken.
     [[nodiscard]] std::uint64_t taken() const { return next_ - 1; }
-    /// When it is due; nothing while it is known at the other end.
+    /// Returns the time when an acknowledgement is due, or nothing if the sender has all.
     [[nodiscard]] std::optional<TimePoint> ackDue() const { return ackDue_; }
     void ackSent();
 

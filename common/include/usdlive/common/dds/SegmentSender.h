@@ -11,34 +11,35 @@ namespace usdlive::dds {
 
 using TimePoint = std::chrono::steady_clock::time_point;
 
-/// The sending end of a stream (DD4): numbers segments, keeps them until they are acknowledged, and
-/// says which to write now. What exceeds the window waits. Without I/O; one thread.
+/// The sending end of a stream (DD4). Numbers segments, keeps them until they are acknowledged, and
+/// decides which to write now. Segments beyond the window wait. No I/O; one thread.
 class SegmentSender {
 public:
-    /// Until something was acknowledged the other end may not be listening yet: soon again.
+    /// Used until the first acknowledgement, because the receiver may not be ready yet.
     static constexpr std::chrono::milliseconds kFirstTimeout{20};
     static constexpr std::chrono::milliseconds kTimeout{250};
     static constexpr std::chrono::milliseconds kLongestTimeout{2'000};
-    /// Sent again at a time. More would only be lost where the others were.
+    /// The number of segments that are sent again at once. More would only be lost again.
     static constexpr std::size_t kResent = 32;
 
-    /// Queues whole frames, or only a mark without any.
+    /// Queues whole frames, or a mark without frames.
     void push(SharedBytes message, StreamMark mark = {});
-    /// After all that was pushed; nothing may follow.
+    /// Queues the end of the stream. Push nothing afterwards.
     void pushEnd();
 
-    /// What is to be written now: new ones that the window lets through, and those that were not
+    /// Returns the segments to write now: new ones within the window, and those that were not
     /// acknowledged in time.
     [[nodiscard]] std::vector<Segment> take(TimePoint now);
-    /// All up to this one have arrived. False: that was known.
+    /// Call when the receiver has acknowledged all segments up to `upTo`. Returns false if that was
+    /// known already.
     bool acknowledged(std::uint64_t upTo, TimePoint now);
-    /// Forgets what has not been taken.
+    /// Drops everything that take() has not returned yet.
     void dropWaiting();
 
-    /// When take() has something again that it has not now; nothing while all is acknowledged.
+    /// Returns the time when take() has something to send again, or nothing if all is acknowledged.
     [[nodiscard]] std::optional<TimePoint> deadline() const { return resendAt_; }
     [[nodiscard]] bool canTake() const;
-    /// Since when something is on its way and nothing of it has been acknowledged.
+    /// Returns the time since when segments are in flight without any acknowledgement.
     [[nodiscard]] std::optional<TimePoint> stalledSince() const;
     [[nodiscard]] std::size_t waitingBytes() const { return waitingBytes_; }
     [[nodiscard]] std::size_t queuedBytes() const { return waitingBytes_ + inFlightBytes_; }
@@ -49,7 +50,7 @@ private:
         SharedBytes bytes;
         StreamMark mark;
         bool end = false;
-        std::size_t offset = 0;  ///< what is before it was sent
+        std::size_t offset = 0;  ///< the bytes before it were sent
         [[nodiscard]] std::size_t left() const { return bytes ? bytes->size() - offset : 0; }
     };
 
@@ -62,10 +63,10 @@ private:
     std::deque<Segment> inFlight_;
     std::size_t inFlightBytes_ = 0;
     std::uint64_t lastSequence_ = 0;
-    /// After a timeout: up to here is sent again as fast as it is acknowledged.
+    /// After a timeout, segments up to this one are sent again as fast as they are acknowledged.
     std::uint64_t recoverTo_ = 0;
     std::chrono::milliseconds timeout_ = kFirstTimeout;
-    bool heard_ = false;
+    bool anyAcknowledged_ = false;
     std::optional<TimePoint> resendAt_;
     TimePoint progress_;
 };

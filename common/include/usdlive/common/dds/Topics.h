@@ -16,7 +16,8 @@
 #include "usdlive/common/dds/Segment.h"
 #include "usdlive/common/dds/usdlive.h"  // generated from common/protocol/usdlive.idl
 
-// DDS's own headers come with this one: for the sources of the two transports only.
+// Wraps the topics, writers and readers of Cyclone DDS. Includes its headers, so only the sources
+// of the two transports may include this one.
 namespace usdlive::dds {
 
 using ProjectSample = usdlive_dds_Project;
@@ -27,28 +28,29 @@ using BesideSample = usdlive_dds_Beside;
 using LayerStateSample = usdlive_dds_LayerState;
 using PresenceSample = usdlive_dds_Presence;
 
-/// What a writer keeps for readers that are behind. More than a stream has on its way.
+/// The number of samples that a writer keeps for slow readers; more than the window of a stream.
 inline constexpr std::int32_t kStreamDepth = 512;
 inline constexpr std::int32_t kCommitDepth = 1024;
 static_assert(kStreamDepth > std::int32_t(kWindowSegments));
 
-/// Version of these topics and of the rules DD1 and on, as Project and Submit say it.
+/// The version of these topics and of the DD rules, as sent in Project and Submit.
 inline constexpr std::uint8_t kDdsProtocol = 1;
 
-/// Bits of `flags`.
+/// The bits of `flags`.
 inline constexpr std::uint8_t kMore = 1, kEnd = 2, kHold = 4, kAnswer = 8;
 
-/// The partitions of a server's topics (DD2): for all its clients, and for one of them.
+/// Return the partitions of a server's topics (DD2): for all its clients, and for one of them.
 [[nodiscard]] std::string partitionOf(std::uint64_t server);
 [[nodiscard]] std::string partitionOf(std::uint64_t server, std::uint64_t client);
-/// For names of servers, clients and connections.
+/// Returns a random number for the names of servers, clients and connections.
 [[nodiscard]] std::uint64_t randomNumber();
 
-/// Owns a dds_entity_t and all below it.
+/// Owns a dds_entity_t and all entities below it.
 class Entity {
 public:
     Entity() = default;
-    /// Throws when Cyclone could not make it: it only fails for want of memory, or for a bug.
+    /// Throws if Cyclone DDS could not create the entity, which only lack of memory or a bug can
+    /// cause.
     explicit Entity(dds_entity_t handle) : handle_(handle) {
         if (handle < 0) throw std::runtime_error(std::string("DDS: ") + dds_strretcode(-handle));
     }
@@ -69,13 +71,13 @@ private:
 template <class Sample>
 struct TopicOf;  // name, descriptor, kind
 enum class TopicKind {
-    Alive,  // a state that ends with its writer, which is missed soon
-    State,  // the latest, also for who comes later
-    Brief,  // the latest, for a while
+    Alive,  // a state that ends with its writer; a lost writer is noticed soon
+    State,  // the latest state, also for late readers
+    Brief,  // the latest state, for a limited time
     Commits,
     Stream
 };
-/// Its samples tell of something that can go; the others are messages.
+/// Returns true if the samples are states of instances, which can be disposed; false for messages.
 constexpr bool hasInstances(TopicKind kind) {
     return kind == TopicKind::Alive || kind == TopicKind::State || kind == TopicKind::Brief;
 }
@@ -123,7 +125,7 @@ struct TopicOf<PresenceSample> {
     static constexpr TopicKind kKind = TopicKind::Brief;
 };
 
-/// Untyped halves of Writer and Reader: the QoS of a kind of topic is set here alone.
+/// The untyped parts of Writer and Reader. The QoS of each kind of topic is set only here.
 [[nodiscard]] Entity createWriter(const Domain& domain, const dds_topic_descriptor_t* descriptor,
                                   const char* topic, TopicKind kind, const std::string& partition,
                                   Entity& publisher);
@@ -131,28 +133,28 @@ struct TopicOf<PresenceSample> {
                                   const char* topic, TopicKind kind, const std::string& partition,
                                   Entity& subscriber);
 
-/// The GUID of a participant; zeros: it had gone before it was asked for.
+/// The GUID of a participant; zeros if it left before it could be looked up.
 using ParticipantId = std::array<std::uint8_t, 16>;
 [[nodiscard]] std::string textOf(const ParticipantId& participant);
 
-/// Where a sample comes from, and what it is worth.
+/// The origin of a sample and whether it is alive.
 struct SampleInfo {
-    bool alive = true;  ///< else only the key is there: the instance, or its writer, has gone
-    ParticipantId participant;  ///< of the writer
+    bool alive = true;          ///< false: only the key is set; the instance or its writer is gone
+    ParticipantId participant;  ///< the participant of the writer
 
-    /// Of what has gone the writer may be forgotten, too.
+    /// The writer of a disposed instance may be unknown.
     [[nodiscard]] bool isOf(const ParticipantId& expected) const {
         return participant == expected || (!alive && participant == ParticipantId{});
     }
 };
 
-/// The participants of the writers that a reader hears. One thread.
+/// Caches the participants of the writers that a reader receives from. One thread.
 class Origins {
 public:
     [[nodiscard]] const ParticipantId& of(dds_entity_t reader, dds_instance_handle_t writer);
 
 private:
-    // Writers that have gone are forgotten with all the others when there are too many.
+    // The cache is cleared when it reaches this size, because writers that left stay in it.
     static constexpr std::size_t kMostWriters = 4'096;
     std::map<dds_instance_handle_t, ParticipantId> known_;
 };
@@ -165,15 +167,15 @@ public:
     Writer(const Domain& domain, const std::string& partition)
         : writer_(createWriter(domain, TopicOf<Sample>::kDescriptor, TopicOf<Sample>::kName,
                                TopicOf<Sample>::kKind, partition, publisher_)) {}
-    /// Never blocks. False: it was not taken, which counts as lost.
+    /// Never blocks. Returns false if DDS did not accept the sample; treat it as lost.
     bool write(const Sample& sample) { return dds_write(writer_.get(), &sample) == DDS_RETCODE_OK; }
-    /// The instance is gone. Of the sample only the key counts.
+    /// Disposes the instance. Only the key of the sample is used.
     void dispose(const Sample& sample) { dds_dispose(writer_.get(), &sample); }
-    /// And nothing more will be said of it.
+    /// Unregisters the instance: the writer sends no more samples of it.
     void forget(const Sample& sample) { dds_unregister_instance(writer_.get(), &sample); }
 
 private:
-    Entity publisher_, writer_;  // the writer goes first
+    Entity publisher_, writer_;  // the writer is deleted first
 };
 
 template <class Sample>
@@ -185,8 +187,8 @@ public:
                                TopicOf<Sample>::kKind, partition, subscriber_)) {}
     [[nodiscard]] dds_entity_t get() const { return reader_.get(); }
 
-    /// Tells `each(const Sample&, const SampleInfo&)` of what has come. Messages are alive also
-    /// when their writer has gone.
+    /// Calls `each(const Sample&, const SampleInfo&)` for every received sample. Messages are alive
+    /// even if their writer has left.
     template <class Each>
     void take(Each each) {
         constexpr std::uint32_t kAtOnce = 64;
@@ -212,15 +214,15 @@ private:
     Origins origins_;
 };
 
-/// Waits for readers, or for somebody who wakes it.
+/// Waits until a reader has samples or another thread wakes it.
 class WaitSet {
 public:
     explicit WaitSet(const Domain& domain);
-    /// Until the reader is deleted.
+    /// The reader is detached when it is deleted.
     void attach(dds_entity_t reader);
-    /// Until a reader has something, or wake() was called, or the time is over.
+    /// Returns when a reader has samples, after wake(), or after `time`.
     void wait(std::chrono::nanoseconds time);
-    /// Any thread.
+    /// May be called from any thread.
     void wake();
 
 private:
@@ -229,7 +231,7 @@ private:
 
 // --- Segments as samples
 
-/// A view of the bytes, valid as long as they are; for samples that are written.
+/// Returns a view of the bytes for samples that are written. The bytes must outlive it.
 [[nodiscard]] dds_sequence_octet octets(ByteView bytes);
 [[nodiscard]] SharedBytes copyOf(const dds_sequence_octet& octets);
 

@@ -13,19 +13,20 @@
 
 namespace usdlive {
 
-/// A child as its parent holds it. The name stands here and not in the node, so that a rename or
-/// move leaves the node as it is.
+/// A child in the list of its parent. The parent's list holds the name, so that a rename or move
+/// does not change the node.
 struct ChildEntry {
     std::string name;
-    std::uint64_t order = 0;  // sorts it among its siblings
+    std::uint64_t order = 0;  // its position among its siblings
     Ref<LayerDoc::Node> node;
 };
 
-/// The children of one list of a spec, in order, found by name. Copies share what neither changes:
-/// a short list is one block, a long one many, so that neither 1 nor 100,000 children cost much to
-/// copy.
+/// The children in one list of a spec, in order, with a lookup by name. Copies share all blocks
+/// that neither of them changes. A short list is one block and a long one has many, so that a copy
+/// is cheap for 1 child and for 100,000.
 ///
-/// Entries are addressed by their order numbers, which stay when others come and go.
+/// Entries are addressed by their order numbers, which stay the same when other entries are added
+/// or removed.
 class ChildSequence {
 public:
     static constexpr std::uint64_t kOrderStep = std::uint64_t{1} << 20;
@@ -40,11 +41,11 @@ public:
     [[nodiscard]] bool sharesAll(const ChildSequence& other) const {
         return small_.get() == other.small_.get() && large_.get() == other.large_.get();
     }
-    /// nullptr when there is none. Valid until the sequence is changed.
+    /// Returns nullptr if there is no such child. The pointer is valid until the sequence changes.
     [[nodiscard]] const ChildEntry* find(std::string_view name) const;
     [[nodiscard]] const ChildEntry* first() const;
     [[nodiscard]] const ChildEntry* last() const;
-    /// The one after; nullptr after the last.
+    /// Returns the entry after `order`, or nullptr after the last.
     [[nodiscard]] const ChildEntry* next(std::uint64_t order) const;
 
     template <class Visitor>
@@ -52,11 +53,11 @@ public:
         for (std::size_t i = 0; i < blocks(); ++i)
             for (const ChildEntry& entry : block(i)) visit(entry);
     }
-    /// A place in the sequence, from the first entry on, while it is not changed.
+    /// A position for iterating from the first entry on. Valid until the sequence changes.
     struct Cursor {
         std::size_t block = 0, index = 0;
     };
-    /// The entry there, and on; nullptr after the last.
+    /// Returns the entry at the cursor and advances it. Returns nullptr after the last.
     [[nodiscard]] const ChildEntry* next(Cursor& cursor) const {
         for (; cursor.block < blocks(); ++cursor.block, cursor.index = 0)
             if (const auto& entries = block(cursor.block); cursor.index < entries.size())
@@ -64,28 +65,30 @@ public:
         return nullptr;
     }
     [[nodiscard]] std::vector<const ChildEntry*> entries() const;
-    /// Those that stand in no block shared with `other`; all the others are in both.
+    /// Returns the entries that are in no block shared with `other`. All other entries are in both
+    /// sequences.
     [[nodiscard]] std::vector<const ChildEntry*> entriesNotSharedWith(
         const ChildSequence& other) const;
-    /// All of `wanted` are here; do they follow each other as they do there?
+    /// Returns true if the entries have the same order as in `wanted`. Precondition: this sequence
+    /// holds all entries of `wanted`.
     [[nodiscard]] bool isInOrderOf(const ChildSequence& wanted) const;
 
-    // The following need an order number that is there, and a name that is not.
+    // Preconditions of the following: the order number exists and the name does not.
 
-    /// The child's node, for changing.
+    /// Returns the child's node for changes.
     [[nodiscard]] LayerDoc::Node& editableNode(std::uint64_t order);
     struct Placed {
         std::uint64_t order;
-        bool renumbered;  // all order numbers of the list are new
+        bool renumbered;  // the whole list got new order numbers
     };
     Placed append(std::string name, Ref<LayerDoc::Node> node);
-    /// Puts it before the one of order `before`, or last.
+    /// Moves the entry before the entry with order `before`, or to the end.
     Placed place(std::uint64_t order, std::optional<std::uint64_t> before);
     Ref<LayerDoc::Node> remove(std::uint64_t order);
     void rename(std::uint64_t order, std::string name);
 
     [[nodiscard]] bool hasOrder(std::uint64_t order) const;
-    /// Precondition: neither the name nor the order number is there.
+    /// Precondition: neither the name nor the order number exists.
     void insert(ChildEntry entry);
 
 private:

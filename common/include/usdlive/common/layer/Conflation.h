@@ -6,10 +6,11 @@
 
 namespace usdlive {
 
-/// The edits without those whose register a later one sets again, so that somebody who fell behind
-/// has less to read (CF1). Paths are absolute and each edit valid after the ones before, as in a
-/// commit; both rows of edits lead from any layer on which the whole applies to the same layer.
-/// What changes the namespace stays, and no edit is dropped for one on the other side of it.
+/// CF1: returns the edits without those whose register a later edit sets again, so that a session
+/// that has fallen behind reads less. Paths are absolute and each edit is valid after the ones
+/// before, as in a commit. On any layer on which `edits` apply, the result leads to the same layer.
+/// Edits of the namespace are kept, and no edit is dropped in favour of one on the other side of
+/// such an edit.
 [[nodiscard]] std::vector<Edit> conflated(std::vector<Edit> edits);
 
 }  // namespace usdlive

@@ -5,37 +5,38 @@
 
 namespace usdlive {
 
-// ED5 and ED6 on the content of one field.
+// Applies ED5 and ED6 to the content of one field.
 
-/// Does the edit make sense by itself? A value that is there and of the part's kind, keys, a finite
-/// time (InvalidEdit, InvalidValue), and D1 on the pseudo-root (ForbiddenValue).
+/// Checks the edit by itself: a value of the part's kind, at least one key, a finite time
+/// (InvalidEdit, InvalidValue), and D1 on the pseudo-root (ForbiddenValue).
 [[nodiscard]] Result<void> checkSet(bool pseudoRoot, const SetField& set);
-/// An author may not set a field that looks like a list of children. Files may hold some that are
-/// none: a plug-in's metadata can be called so.
+/// Refuses a field that looks like a list of children. Files may contain one that is none, because
+/// metadata of a plug-in can have such a name.
 [[nodiscard]] Result<void> checkAuthored(const SetField& set);
 [[nodiscard]] Result<void> checkErase(const EraseField& erase);
 
-/// ED7: no text could hold it otherwise. Whatever else a property of the other kind has is only
-/// metadata.
+/// ED7: returns false for a field that the text format cannot write for this kind of property. Any
+/// other field is metadata and allowed.
 [[nodiscard]] bool canHave(SpecKind kind, const SetField& set);
 
-/// Does it make a prim an `over`, which states nothing about the prim?
+/// Returns true if the edit turns a prim into an `over`, which states nothing about the prim.
 [[nodiscard]] bool makesOver(const SetField& set);
 
-// The following take edits that have passed the checks.
+// The following expect edits that have passed the checks.
 
-/// Would the edit leave the field as it is? nullptr is "absent".
+/// Returns true if the edit would not change the field. nullptr is an absent field.
 [[nodiscard]] bool holdsAlready(const FieldValue* field, const SetField& set);
 void setPart(FieldValue& field, const SetField& set);
 [[nodiscard]] bool holdsPart(const FieldValue& field, const FieldPart& part);
-/// False when nothing is left, so that the field has to go as a whole. Precondition: holdsPart().
+/// Returns false when the field is empty afterwards and has to be erased as a whole. Precondition:
+/// holdsPart().
 [[nodiscard]] bool erasePart(FieldValue& field, const FieldPart& part);
 
-/// What stands at the key path, one key a level; nullptr: nothing, or there is no dictionary.
+/// Returns the entry at the key path, one key per level, or nullptr if there is none.
 [[nodiscard]] const Dictionary::Entry* entryAt(const Dictionary* dictionary,
                                                const std::vector<std::string>& path);
 
-/// Are these the same item of a list (itemKey)?
+/// Returns true if both are the same item of a list (itemKey).
 [[nodiscard]] bool sameItem(const Value& left, const Value& right);
 
 }  // namespace usdlive

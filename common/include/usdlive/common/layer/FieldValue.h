@@ -16,16 +16,15 @@
 
 namespace usdlive {
 
-/// A dictionary's keys are sorted, as in VtDictionary. Keys are UTF-8 and may hold any character,
-/// also
-/// `:`; a key *path* is a vector of keys and never a joined string inside our code.
+/// A dictionary with sorted keys, as VtDictionary. Keys are UTF-8 and may contain any character,
+/// also `:`. A key path is a vector of keys and never a joined string.
 struct Dictionary {
     using Entry = std::variant<Value, Dictionary>;
     std::map<std::string, Entry, std::less<>> entries;
     bool operator==(const Dictionary&) const = default;
 };
 
-/// Samples sorted by time; times are finite and distinct.
+/// Samples sorted by time. Times are finite and distinct.
 struct TimeSamples {
     std::vector<std::pair<double, Value>> samples;
     bool operator==(const TimeSamples&) const = default;
@@ -34,9 +33,9 @@ struct TimeSamples {
 enum class ListName : std::uint8_t { Explicit, Added, Prepended, Appended, Deleted, Ordered };
 inline constexpr std::size_t kListNames = 6;
 
-/// A list op of any item type (references, targets, API schemas, ...), and the `subLayers` of a
-/// layer (explicit items of type SubLayer, which carry their offset). An item is identified by
-/// itemKey().
+/// A list op of any item type (references, targets, API schemas, ...). Also the `subLayers` of a
+/// layer: explicit items of type SubLayer, which include their offset. itemKey() identifies an
+/// item.
 struct ListOp {
     ValueType itemType = ValueType::None;
     bool isExplicit = false;
@@ -49,11 +48,11 @@ struct ListOp {
     bool operator==(const ListOp&) const = default;
 };
 
-/// What identifies an item of a list: its asset path for a SubLayer, else the whole item.
+/// Returns the key of a list item: the asset path of a SubLayer, otherwise the whole item.
 [[nodiscard]] Value itemKey(const Value& item);
 
-/// Keys to values in a given order. `variantSelection` (Strings, sorted by key) and `relocates` /
-/// `layerRelocates` (Paths, in the order authored).
+/// Keys and values in a given order: `variantSelection` (Strings, sorted by key), `relocates` and
+/// `layerRelocates` (Paths, in the authored order).
 struct Map {
     ValueType keyType = ValueType::None;
     std::vector<std::pair<Value, Value>> entries;
@@ -64,19 +63,20 @@ template <class T>
 concept IsContent = std::same_as<T, Value> || std::same_as<T, Dictionary> ||
                     std::same_as<T, TimeSamples> || std::same_as<T, ListOp> || std::same_as<T, Map>;
 
-/// The content of one field of one spec. Composite ones are held apart, so that their parts are
-/// registers (M1); everything else is one opaque Value.
+/// The content of one field of one spec. Composite content is kept in parts, because each part is a
+/// register (M1). Everything else is one opaque Value.
 class FieldValue {
 public:
     FieldValue() = default;
     template <class T>
         requires IsContent<T>
-    FieldValue(T value) : content_(std::move(value)) {}  // NOLINT: a field is given by its content
+    // NOLINT: a field converts from its content
+    FieldValue(T value) : content_(std::move(value)) {}
 
     [[nodiscard]] ValueType type() const;
     bool operator==(const FieldValue&) const = default;
 
-    /// Nothing when it holds another form.
+    /// Returns nullptr if the field has another form.
     template <class T>
         requires IsContent<T>
     [[nodiscard]] const T* as() const {
@@ -92,14 +92,14 @@ public:
             return std::get_if<T>(&content_);
         }
     }
-    /// The content as a T, an empty one when it held another form.
+    /// Returns the content as a T. Replaces it by an empty T first if it has another form.
     template <class T>
         requires IsContent<T>
     T& become() {
         if (!as<T>()) content_ = T();
         return *as<T>();
     }
-    /// Calls `visitor` with what it holds.
+    /// Calls `visitor` with the content.
     template <class Visitor>
     decltype(auto) visit(Visitor&& visitor) const {
         return std::visit(
@@ -113,25 +113,26 @@ public:
     }
 
 private:
-    // Every field of every spec holds one of these: a list op by itself would make it three times
-    // as large.
+    // Every field of every spec holds one of these. A list op in place would make it three times as
+    // large.
     std::variant<Value, Dictionary, TimeSamples, Box<ListOp>, Map> content_;
 };
 
-/// V10: the one encoding of a field's content, used on the wire, in snapshots and in the store:
-/// u16 type, u8 form (0 bytes inline, 1 blob), u64 size, then the bytes, or hash (32) for a blob.
-/// Composite types nest the same encoding; dictionaries at most kMaxNesting deep.
+/// V10: the one encoding of a field's content, used on the wire, in snapshots and in the store: u16
+/// type, u8 form (0: bytes inline, 1: blob), u64 size, then the bytes, or for a blob its hash (32
+/// bytes). Composite types nest the same encoding, dictionaries at most kMaxNesting levels deep.
 inline constexpr std::size_t kMaxNesting = 64;
-/// How many dictionaries deep: 1 for a flat one. More than kMaxNesting cannot be decoded again.
+/// Returns the number of nested dictionaries: 1 for a flat one. decodeFieldValue() refuses more
+/// than kMaxNesting.
 [[nodiscard]] std::size_t nesting(const Dictionary& dictionary);
 void encodeFieldValue(const FieldValue& value, Bytes& out);
 [[nodiscard]] Bytes encodeFieldValue(const FieldValue& value);
-/// Verifies everything, leaf values by validateValue(). The input must be consumed whole, and is
-/// what encoding the result gives again. ErrorCode::InvalidValue says what is wrong. An empty
-/// FieldValue (type None) encodes, but nothing decodes to it.
+/// Decodes and verifies a field's content, leaf values with validateValue(). All input must be
+/// consumed, and encoding the result returns the same bytes. Errors: ErrorCode::InvalidValue with
+/// the reason. An empty FieldValue (type None) can be encoded but not decoded.
 [[nodiscard]] Result<FieldValue> decodeFieldValue(ByteView bytes);
 
-/// Calls `visit` for every blob named in the value.
+/// Calls `visit` for every blob that the value refers to.
 void forEachBlob(const FieldValue& value, const std::function<void(const Value&)>& visit);
 
 }  // namespace usdlive

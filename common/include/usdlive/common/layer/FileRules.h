@@ -9,32 +9,35 @@
 
 namespace usdlive {
 
-// ED8-ED11: what an author may write so that every layer can be saved and read back. Files and
-// histories may hold other things.
+// ED8-ED11: the limits for authors, so that every layer can be saved and read back. Files and
+// histories may contain more.
 
-/// The type of value that the type name of an attribute stands for; nothing for a name that Sdf
-/// does not know.
+/// Returns the value type of an attribute's type name, or nothing for a name that Sdf does not
+/// know.
 [[nodiscard]] std::optional<ValueType> valueTypeOf(std::string_view typeName);
 
-/// Are these the fields of an attribute whose content is of its type?
+/// Returns true for the fields of an attribute whose content has the attribute's type.
 [[nodiscard]] bool dependsOnType(std::string_view field);
-/// ED9: can an attribute of this type have the field (`default`, `timeSamples`, `spline`)? Any
-/// other field, an attribute without a type and one of an unknown type can.
+/// ED9: returns true if an attribute of this type can have the field (`default`, `timeSamples`,
+/// `spline`). Other fields fit always, and so does any field if the attribute has no type or an
+/// unknown one.
 [[nodiscard]] bool fitsType(std::string_view typeName, std::string_view field,
                             const FieldValue& content);
-/// The same of an edit.
+/// The same for an edit.
 [[nodiscard]] bool fitsType(std::string_view typeName, const SetField& set);
-/// The type of the attribute at `path`; empty without one.
+/// Returns the type of the attribute at `path`, or an empty text if there is none.
 [[nodiscard]] std::string_view attributeType(const LayerDoc& doc, std::string_view path);
 
-/// ED8: a type name of a spec of `kind` that can be written. InvalidValue, or InvalidEdit for an
-/// attribute that would lose its type.
+/// ED8: checks that the type name can be written for a spec of `kind`. Errors: InvalidValue;
+/// InvalidEdit if an attribute would lose its type.
 [[nodiscard]] Result<void> checkTypeName(SpecKind kind, const EditAction& action);
 
-/// ED11: a dictionary holds values of the types that attributes have. InvalidValue.
+/// ED11: checks that a dictionary holds only values of types that attributes have. Error:
+/// InvalidValue.
 [[nodiscard]] Result<void> checkDictionary(const SetField& set);
 
-/// ED10: no text can hold this content, and no field says the same.
+/// ED10: returns true for content that the text format cannot write and that means the same as no
+/// field.
 [[nodiscard]] bool saysNothing(std::string_view field, const FieldValue& content);
 
 }  // namespace usdlive

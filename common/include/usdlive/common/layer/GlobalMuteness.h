@@ -7,15 +7,15 @@
 
 namespace usdlive {
 
-// Which layers are muted for everybody on the stages of a root layer: as Kit keeps it, in the root
-// layer's `customLayerData:omni_layer:muteness`, {path relative to the root layer: bool}. It is
-// content like any other (MU1).
+// Reads and writes the layers that are muted for all users of a root layer's stages. Kit keeps them
+// in the root layer's `customLayerData:omni_layer:muteness`, {path relative to the root layer:
+// bool}. They are content like any other (MU1).
 
-/// Those that are layers of the project; what leads out of it is passed over.
+/// Returns the muted layers of the project. Ignores paths that lead out of it.
 [[nodiscard]] std::set<LayerId> globallyMuted(const LayerId& root, const LayerDoc& doc);
 
-/// What mutes a layer or ends that: edits of the root layer's pseudo-root. A key that means the
-/// layer already is used again, however it is written.
+/// Returns the edits of the root layer's pseudo-root that mute or unmute `layer`. Uses an existing
+/// key for the layer, in any spelling.
 [[nodiscard]] std::vector<EditAction> globalMuteEdits(const LayerId& root, const LayerDoc& doc,
                                                       const LayerId& layer, bool muted);
 

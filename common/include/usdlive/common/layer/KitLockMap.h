@@ -1,4 +1,4 @@
-// The map of locked layers that Kit keeps in a root layer.
+// Empties the map of locked layers that Kit keeps in a root layer.
 #pragma once
 
 #include <vector>
@@ -7,9 +7,9 @@
 
 namespace usdlive {
 
-/// What empties `customLayerData:omni_layer:locked` where it is a map, {path: bool}: edits of the
-/// pseudo-root. The server holds nobody to it; Kit's editors mind it. A layer's own lock stands
-/// under the same key and is none (LayerLock.h).
+/// Returns the edits of the pseudo-root that empty `customLayerData:omni_layer:locked` if it is a
+/// map, {path: bool}. The server does not enforce this map, but Kit's editors respect it. A layer's
+/// own lock uses the same key and is not a map (LayerLock.h).
 [[nodiscard]] std::vector<EditAction> kitLockMapEdits(const LayerDoc& root);
 
 }  // namespace usdlive

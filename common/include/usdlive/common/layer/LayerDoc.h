@@ -14,17 +14,17 @@
 
 namespace usdlive {
 
-/// Identifies a spec inside one LayerDoc and its copies, whatever its path becomes. Never reused in
-/// a doc. Local: two machines give the same spec different ids.
+/// Identifies a spec in one LayerDoc and its copies, whatever its path becomes. Never reused in a
+/// doc. Local: two machines give the same spec different ids.
 using NodeId = std::uint64_t;
 inline constexpr NodeId kRootNode = 1;
 
-/// The content of a layer, without USD: a tree of specs.
+/// The content of a layer as a tree of specs, without USD.
 ///
-/// A plain value. Copies share structure, so a copy costs a pointer, and an edit of a copy copies
-/// the nodes on the way to what it changes; an edit of a doc that shares nothing changes it in
-/// place. Different copies may be used from different threads at once. Moving a spec costs its own
-/// size.
+/// A plain value. Copies share structure: a copy costs a pointer, and an edit of a copy copies the
+/// nodes on the path to the change. An edit of a doc that shares nothing changes it in place.
+/// Different copies may be used by different threads at the same time. The cost of moving a spec
+/// grows with its own size.
 class LayerDoc {
 public:
     class Node;  // src/layer/LayerDocNode.h
@@ -36,38 +36,39 @@ public:
     LayerDoc& operator=(LayerDoc&&) noexcept;
     ~LayerDoc();
 
-    /// What an edit did. Ids are this doc's.
+    /// The result of an edit. Ids are those of this doc.
     struct Applied {
-        bool changed = false;  ///< false: M2 merge, erasing what is absent, all as it was already
-        NodeId node = 0;       ///< the spec the edit was for (the created one)
-        NodeId parent = 0;     ///< of a Create, Move or Place: the (new) parent
-        std::uint64_t order = 0;  ///< of a Create, Move or Place: sorts it among its siblings
+        /// false: the spec exists (M2), the erased part is absent, or nothing differs
+        bool changed = false;
+        NodeId node = 0;          ///< the spec that was edited (or created)
+        NodeId parent = 0;        ///< of a Create, Move or Place: the (new) parent
+        std::uint64_t order = 0;  ///< of a Create, Move or Place: its position among its siblings
         bool renumbered = false;  ///< the parent's whole list got new order numbers
-        std::vector<NodeId> erased = {};  ///< of a Delete: the spec and all below it
+        std::vector<NodeId> erased = {};  ///< of a Delete: the spec and everything below it
     };
 
-    /// Whose an edit is: what a commit or a file holds applies as it is.
+    /// The origin of an edit. Edits from a commit or a file (History) skip the limits for authors.
     enum class By { History, Author };
-    /// Applies one edit whose address is an absolute path of this doc (Address::creation unset).
-    /// Errors leave the doc as it was: InvalidPath (also when a move would make a path below longer
-    /// than PA1 allows), SpecNotFound, SpecKindConflict (M2), SpecExists and MoveIntoItself (M5),
-    /// InvalidEdit (a kind that cannot stand there, a value that does not fit the part, a field
+    /// Applies one edit whose address is an absolute path of this doc (Address::creation unset). An
+    /// error leaves the doc unchanged: InvalidPath (also if a move makes a path below longer than
+    /// PA1 allows), SpecNotFound, SpecKindConflict (M2), SpecExists and MoveIntoItself (M5),
+    /// InvalidEdit (a kind that is not allowed there, a value that does not fit the part, a field
     /// that lists children), InvalidValue, ForbiddenValue (D1: `timeCodesPerSecond` <= 0 or not
-    /// finite). By an author also SpecKindConflict (ED7).
+    /// finite). For an Author also SpecKindConflict (ED7).
     Result<Applied> apply(std::string_view path, const EditAction& action, By by = By::History);
 
     [[nodiscard]] bool has(std::string_view path) const;
     [[nodiscard]] std::optional<SpecKind> kind(std::string_view path) const;
-    /// nullptr when the spec or field is absent. Valid until this doc is changed.
+    /// Returns nullptr if the spec or field is absent. The pointer is valid until this doc changes.
     [[nodiscard]] const FieldValue* field(std::string_view path, std::string_view name) const;
     [[nodiscard]] std::vector<std::string> fieldNames(std::string_view path) const;
     [[nodiscard]] std::vector<std::string> children(std::string_view path, ChildList list) const;
-    [[nodiscard]] std::size_t specCount() const;  ///< with the pseudo-root; O(1)
+    [[nodiscard]] std::size_t specCount() const;  ///< includes the pseudo-root; O(1)
 
-    /// The node ids from the pseudo-root down to the deepest spec on the way to `path` that exists.
+    /// Returns the node ids from the pseudo-root to the deepest existing spec on `path`.
     [[nodiscard]] std::vector<NodeId> idsAlong(std::string_view path) const;
 
-    /// Visits every spec, parents before children, siblings in order. `order` as in Applied.
+    /// Visits every spec: parents before children, siblings in order. `order` as in Applied.
     struct SpecView {
         NodeId node, parent;
         std::uint64_t order;
@@ -77,17 +78,17 @@ public:
         const std::vector<std::pair<std::string, FieldValue>>* fields;  ///< sorted by name
     };
     void visit(const std::function<void(const SpecView&)>& visitor) const;
-    /// The same, below and with the spec at `path`; nothing when it is absent.
+    /// Visits the spec at `path` and everything below it. Does nothing if it is absent.
     void visit(std::string_view path, const std::function<void(const SpecView&)>& visitor) const;
 
-    /// The same, one spec at a time and resumable.
+    /// Visits every spec, one at a time; can be paused and resumed.
     class Walk {
     public:
         explicit Walk(LayerDoc doc);
         Walk(Walk&&) noexcept;
         ~Walk();
-        /// nullptr after the last. Its path is valid until the next call, the rest as long as the
-        /// walk.
+        /// Returns nullptr after the last spec. Its path is valid until the next call, the rest as
+        /// long as the walk.
         const SpecView* next();
 
     private:
@@ -95,16 +96,15 @@ public:
         std::unique_ptr<State> state_;
     };
 
-    /// Same specs, same order, same fields. Shared structure is not looked into.
+    /// Compares specs, order and fields. Skips structure that both share.
     friend bool operator==(const LayerDoc& left, const LayerDoc& right);
 
-    /// One line a spec and field, in order: what two replicas are compared by when USD is not
-    /// there.
+    /// Returns one line per spec and field, in order. Used to compare two replicas without USD.
     [[nodiscard]] std::string dump() const;
 
-    /// Rebuilding from a store or snapshot: specs in any order, each parent before its children;
-    /// siblings are sorted by `order` at finish(). Errors: SpecNotFound (no such parent),
-    /// SpecExists, InvalidEdit. Node ids are kept.
+    /// Rebuilds a doc from a store or a snapshot. Specs may come in any order, but each parent
+    /// before its children; finish() sorts siblings by `order`. Errors: SpecNotFound (the parent is
+    /// missing), SpecExists, InvalidEdit. Node ids are kept.
     class Builder {
     public:
         Builder();
@@ -119,50 +119,50 @@ public:
         std::unique_ptr<State> state_;
     };
 
-    /// New specs get ids from here on (or from nextId(), if that is higher); used to keep the ids
-    /// of a client's predictions apart. Two copies that both create specs give them the same ids:
-    /// before their difference() is taken, ids created in one of them must not mean another spec in
-    /// the other.
+    /// Sets the lowest id for new specs (nextId() if that is higher). Used to separate the ids of a
+    /// client's predictions from those of the server's commits. Two copies that both create specs
+    /// use the same ids. Before difference() compares them, make sure that an id created in one of
+    /// them does not name another spec in the other.
     void reserveIds(NodeId firstFree);
-    /// The id the next spec created will have.
+    /// Returns the id of the next spec to be created.
     [[nodiscard]] NodeId nextId() const { return nextId_; }
 
 private:
     friend class LayerDocDiff;
     class Editor;
 
-    Ref<Node> root_;  // null only in a doc that was moved from: assign or destroy it
+    Ref<Node> root_;  // null only in a moved-from doc, which may be assigned or destroyed
     NodeId nextId_ = kRootNode + 1;
     std::size_t specCount_ = 1;
-    // Bounds of what any path of this doc has, never too low, so that most moves need not be
-    // measured.
+    // Upper bounds for the paths of this doc, so that most moves need no measurement.
     std::uint32_t maxPathBytes_ = 1;
     std::uint32_t maxPathElements_ = 0;
 };
 
-/// Calls `visit` for every blob (V9) that the layer names, as often as it does.
+/// Calls `visit` for every reference of the layer to a blob (V9).
 void forEachBlob(const LayerDoc& doc, const std::function<void(const Value&)>& visit);
 
-/// The edits that turn `from` into `to`, in an order in which they apply; paths absolute. Looks
-/// only where structure is not shared. A spec that stands elsewhere with the same id is moved, not
-/// deleted and created. Composite fields are told part by part where only parts differ.
+/// Returns the edits that turn `from` into `to`, in an order in which they apply. Paths are
+/// absolute. Looks only where structure is not shared. A spec with the same id at another path is
+/// moved instead of deleted and created. Composite fields are compared part by part.
 [[nodiscard]] std::vector<std::pair<std::string, EditAction>> difference(const LayerDoc& from,
                                                                          const LayerDoc& to);
 
-/// The parts by which two contents of one field differ: the smallest list of Set/Erase actions
-/// that, applied in order, turn `from` into `to` exactly (or one whole SetField where parts cannot
-/// say it, e.g. duplicates in a list, another order of map entries, another form). nullptr is
-/// "absent".
+/// Returns the smallest list of Set and Erase actions that turn `from` into `to` when applied in
+/// order. It is one whole SetField if parts cannot express the change, for example duplicates in a
+/// list, another order of map entries, or another form. nullptr is an absent field.
 [[nodiscard]] std::vector<EditAction> fieldDifference(std::string_view field,
                                                       const FieldValue* from, const FieldValue* to);
 
-/// The same as an author sends it (M1): part by part also where the whole would be shorter, so that
-/// others who write other parts at the same time keep theirs. Whole are only a value, a composite
-/// that parts cannot say, and one that changes in more than 1,000 parts and would be shorter.
+/// Returns the same for an author's edits (M1): part by part even if the whole is shorter, so that
+/// concurrent edits of other parts are kept. Writes the whole field only for a plain value, for a
+/// composite that parts cannot express, and for more than 1,000 changed parts if the whole is
+/// shorter.
 [[nodiscard]] std::vector<EditAction> authoredParts(std::string_view field, const FieldValue* from,
                                                     const FieldValue* to);
 
-/// `present` with the parts of `added`, which win; `added` where they are not of one form.
+/// Returns `present` merged with the parts of `added`, which win. Returns `added` if the forms
+/// differ.
 [[nodiscard]] FieldValue unitedParts(std::string_view field, const FieldValue& present,
                                      const FieldValue& added);
 

@@ -15,7 +15,7 @@ namespace usdlive {
 
 using Fields = std::vector<std::pair<std::string, FieldValue>>;  // sorted by name
 
-/// One spec of a LayerDoc. Its name stands with its parent.
+/// One spec of a LayerDoc. Its parent holds its name.
 class LayerDoc::Node : public Shared {
 public:
     Node(NodeId id, SpecKind kind) : kind(kind), id(id) {}
@@ -31,18 +31,18 @@ public:
     Fields fields;
 
 private:
-    // Prims or variants (no spec has both), properties, variant sets.
+    // Prims or variants (a spec never has both), properties, variant sets.
     using Children = std::array<ChildSequence, 3>;
     std::unique_ptr<Children> children_;  // most specs are attributes and have none
 };
 
-/// Which kinds of spec have which lists of children.
+/// Return true if specs of the kind can have the list, and if the list can hold the kind.
 [[nodiscard]] bool hasList(SpecKind parent, ChildList list);
 [[nodiscard]] bool belongsIn(SpecKind child, ChildList list);
 inline constexpr std::array kChildLists{ChildList::Prims, ChildList::Properties,
                                         ChildList::VariantSets, ChildList::Variants};
 
-/// `position` of the field, or where it belongs.
+/// Returns the position of the field, or the position for inserting it.
 [[nodiscard]] Fields::iterator fieldPosition(Fields& fields, std::string_view name);
 [[nodiscard]] Fields::const_iterator fieldPosition(const Fields& fields, std::string_view name);
 

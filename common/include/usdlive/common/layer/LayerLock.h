@@ -9,34 +9,34 @@
 
 namespace usdlive {
 
-/// A layer's lock, as it stands in its own custom layer data, where Kit looks for it:
-/// `customLayerData:omni_layer:locked`, and beside it, ours, `locked_by` and `locked_at`. It is
-/// content like any other: it travels as edits, is saved with the layer, and is undone with them.
-/// The server holds everybody to it (LK1).
+/// A layer's lock. It is kept in the layer's own custom layer data, where Kit reads it:
+/// `customLayerData:omni_layer:locked`, with our additions `locked_by` and `locked_at`. It is
+/// content like any other: it travels as edits, is saved with the layer and is undone with its
+/// edits. The server enforces it for everybody (LK1).
 struct LayerLock {
     bool locked = false;
-    UserName holder;        ///< empty: nobody is named
-    std::int64_t atMs = 0;  ///< since 1970, by the holder's clock
+    UserName holder;        ///< empty: the lock names no holder
+    std::int64_t atMs = 0;  ///< milliseconds since 1970, by the holder's clock
     bool operator==(const LayerLock&) const = default;
 };
 
 [[nodiscard]] LayerLock lockOf(const LayerDoc& doc);
 
-/// What makes the layer's lock this one: edits of the pseudo-root.
+/// Returns the edits of the pseudo-root that set the layer's lock to this one.
 [[nodiscard]] std::vector<EditAction> lockEdits(const LayerLock& lock);
-/// The same for a layer with this content: nothing if the user holds the lock already, or if there
-/// is none to release.
+/// Returns the edits for a layer with this content: none if the user holds the lock already, or if
+/// there is no lock to release.
 [[nodiscard]] std::vector<EditAction> lockEdits(const LayerDoc& doc, const LayerLock& lock);
 
-/// What empties the map of locked layers that Kit keeps in a root layer under the same key. The
-/// server holds nobody to it; Kit's editors mind it.
+/// Returns the edits that empty the map of locked layers that Kit keeps in a root layer under the
+/// same key. The server does not enforce this map, but Kit's editors respect it.
 [[nodiscard]] std::vector<EditAction> lockMapEdits(const LayerDoc& root);
 
-/// Does the action, of the pseudo-root, concern nothing but the lock?
+/// Returns true if the action, of the pseudo-root, changes only the lock.
 [[nodiscard]] bool isLockEdit(const EditAction& action);
-/// May it change the lock?
+/// Returns true if the action may change the lock.
 [[nodiscard]] bool touchesLock(const EditAction& action);
-/// Does it change any custom layer data, where also spec locks and muteness stand?
+/// Returns true if the action changes custom layer data, which also holds spec locks and muteness.
 [[nodiscard]] bool touchesLayerData(const EditAction& action);
 
 }  // namespace usdlive

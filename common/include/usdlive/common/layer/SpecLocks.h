@@ -8,26 +8,25 @@
 
 namespace usdlive {
 
-/// Specs of a stage that only their owners may edit, by path without variants, in every layer of
-/// the stage's local layer stack. They stand in the root layer's
-/// `customLayerData:omni_layer:specs_locking`, {path: owner}; an empty owner is nobody. Content
-/// like any other; the server holds everybody to it (LK5).
+/// The specs of a stage that only their owners may edit, by path without variants, in every layer
+/// of the stage's local layer stack. Kept in the root layer's
+/// `customLayerData:omni_layer:specs_locking`, {path: owner}; an empty owner is nobody. They are
+/// content like any other, and the server enforces them for everybody (LK5).
 using SpecLocks = std::map<std::string, UserName>;
 
 [[nodiscard]] SpecLocks specLocksOf(const LayerDoc& root);
 
-/// What locks a spec or ends its lock: an edit of the root layer's pseudo-root.
+/// Return the edit of the root layer's pseudo-root that locks or unlocks a spec.
 [[nodiscard]] EditAction specLockEdit(const std::string& path, const UserName& owner);
 [[nodiscard]] EditAction specUnlockEdit(const std::string& path);
 
-/// May the action, of a pseudo-root, change what is locked?
+/// Returns true if the action, of a pseudo-root, may change the spec locks.
 [[nodiscard]] bool touchesSpecLocks(const EditAction& action);
 
-/// The layers that a layer names as its sublayers, as far as they are of the project: strongest
-/// first.
+/// Returns the sublayers of a layer that belong to the project, strongest first.
 [[nodiscard]] std::vector<LayerId> subLayersOf(const LayerId& layer, const LayerDoc& doc);
 
-/// "/A{set=one}B.x" is the spec "/A/B.x" of the stage.
+/// Returns the path on the stage: "/A{set=one}B.x" becomes "/A/B.x".
 [[nodiscard]] std::string withoutVariants(std::string_view path);
 
 }  // namespace usdlive

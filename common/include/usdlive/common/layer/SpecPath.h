@@ -9,51 +9,50 @@
 
 namespace usdlive {
 
-/// Which list of its parent a spec stands in.
+/// The list of its parent that contains a spec.
 enum class ChildList : std::uint8_t { Prims, Properties, VariantSets, Variants };
 
 /// One step from a spec to its child.
 struct PathElement {
     ChildList list;
-    std::string_view name;  ///< into the text parsed
+    std::string_view name;  ///< a view into the parsed text
     bool operator==(const PathElement&) const = default;
 };
 
-/// The text of a spec's path as Sdf writes it, absolute: `/`, `/A/B`, `/A.x`, `/A{set=}` (the
-/// variant set), `/A{set=one}` (the variant), `/A{set=one}B.x`. Target paths (`.r[/T]`) are no
-/// specs of ours: they follow from the list op. A path is addressed as text everywhere; these are
-/// its operations.
+/// Operations on the path of a spec. A path is a text as Sdf writes it, absolute: `/`, `/A/B`,
+/// `/A.x`, `/A{set=}` (the variant set), `/A{set=one}` (the variant), `/A{set=one}B.x`. Target
+/// paths (`.r[/T]`) are no specs of the model: they follow from the list op.
 namespace specpath {
 
-/// PA1: splits a path; ErrorCode::InvalidPath with the reason otherwise. At most 16 KiB and 1,024
-/// elements. The pseudo-root has no elements.
+/// PA1: splits a path. At most 16 KiB and 1,024 elements; the pseudo-root has none. Error:
+/// ErrorCode::InvalidPath with the reason.
 [[nodiscard]] Result<std::vector<PathElement>> parse(std::string_view path);
 
-/// PA2: may a child in that list be called so? Prims and variant sets: identifiers as OpenUSD takes
-/// them (UTF-8). Properties: identifiers with `:` between them. Variants: what identifiers go on
-/// with, `|` and `-`, after a `.` or not; never empty.
+/// PA2: returns true if a child in that list can have this name. Prims and variant sets: OpenUSD
+/// identifiers (UTF-8). Properties: identifiers separated by `:`. Variants: characters that can
+/// follow the first in an identifier, and `|` and `-`, with an optional leading `.`; never empty.
 [[nodiscard]] bool isName(ChildList list, std::string_view name);
 
-/// `path` extended by one child: ("/A", {Properties, "x"}) gives "/A.x".
-/// Precondition: `path` may have such children (a Variants child: `path` is a variant set).
+/// Returns `path` extended by one child: ("/A", {Properties, "x"}) gives "/A.x". Precondition:
+/// `path` may have such children (for a Variants child, `path` is a variant set).
 [[nodiscard]] std::string child(std::string_view path, ChildList list, std::string_view name);
-/// The same, in place.
+/// Extends `path` in place.
 void extend(std::string& path, ChildList list, std::string_view name);
 
-/// The parent's path: "/A{v=one}B" gives "/A{v=one}", "/A{v=one}" gives "/A{v=}", "/A{v=}" gives
-/// "/A",
-/// "/" gives "". Precondition: a valid path.
+/// Returns the parent's path: "/A{v=one}B" gives "/A{v=one}", "/A{v=one}" gives "/A{v=}", "/A{v=}"
+/// gives "/A", "/" gives "". Precondition: a valid path.
 [[nodiscard]] std::string_view parentView(std::string_view path, std::string& scratch);
 [[nodiscard]] std::string parent(std::string_view path);
-/// The last element. Precondition: a valid path, not "/".
+/// Returns the last element. Precondition: a valid path, not "/".
 [[nodiscard]] PathElement last(std::string_view path);
 
-/// Is `path` the spec `ancestor` or below it? A variant `/A{v=one}` is below its set `/A{v=}`.
+/// Returns true if `path` is the spec `ancestor` or below it. A variant `/A{v=one}` is below its
+/// set `/A{v=}`.
 [[nodiscard]] bool hasPrefix(std::string_view path, std::string_view ancestor);
 
-/// What follows `ancestor` in `path`; precondition: hasPrefix. replacePrefix joins it to another
-/// spec (of the same list), minding the separators: ("/A/B.x", "/A", "/") gives "/B.x"; a variant's
-/// content likewise.
+/// Replaces the prefix `ancestor` of `path` by another spec of the same list and adjusts the
+/// separators: ("/A/B.x", "/A", "/") gives "/B.x". Works for the content of a variant, too.
+/// Precondition: hasPrefix(path, ancestor).
 [[nodiscard]] std::string replacePrefix(std::string_view path, std::string_view ancestor,
                                         std::string_view newAncestor);
 

@@ -17,47 +17,48 @@
 
 namespace usdlive {
 
-/// What follows `created` in `path`, as an Address with a creation holds it: "" for the spec
-/// itself,
-/// "/B.x" below a prim, "B.x" below a variant, and below a variant set "/A{v=}" what follows the
-/// spec that owns it ("{v=one}B.x"). Precondition: specpath::hasPrefix(path, created).
+/// Returns the part of `path` after `created`, in the form of an Address with a creation: "" for
+/// the spec itself, "/B.x" below a prim, "B.x" below a variant. Below a variant set "/A{v=}" it is
+/// the part after the owner of the set ("{v=one}B.x"). Precondition: specpath::hasPrefix(path,
+/// created).
 [[nodiscard]] std::string relativePath(std::string_view path, std::string_view created);
-/// The reverse: the path below `created` (whose name may be another by now; the set's name in the
-/// text is passed over). Nothing when the text cannot follow such a spec.
+/// Returns the path of `relative` below `created`. `created` may have been renamed since: the name
+/// of the set in `relative` is ignored. Returns nothing if such a spec cannot have this child.
 [[nodiscard]] std::optional<std::string> absolutePath(std::string_view relative,
                                                       std::string_view created);
 
-/// The moves and deletes of the latest revisions, which carry an address forward from the revision
-/// its author had seen (M3). Bounded: entries older than what any session may refer to are
-/// forgotten.
+/// The moves and deletes of the latest revisions. They translate an address from the revision that
+/// its author has seen to the current one (M3). Bounded: prune() removes entries older than any
+/// revision that a session may refer to.
 ///
-/// A log above another one holds what is predicted: its entries follow all entries of the log
-/// below, which may grow meanwhile.
+/// A log above another one holds predictions: its entries follow all entries of the log below,
+/// which may still grow.
 class NamespaceLog {
 public:
     NamespaceLog() = default;
-    /// A log above `below`, which outlives it.
+    /// A log above `below`, which must outlive it.
     explicit NamespaceLog(const NamespaceLog* below)
         : below_(below), first_(below ? kFirstAbove : 0) {}
 
-    /// The oldest revision addresses may be meant as of.
+    /// The oldest revision that addresses may refer to.
     [[nodiscard]] Revision oldest() const { return below_ ? below_->oldest() : oldest_; }
     void recordMove(Revision revision, const LayerId& layer, std::string from, std::string to);
     void recordDelete(Revision revision, const LayerId& layer, std::string path);
 
-    /// Where the spec (or place) `path` of revision `since` stands now; nothing when it was
-    /// deleted. Preconditions: a valid path; since >= oldest().
+    /// Returns the current path of the spec (or place) `path` of revision `since`, or nothing if it
+    /// was deleted. Preconditions: a valid path; since >= oldest().
     [[nodiscard]] std::optional<std::string> translate(const LayerId& layer, std::string path,
                                                        Revision since) const;
-    /// As translate(), from the entry with number `mark` on (see mark()).
+    /// Translates like translate(), from entry number `mark` on (see mark()).
     [[nodiscard]] std::optional<std::string> translateFrom(const LayerId& layer, std::string path,
                                                            std::uint64_t mark) const;
-    /// Number of the next entry; truncate(mark) takes back what was recorded since.
+    /// Returns the number of the next entry. truncate(mark) removes all entries from that number
+    /// on.
     [[nodiscard]] std::uint64_t mark() const;
     void truncate(std::uint64_t mark);
-    /// Forgets entries of revisions up to and including `revision`.
+    /// Removes the entries of revisions up to and including `revision`.
     void prune(Revision revision);
-    /// Forgets the entries before number `mark`.
+    /// Removes the entries before number `mark`.
     void pruneBefore(std::uint64_t mark);
 
 private:
@@ -67,12 +68,11 @@ private:
         std::string from;
         std::optional<std::string> to;  // nothing: deleted
     };
-    // The numbers of the entries by what moved, for those who are many entries behind: a
-    // transaction may well delete 10,000 prims one by one, and each of its edits looks at all the
-    // deletes before.
+    // Indexes the entries by the moved path, for translations over many entries: a transaction may
+    // delete 10,000 prims one by one, and each of its edits looks at all deletes before.
     using ByPath = std::set<std::pair<std::string, std::uint64_t>>;
 
-    // Numbers of the entries of a log above another one; the other one has lower ones.
+    // A log above another one numbers its entries from here on, after those of the other.
     static constexpr std::uint64_t kFirstAbove = std::uint64_t(1) << 62;
 
     void record(Entry entry);
@@ -89,23 +89,24 @@ private:
     Revision oldest_ = 0;
 };
 
-/// Where the specs stand that an author's unacknowledged transactions created: one for each author.
-/// An entry is kept until the author refers to a base revision that includes it.
+/// The current paths of the specs that an author's unacknowledged transactions created; one object
+/// per author. An entry is kept until the author refers to a base revision that includes it.
 class OwnCreations {
 public:
     struct Entry {
         LayerId layer;
         std::string path;    // as committed
-        std::uint64_t mark;  // of the NamespaceLog, from where on it is carried forward
+        std::uint64_t mark;  // entry number of the NamespaceLog from which the path is translated
     };
     OwnCreations() = default;
-    /// What is not found in `below`, which outlives this, is looked for here.
+    /// Looks in `below` first, which must outlive this object.
     explicit OwnCreations(const OwnCreations* below) : below_(below) {}
 
     void record(const Creation& creation, Entry entry, Revision revision);
     [[nodiscard]] const Entry* find(const Creation& creation) const;
     [[nodiscard]] bool empty() const { return entries_.empty(); }
-    /// The author has seen `revision`: creations up to it are addressed by path from now on.
+    /// Call when the author has seen `revision`. Creations up to it are from then on addressed by
+    /// path.
     void seen(Revision revision);
     void forget(std::uint64_t sequence);
 
@@ -118,11 +119,11 @@ private:
     std::map<Creation, Kept> entries_;
 };
 
-/// The layers of a project by name. One that is not here is not loaded (execute() refuses with
-/// LayerNotFound).
+/// The loaded layers of a project by name. execute() refuses an edit of another layer with
+/// LayerNotFound.
 using LayerDocs = std::unordered_map<LayerId, LayerDoc>;
 
-/// An executed edit with what it did, for whoever keeps the state on disk.
+/// An executed edit and its result, for owners of stored state.
 struct ExecutedEdit {
     Edit edit;  ///< absolute path
     LayerDoc::Applied applied;
@@ -133,7 +134,7 @@ struct Executed {
     std::vector<DroppedEdit> dropped;
 };
 
-/// M6: why a transaction cannot be committed, and which of its edits stands in the way.
+/// M6: the reason why a transaction cannot be committed, and the edit that causes it.
 struct Refused {
     Error error;
     std::uint32_t edit = 0;
@@ -141,36 +142,37 @@ struct Refused {
 
 using Outcome = std::variant<Executed, Refused>;
 
-/// Executes a transaction: translates its addresses (M3), drops edits of deleted specs (M4),
-/// applies the rest. Nothing is changed when it is refused. The server runs it to commit; a client
-/// runs the very same on its confirmed layers to predict what its pending transactions will become
-/// (M7).
+/// Executes a transaction: translates its addresses (M3), drops edits of deleted specs (M4) and
+/// applies the rest. A refused transaction changes nothing. The server runs this function to
+/// commit. A client runs the same function on its confirmed layers to predict its pending
+/// transactions (M7).
 ///
-/// `revision` is the one the commit will have. Refusals: StaleBase, FutureRevision (base >
+/// `revision` is the number of the new commit. Refusals: StaleBase, FutureRevision (base >
 /// revision-1), LayerNotFound, SpecKindConflict, SpecExists, MoveIntoItself, InvalidPath,
-/// InvalidEdit, InvalidValue, ForbiddenValue. Drops: SpecDeleted (also: created by a transaction
-/// that was refused, so that `creation` is unknown), SpecNotFound, SpecKindConflict (ED7). Also of
-/// a Create whose parent, and a Move whose spec or new parent is gone.
+/// InvalidEdit, InvalidValue, ForbiddenValue. Reasons of dropped edits: SpecDeleted (also if
+/// `creation` is unknown because its transaction was refused), SpecNotFound, SpecKindConflict
+/// (ED7). They also apply to a Create whose parent was deleted, and to a Move whose spec or new
+/// parent was deleted.
 ///
-/// When it is executed, the moves and deletes are recorded in `log`, and what the transaction
-/// created in `creations`; there is no need of recordCreations() then. Forgetting is the caller's:
-/// a transaction that is sent anew may have a later base than those that still refer to creations.
+/// Success records the moves and deletes in `log` and the created specs in `creations`; do not call
+/// recordCreations() then. The caller removes old entries, because a transaction that is sent again
+/// may have a later base than others that still refer to creations.
 [[nodiscard]] Outcome execute(LayerDocs& layers, NamespaceLog& log, OwnCreations& creations,
                               const Transaction& transaction, Revision revision);
 
-/// Executes edits whose paths are absolute, each valid after the ones before, as difference() gives
-/// them. Nothing is changed on an error, which is that of LayerDoc::apply(), or LayerNotFound.
+/// Executes edits with absolute paths, each valid after the ones before, as difference() returns
+/// them. An error changes nothing: LayerNotFound, or an error of LayerDoc::apply().
 [[nodiscard]] Result<Executed> executeInOrder(LayerDocs& layers, NamespaceLog& log,
                                               std::vector<Edit> edits, Revision revision);
 
-/// Applies what the server committed to the confirmed layers and records its moves and deletes.
-/// Layers that are not in `layers` are passed over. An error means the replica has diverged: the
-/// layer named in it has to be joined again; the others have got all that is theirs.
+/// Applies a commit of the server to the confirmed layers and records its moves and deletes.
+/// Ignores layers that are not in `layers`. An error means that the replica has diverged: join the
+/// layer that it names again. All other layers have received their edits.
 Result<void> applyCommit(LayerDocs& layers, NamespaceLog& log, const Commit& commit);
 
-/// For the author's own commit: notes where the specs stand that `submitted` created. The commit
-/// holds one edit for each submitted one that was not dropped, in the same order. Call it with the
-/// log as it is right after applyCommit(); moves of the commit itself are minded.
+/// Records the paths of the specs that the author's own transaction `submitted` created. The commit
+/// holds one edit for each submitted one that was not dropped, in the same order. Call it directly
+/// after applyCommit(); it takes the moves of the commit itself into account.
 void recordCreations(OwnCreations& creations, NamespaceLog& log, const Transaction& submitted,
                      const Commit& commit);
 

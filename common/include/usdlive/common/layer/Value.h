@@ -17,7 +17,7 @@
 
 namespace usdlive {
 
-/// What the bytes of a Value mean (rules V1-V9 of PROTOCOL.md). Numbers are part of the protocol
+/// The types of a Value's bytes (rules V1-V9 of PROTOCOL.md). The numbers are part of the protocol
 /// and of the store: never reuse one.
 enum class ValueType : std::uint16_t {
     None = 0,
@@ -34,7 +34,7 @@ enum class ValueType : std::uint16_t {
     TimeCode = 10,  // double
     String = 11,    // u32 length, UTF-8 bytes (also the next five)
     Token = 12,
-    Asset = 13,  // the authored path only; what it resolves to is each client's own affair
+    Asset = 13,  // the authored path only; each client resolves it itself
     PathExpression = 14,
     Path = 15,      // as SdfPath::GetAsString; empty for the empty path
     Opaque = 16,    // no bytes
@@ -56,7 +56,7 @@ enum class ValueType : std::uint16_t {
     Half4 = 35,
     Float4 = 36,
     Double4 = 37,
-    // Others that fields of Sdf hold.
+    // Other types of Sdf's fields.
     Block = 50,           // SdfValueBlock, no bytes
     AnimationBlock = 51,  // no bytes
     Spline = 52,          // Ts binary data, then its custom data: see V7
@@ -70,12 +70,13 @@ enum class ValueType : std::uint16_t {
     SubLayer = 60,      // asset path, offset, scale: an item of `subLayers`
     Unregistered = 61,  // SdfUnregisteredValue: u8 kind, then string, dictionary or list op
     LayerOffset = 62,   // two doubles: offset, scale
-    // Composite fields, whose parts are registers of their own (M1).
+    // Composite fields; each of their parts is a register (M1).
     Dictionary = 80,
     TimeSamples = 81,
     ListOp = 82,
     Map = 83,
-    // Added to a scalar's number: an array of it (u64 count, then the elements), and a VtArrayEdit.
+    // Added to the number of a scalar: an array of it (u64 count, then the elements), and a
+    // VtArrayEdit.
     ArrayFlag = 0x100,
     ArrayEditFlag = 0x200,
 };
@@ -87,12 +88,12 @@ enum class ValueType : std::uint16_t {
     return ValueType(std::uint16_t(scalar) | std::uint16_t(ValueType::ArrayEditFlag));
 }
 
-/// V9: values whose bytes are at least this many travel beside the stream, named by their hash.
+/// V9: values of at least this size are sent beside the stream and named by their hash.
 inline constexpr std::size_t kBigValueBytes = 256 * 1024;
 
-/// An opaque value: a type and its bytes, or, for a big one, the hash and size of its bytes, which
-/// are then kept in a BlobStore and fetched in chunks. Neither server nor session looks inside. A
-/// plain value; copying one that holds bytes shares them.
+/// An opaque value: a type and its bytes. A big value has only the hash and size of its bytes,
+/// which a BlobStore keeps and which are fetched in chunks. Neither server nor session looks
+/// inside. A plain value; copies share the bytes.
 class Value {
 public:
     Value() = default;
@@ -102,14 +103,14 @@ public:
 
     [[nodiscard]] ValueType type() const { return type_; }
     [[nodiscard]] bool isBlob() const;
-    /// The bytes; empty for a blob.
+    /// Returns the bytes; empty for a blob.
     [[nodiscard]] ByteView bytes() const;
-    /// Size of the content, also of a blob's.
+    /// Returns the size of the content, also for a blob.
     [[nodiscard]] std::uint64_t size() const;
     /// Precondition: isBlob().
     [[nodiscard]] const Hash& hash() const;
 
-    /// By type and content. A blob equals another blob of the same hash only.
+    /// Compare by type and content. A blob equals only a blob with the same hash.
     friend bool operator==(const Value&, const Value&);
     friend std::strong_ordering operator<=>(const Value&, const Value&);
 
@@ -122,36 +123,36 @@ private:
     };
     using SharedBlobName = std::shared_ptr<const BlobName>;
     using Inline = std::array<std::uint8_t, kInlineBytes>;
-    // Up to kInlineBytes in place (a double3, a quaternion of floats, a short token), more are
-    // shared.
+    // Up to kInlineBytes are kept in place (a double3, a quaternion of floats, a short token); more
+    // are shared.
     std::variant<Inline, SharedBytes, SharedBlobName> content_;
     ValueType type_ = ValueType::None;
     std::uint8_t inlineSize_ = 0;
 };
 
-/// V9: may a value of the type be a blob? Arrays, array edits, splines and the types that are one
-/// text.
+/// V9: returns true for types whose value may be a blob: arrays, array edits, splines and single
+/// texts.
 [[nodiscard]] bool canBeBlob(ValueType type);
 
-/// Is it one of the list's numbers, of a leaf: neither None nor a composite field?
+/// Returns true for a type of the list above that is neither None nor a composite field.
 [[nodiscard]] bool isLeafType(ValueType type);
 
-/// As the list above writes it: `Float3`, `Float3[]`, `Float3[edit]`, `type 999`.
+/// Returns the name as in the list above: `Float3`, `Float3[]`, `Float3[edit]`, `type 999`.
 [[nodiscard]] std::string typeName(ValueType type);
 
-/// V1-V8: do the bytes fit the type? Checks sizes, counts, UTF-8 and nesting without allocating
-/// more than the bytes themselves. For composite types see FieldValue.
+/// V1-V8: checks that the bytes fit the type: sizes, counts, UTF-8 and nesting. Allocates no more
+/// than the size of the bytes. For composite types see FieldValue.
 [[nodiscard]] Result<void> validateValue(ValueType type, ByteView bytes);
 
-/// Builds values of the types that the rules themselves need to write.
+/// Build values of the types that the rules themselves write.
 [[nodiscard]] Value tokenValue(std::string_view text);
 [[nodiscard]] Value stringValue(std::string_view text);
 [[nodiscard]] Value pathValue(std::string_view text);
 [[nodiscard]] Value doubleValue(double number);
 [[nodiscard]] Value boolValue(bool flag);
 
-/// The text of a String, Token, Asset, PathExpression or Path; nothing for other types, a blob and
-/// bytes that do not fit. A view into `value` itself.
+/// Returns the text of a String, Token, Asset, PathExpression or Path, as a view into `value`.
+/// Returns nothing for other types, a blob, and bytes that do not fit.
 [[nodiscard]] std::optional<std::string_view> textOf(const Value& value);
 
 }  // namespace usdlive

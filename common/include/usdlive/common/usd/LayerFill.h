@@ -14,37 +14,37 @@ namespace usdlive::usd {
 
 class SdfLayerStore;
 
-/// Do fields of that name tell which other layers are composed (sublayers, references, payloads)?
+/// Returns true for fields that name other layers to compose: sublayers, references, payloads.
 [[nodiscard]] bool namesLayers(std::string_view field);
 
-/// A layer's whole content, made beside the layer, and then put into it at once with one change
-/// notice: a big layer need not take its editor's frames.
+/// Builds the whole content of a layer apart from it, then puts it in with one change notice, so
+/// that a big layer does not block its editor's frames.
 ///
-/// Made on one thread at a time, which need not be the layer's. A field that cannot be had does not
-/// keep the rest away: one whose blob is not here is absent until `store.blobArrived`, one that
-/// this OpenUSD cannot hold stays absent.
+/// May be built on any one thread. A field that cannot be set does not stop the rest: a field whose
+/// blob is missing stays absent until `store.blobArrived`, and a field that this OpenUSD does not
+/// support stays absent.
 class LayerFill {
 public:
-    /// For this layer, on the thread that owns it. `blobs` is asked on the thread that adds.
+    /// Construct it on the thread that owns `layer`. `blobs` is called on the thread that adds.
     LayerFill(const pxr::SdfLayerHandle& layer, BlobSource& blobs);
     ~LayerFill();
     LayerFill(const LayerFill&) = delete;
     LayerFill& operator=(const LayerFill&) = delete;
 
-    /// The next spec in the order of LayerDoc::visit(), of which the pseudo-root is the first.
-    /// InvalidEdit: it is not the next; there is nothing to be done with this fill any more.
+    /// Adds the next spec in the order of LayerDoc::visit(), starting with the pseudo-root. Error:
+    /// InvalidEdit for any other order; drop the object then.
     Result<void> addSpec(NodeId node, NodeId parent, std::uint64_t order, SpecKind kind,
                          std::string_view name);
-    /// Of the last spec.
+    /// Adds a field to the last spec.
     void addField(std::string_view name, const FieldValue& value);
-    /// All of a doc.
+    /// Adds the whole doc.
     void add(const LayerDoc& doc);
-    /// Whether namesLayers() is true of a field that was added.
+    /// Returns true if namesLayers() is true for an added field.
     [[nodiscard]] bool namesLayers() const;
 
-    /// On the thread that owns the layer, once. Replaces its content; where it has prims, Sdf tells
-    /// only of what differs. The store's observer is not told. An error names the first field that
-    /// this OpenUSD cannot hold; all others are in.
+    /// Replaces the content of the layer. Call it once, on the thread that owns the layer. If the
+    /// layer has prims, Sdf notifies only of differences. The store's observer is not notified. An
+    /// error names the first field that this OpenUSD does not support; all other fields are set.
     Result<void> into(SdfLayerStore& store);
 
 private:
@@ -52,9 +52,9 @@ private:
     std::unique_ptr<State> state_;
 };
 
-/// The doc as a fresh anonymous layer of that format ("usda", "usdc"), or the layer's text, which
-/// has been read back. Errors: BlobNotFound, and SaveFailed (or the field's own error) where
-/// something of the doc would be missing.
+/// Returns the doc as a new anonymous layer of that format ("usda", "usdc"), or as text that was
+/// read back successfully. Errors: BlobNotFound; SaveFailed or the field's own error if a part of
+/// the doc would be lost.
 [[nodiscard]] Result<pxr::SdfLayerRefPtr> makeLayer(const LayerDoc& doc, BlobSource& blobs,
                                                     const std::string& formatId);
 [[nodiscard]] Result<std::string> exportText(const LayerDoc& doc, BlobSource& blobs);

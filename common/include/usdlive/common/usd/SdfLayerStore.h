@@ -15,40 +15,39 @@
 
 namespace usdlive::usd {
 
-/// The kind of such a spec in the protocol; nothing: it has none (mappers, expressions, targets).
+/// Returns the protocol's kind of such a spec, or nothing for mappers, expressions and targets.
 [[nodiscard]] std::optional<SpecKind> specKind(pxr::SdfSpecType type);
 
-/// What an editor wrote into a layer, in the order it was written. Called from within Sdf, before
-/// the change stands in the layer, on whatever thread writes; must not touch the layer.
+/// Receives an editor's writes to a layer, in order. Called from within Sdf, before the layer has
+/// changed, on the thread that writes. Must not access the layer.
 class LayerWriteObserver {
 public:
     virtual ~LayerWriteObserver() = default;
     virtual void specCreated(const pxr::SdfPath& path, pxr::SdfSpecType type) = 0;
     virtual void specDeleted(const pxr::SdfPath& path) = 0;
     virtual void specMoved(const pxr::SdfPath& from, const pxr::SdfPath& to) = 0;
-    /// `parent`'s list of children `field` was written or grew.
+    /// A list of children of `parent` was written, or extended if `appended`.
     virtual void childrenChanged(const pxr::SdfPath& parent, const pxr::TfToken& field,
                                  bool appended) = 0;
     virtual void fieldChanged(const pxr::SdfPath& path, const pxr::TfToken& field) = 0;
     virtual void dictionaryKeyChanged(const pxr::SdfPath& path, const pxr::TfToken& field,
                                       const pxr::TfToken& keyPath) = 0;
     virtual void timeSampleChanged(const pxr::SdfPath& path, double time) = 0;
-    /// An array is written, as a field or as the sample of a time; fieldChanged() or
+    /// An array is written as a field, or as a sample if `time` is set. fieldChanged() or
     /// timeSampleChanged() follows.
     virtual void arrayWritten(const pxr::SdfPath& /*path*/, const pxr::TfToken& /*field*/,
                               std::optional<double> /*time*/, const pxr::VtValue& /*array*/) {}
 };
 
-/// A real SdfLayer as a store of edits: applies the edits of others to it, and tells an observer
-/// what the editor itself writes. It does so as the layer's state delegate, of which a layer has
-/// one.
+/// Applies edits to an SdfLayer and notifies an observer of the editor's own writes. Works as the
+/// layer's state delegate, and a layer has only one.
 ///
-/// Lives as long as the layer is live; belongs to the thread that owns the layer. Applying edits
-/// sends Sdf's usual notices (wrap several in one SdfChangeBlock) and never reaches the observer.
+/// Keep it while the layer is live. Use it on the thread that owns the layer. Applied edits send
+/// the usual notices of Sdf (use one SdfChangeBlock around several) and never reach the observer.
 class SdfLayerStore {
 public:
-    /// Installs itself on the layer. `observer` may be nullptr (a server, a test). An existing
-    /// foreign delegate is replaced; restored at destruction.
+    /// Installs itself on the layer. `observer` may be nullptr (a server, a test). Replaces an
+    /// existing delegate; the destructor restores it.
     SdfLayerStore(pxr::SdfLayerHandle layer, BlobSource& blobs, LayerWriteObserver* observer);
     ~SdfLayerStore();
     SdfLayerStore(const SdfLayerStore&) = delete;
@@ -56,21 +55,21 @@ public:
 
     [[nodiscard]] const pxr::SdfLayerHandle& layer() const;
 
-    /// Applies one edit (absolute path). A field whose blob is not here yet is left as it is and
-    /// remembered; see blobArrived(). Errors as LayerDoc::apply, and InvalidPath / UnsupportedValue
-    /// for what this OpenUSD cannot hold; then nothing was changed.
+    /// Applies one edit with an absolute path. If the blob of a field is missing, the field stays
+    /// as it is until blobArrived(). Errors are those of LayerDoc::apply(), and InvalidPath or
+    /// UnsupportedValue for content that this OpenUSD does not support. An error changes nothing.
     Result<void> apply(std::string_view path, const EditAction& action);
 
-    /// Sets the fields that waited for this blob and still want it: `current` tells what the model
-    /// holds at (path, field) now.
+    /// Sets the fields that waited for this blob and still need it. `current` returns the field's
+    /// present content in the model.
     void blobArrived(const Hash& hash,
                      const std::function<const FieldValue*(const std::string& path,
                                                            const std::string& field)>& current);
     [[nodiscard]] bool waitsForBlobs() const;
     [[nodiscard]] bool waitsFor(const Hash& hash) const;
 
-    /// The content of one field as it stands in the layer; nothing when absent. `subLayers` comes
-    /// with its offsets (`subLayerOffsets` is never asked for or told).
+    /// Returns the content of one field of the layer, or nothing if it is absent. `subLayers`
+    /// includes its offsets; `subLayerOffsets` is never used as a field.
     [[nodiscard]] Result<std::optional<FieldValue>> read(const pxr::SdfPath& path,
                                                          const pxr::TfToken& field,
                                                          BlobSink& blobs) const;
@@ -82,15 +81,14 @@ private:
     pxr::TfRefPtr<Delegate> delegate_;
 };
 
-/// Fields of Sdf that are not fields of the model: the lists of children, `subLayerOffsets`
-/// (part of `subLayers`).
+/// Returns true for fields of Sdf that are no fields of the model: lists of children, and
+/// `subLayerOffsets` (part of `subLayers`).
 [[nodiscard]] bool isStructural(const pxr::TfToken& field);
 
-/// A whole layer into a LayerDoc. Errors name path and field; specs that are no specs of the model
-/// (mappers, expressions) with content are UnsupportedValue.
+/// Reads a whole layer into a LayerDoc. Errors name the path and the field. Specs with content that
+/// the model does not have (mappers, expressions) give UnsupportedValue.
 [[nodiscard]] Result<LayerDoc> readLayer(const pxr::SdfLayerHandle& layer, BlobSink& blobs);
-/// Whether readLayer() would give `doc`. Makes no second copy of the content, and one of no array
-/// of numbers.
+/// Returns true if readLayer() would return `doc`, without a second copy of the content.
 [[nodiscard]] bool holds(const pxr::SdfLayerHandle& layer, const LayerDoc& doc);
 
 }  // namespace usdlive::usd

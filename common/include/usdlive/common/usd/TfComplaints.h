@@ -7,7 +7,8 @@
 
 namespace usdlive::usd {
 
-/// Keeps what Tf reports on this thread while it lives from being printed, and tells it.
+/// Captures the errors and warnings that Tf reports on this thread during its lifetime, instead of
+/// printing them.
 class TfComplaints {
 public:
     TfComplaints() = default;
@@ -16,11 +17,11 @@ public:
     TfComplaints& operator=(const TfComplaints&) = delete;
 
     [[nodiscard]] bool hasErrors() const { return !mark_.IsClean(); }
-    /// The first errors and warnings, one after the other; `otherwise` when there are none.
+    /// Returns the first errors and warnings, or `otherwise` if there are none.
     [[nodiscard]] std::string text(const std::string& otherwise) const;
 
 private:
-    // Warnings reach the trap at once, errors stay in the mark within it.
+    // The trap receives warnings at once; errors stay in the mark inside it.
     pxr::TfDiagnosticTrap trap_;
     pxr::TfErrorMark mark_;
 };
