@@ -1,3 +1,4 @@
+// Checks and errors that all stores of big values share.
 #pragma once
 
 #include <cstdint>

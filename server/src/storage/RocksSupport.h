@@ -1,3 +1,4 @@
+// Converts between RocksDB's types and ours.
 #pragma once
 
 #include <rocksdb/slice.h>

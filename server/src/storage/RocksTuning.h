@@ -1,3 +1,4 @@
+// The options and column families of the RocksDB database.
 #pragma once
 
 #include <rocksdb/db.h>

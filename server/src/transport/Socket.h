@@ -1,3 +1,4 @@
+// The socket type of all TCP connections.
 #pragma once
 
 #include <boost/asio/basic_stream_socket.hpp>

@@ -1,3 +1,4 @@
+// Reads and writes numbers and text as bytes.
 #pragma once
 
 #include <bit>

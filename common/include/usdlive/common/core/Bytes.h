@@ -1,3 +1,4 @@
+// The types for bytes: owned, viewed and shared.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Sends a reliable stream in numbered segments over DDS.
 #pragma once
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// The nodes of a LayerDoc's tree. Used only by its implementation.
 #pragma once
 
 #include <array>

@@ -1,3 +1,4 @@
+// Finds the items of a list that can stay in place when the list is sorted.
 #pragma once
 
 #include <cstddef>

@@ -1,3 +1,4 @@
+// Runs one project: the Project, its ports and its periodic work.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// Shares a project's open store between threads.
 #pragma once
 
 #include <functional>

@@ -1,3 +1,4 @@
+// Creates the log that writes to stderr.
 #pragma once
 
 #include <memory>

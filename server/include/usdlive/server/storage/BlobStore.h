@@ -1,3 +1,4 @@
+// Creates stores for big values.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Stores a project's history in RocksDB.
 #pragma once
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// Creates the DDS transport of a project.
 #pragma once
 
 #include <memory>

@@ -1,3 +1,4 @@
+// Listens for HTTP, and hands WebSocket sessions to the transports of their projects.
 #pragma once
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// The interface of the server's log.
 #pragma once
 
 #include <concepts>

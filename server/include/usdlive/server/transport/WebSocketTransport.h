@@ -1,3 +1,4 @@
+// Creates the WebSocket transport of a project.
 #pragma once
 
 #include <chrono>
