@@ -30,13 +30,13 @@ private:
     std::string words_;
 };
 
-[[noreturn]] void wrongWords(const std::string& message) {
+[[noreturn]] void usageError(const std::string& message) {
     throw CLI::Error("WrongWords", message, 2);
 }
 
 template <class T>
-T orWrongWords(Result<T> result) {
-    if (!result) wrongWords(result.error().message);
+T orUsageError(Result<T> result) {
+    if (!result) usageError(result.error().message);
     return std::move(*result);
 }
 
@@ -82,7 +82,7 @@ private:
     using Words = std::vector<std::string>;
 
     /// Adds a verb with the common options. When it is chosen, `read` parses the words into the
-    /// options or throws wrongWords(), and `run` gets the options.
+    /// options or throws usageError(), and `run` gets the options.
     template <class Options, class Read, class Run>
     CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
                   std::shared_ptr<Options> options, Read read, Run run) {
@@ -108,12 +108,12 @@ private:
     CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
                   Layers layers, std::shared_ptr<Options> options, Run run) {
         const auto read = [layers, name, usage](const Words& words, Options& into) {
-            into.target = orWrongWords(parseTarget(words));
+            into.target = orUsageError(parseTarget(words));
             const std::size_t count = into.target.layers.size();
             if (count < layers.least)
-                wrongWords("name a layer: usdlive " + name + " " + usage +
+                usageError("name a layer: usdlive " + name + " " + usage +
                            "; `usdlive ls` lists the layers");
-            if (count > layers.most) wrongWords("too many layers: usdlive " + name + " " + usage);
+            if (count > layers.most) usageError("too many layers: usdlive " + name + " " + usage);
         };
         return add(name, help, usage, std::move(options), read, run);
     }
@@ -162,11 +162,11 @@ private:
     void addUnlock() {
         auto options = std::make_shared<UnlockOptions>();
         const auto read = [](const Words& words, UnlockOptions& into) {
-            into.target = orWrongWords(parseTarget(words));
+            into.target = orUsageError(parseTarget(words));
             if (into.all && !into.target.layers.empty())
-                wrongWords("name layers, or say --all: usdlive unlock [URL] LAYER...");
+                usageError("name layers, or say --all: usdlive unlock [URL] LAYER...");
             if (!into.all && into.target.layers.empty())
-                wrongWords(
+                usageError(
                     "name a layer: usdlive unlock [URL] LAYER...; `usdlive ls` lists the layers");
         };
         auto* unlock = add("unlock", "Unlock layers", "[URL] LAYER...", options, read,
@@ -188,10 +188,10 @@ private:
     void addCheckpoint() {
         // The last word is the name, which may contain a colon like a URL.
         const auto read = [](Words words, CheckpointOptions& into) {
-            if (words.empty()) wrongWords("name the checkpoint: usdlive checkpoint [URL] NAME");
+            if (words.empty()) usageError("name the checkpoint: usdlive checkpoint [URL] NAME");
             into.name = words.back();
             words.pop_back();
-            into.target = orWrongWords(parseTarget(words));
+            into.target = orUsageError(parseTarget(words));
         };
         add("checkpoint", "Give the current revision a name; see cat --checkpoint", "[URL] NAME",
             std::make_shared<CheckpointOptions>(), read, createCheckpoint);
@@ -210,16 +210,16 @@ private:
     void addMute(const std::string& name, const std::string& help, bool muted) {
         auto root = std::make_shared<std::string>();
         const auto read = [root, name](const Words& words, MuteOptions& into) {
-            into.target = orWrongWords(parseTarget(words));
+            into.target = orUsageError(parseTarget(words));
             auto& layers = into.target.layers;
             if (!root->empty()) {
-                into.root = orWrongWords(parseLayerId(*root));
+                into.root = orUsageError(parseLayerId(*root));
             } else if (!layers.empty()) {
                 into.root = layers.front();
                 layers.erase(layers.begin());
             }
             if (layers.empty())
-                wrongWords("name the root layer of the stages, and then layers: usdlive " + name +
+                usageError("name the root layer of the stages, and then layers: usdlive " + name +
                            " [URL] ROOT LAYER...");
         };
         auto* mute = add(name, help, "[URL] ROOT LAYER...", std::make_shared<MuteOptions>(), read,

@@ -40,7 +40,7 @@ std::optional<client::event::Progress> progressOf(const client::Event& event) {
                                    joining->progress.specs, joining->progress.specsTotal, 0};
 }
 
-const ErrorMessage* lastWords(const std::vector<client::Event>& events) {
+const ErrorMessage* closingError(const std::vector<client::Event>& events) {
     for (const auto& event : events)
         if (const auto* error = std::get_if<client::event::ServerError>(&event);
             error && error->message.closing)
@@ -91,7 +91,7 @@ Result<std::vector<client::Event>> Link::step() {
     }
     auto events = session_->takeEvents();
     // An error that the server sent before closing explains more than the loss itself.
-    if (const auto* error = lastWords(events)) lost = toError(*error);
+    if (const auto* error = closingError(events)) lost = toError(*error);
     if (!lost) return events;
     if (std::exchange(open_, false)) {
         session_->disconnected(*lost);

@@ -15,7 +15,7 @@ using namespace usdlive;
 namespace {
 
 constexpr int kFailed = 1;
-constexpr int kWrongWords = 2;
+constexpr int kUsageError = 2;
 
 int failed(const std::string& message, int code = kFailed) {
     std::cout.flush();
@@ -29,7 +29,7 @@ int unknownVerb(const CLI::App& app, const std::string& word) {
     return failed("unknown command: " + word + ". " +
                       (similar.empty() ? "`usdlive --help` lists the commands"
                                        : "Did you mean `usdlive " + similar + "`?"),
-                  kWrongWords);
+                  kUsageError);
 }
 
 // usdlive help [VERB]
@@ -48,7 +48,7 @@ int help(const CLI::App& app, int argc, char** argv) {
 int completion(const CLI::App& app, int argc, char** argv) {
     const std::string script = argc == 3 ? cli::completionScript(app, argv[2]) : "";
     if (script.empty())
-        return failed("name a shell: usdlive completion bash, zsh or fish", kWrongWords);
+        return failed("name a shell: usdlive completion bash, zsh or fish", kUsageError);
     std::cout << script;
     return 0;
 }
@@ -67,7 +67,7 @@ int main(int argc, char** argv) {
     }
     if (argc == 1) {
         std::cerr << app->help();
-        return kWrongWords;
+        return kUsageError;
     }
     if (verb == "help") return help(*app, argc, argv);
     if (verb == "completion") return completion(*app, argc, argv);
@@ -80,7 +80,7 @@ int main(int argc, char** argv) {
         return failed(std::string(error.what()) + ". `usdlive help" +
                           (verb.starts_with('-') ? "" : " " + std::string(verb)) +
                           "` explains the usage",
-                      kWrongWords);
+                      kUsageError);
     }
     const auto done = chosen();
     std::cout.flush();

@@ -29,7 +29,7 @@ constexpr auto kConnectTimeout = seconds(5);
 constexpr auto kPeerTime = seconds(14);
 constexpr auto kKeepAlive = seconds(2);
 // The grace time for a server that DDS reports as lost. On a busy machine it may only be late.
-constexpr auto kDoubtTime = seconds(3);
+constexpr auto kLostTime = seconds(3);
 // The pause between attempts until the server answers the first sample, which it may not have
 // received.
 constexpr auto kAskPause = milliseconds(20);
@@ -108,8 +108,8 @@ public:
 
     /// Call when DDS reports that the server is lost. `replaced`: another server has taken its
     /// place.
-    void doubt(TimePoint now, bool replaced) {
-        if (replaced || now - lastReceived_ >= kDoubtTime) end("the server has gone");
+    void serverLost(TimePoint now, bool replaced) {
+        if (replaced || now - lastReceived_ >= kLostTime) end("the server has gone");
     }
 
     /// Sends only the queued messages from now on, then the goodbye.
@@ -134,7 +134,7 @@ public:
         if (reason_) return acknowledgeGoodbye(now);
         if (generation_ == 0) return ask(now);
         queue(false);
-        speak(now);
+        sendDue(now);
     }
 
     /// Returns the time when work() is due even if nothing is received.
@@ -252,7 +252,7 @@ private:
         write(sample, now);
     }
 
-    void speak(TimePoint now) {
+    void sendDue(TimePoint now) {
         for (const dds::Segment& segment : out_.take(now)) {
             dds::SubmitSample sample{};
             sample.number = segment.sequence;
@@ -406,7 +406,7 @@ private:
             endDropped(line);
             line.work(now);
             if (!projects_.isAlive(line.server()))
-                line.doubt(now, projects_.serverOf(address_.project).has_value());
+                line.serverLost(now, projects_.serverOf(address_.project).has_value());
             if (!line.reason()) waitSet_.wait(line.deadline() - steady_clock::now());
         }
         return lost(line.reason()->message);

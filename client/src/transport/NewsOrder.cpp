@@ -28,22 +28,22 @@ void NewsOrder::statesFrom(std::uint64_t number) {
 }
 
 LayerStates NewsOrder::takeStates(const CommitOrder& commits) {
-    LayerStates told;
-    if (statesFrom_ == 0 || waitingStates_ == 0) return told;
+    LayerStates ready;
+    if (statesFrom_ == 0 || waitingStates_ == 0) return ready;
     for (auto& [id, layer] : layers_) {
         if (!layer.waiting || !commits.hasReached(layer.afterCommit)) continue;
-        told.layers.push_back(std::move(*layer.waiting));
+        ready.layers.push_back(std::move(*layer.waiting));
         layer.waiting.reset();
         --waitingStates_;
     }
-    return told;
+    return ready;
 }
 
 void NewsOrder::presence(std::uint64_t number, Presence presence, dds::TimePoint now) {
     const auto known = people_.find(presence.client);
     if (known == people_.end() && people_.size() >= kMostPeople) return;
     Person& person = known == people_.end() ? people_[presence.client] : known->second;
-    person.heard = now;
+    person.lastReceived = now;
     if (number <= person.number) return;
     person.number = number;
     person.waiting = std::move(presence);
@@ -62,31 +62,31 @@ void NewsOrder::presencesFrom(std::uint64_t number, const Presences& first, dds:
 }
 
 Presences NewsOrder::takePresences(dds::TimePoint now) {
-    Presences told;
-    if (presencesFrom_ == 0) return told;
-    // This process was suspended; the users were not silent.
+    Presences ready;
+    if (presencesFrom_ == 0) return ready;
+    // After a pause of this process the times start again, because the users were not silent.
     if (now - std::exchange(looked_, now) >= kPresenceTime)
-        for (auto& [client, person] : people_) person.heard = now;
+        for (auto& [client, person] : people_) person.lastReceived = now;
     for (auto entry = people_.begin(); entry != people_.end();) {
         Person& person = entry->second;
-        if (now - person.heard >= kPresenceTime) {
+        if (now - person.lastReceived >= kPresenceTime) {
             gone_.push_back(entry->first);
             entry = people_.erase(entry);
             continue;
         }
-        if (person.waiting) told.shown.push_back(std::move(*person.waiting));
+        if (person.waiting) ready.shown.push_back(std::move(*person.waiting));
         person.waiting.reset();
         ++entry;
     }
-    told.gone = std::exchange(gone_, {});
-    return told;
+    ready.gone = std::exchange(gone_, {});
+    return ready;
 }
 
 std::optional<dds::TimePoint> NewsOrder::deadline() const {
     std::optional<dds::TimePoint> earliest;
     if (presencesFrom_ == 0) return earliest;
     for (const auto& [client, person] : people_) {
-        const dds::TimePoint due = person.heard + kPresenceTime;
+        const dds::TimePoint due = person.lastReceived + kPresenceTime;
         earliest = earliest ? std::min(*earliest, due) : due;
     }
     return earliest;

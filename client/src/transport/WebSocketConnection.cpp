@@ -144,7 +144,7 @@ private:
         if (noDelayError) co_return finish(*line, describe("cannot reach", noDelayError));
         tcp.expires_never();
 
-        if (auto error = co_await shakeHands(*line)) co_return finish(*line, std::move(*error));
+        if (auto error = co_await handshake(*line)) co_return finish(*line, std::move(*error));
         line->generation = mailbox_.opened();
         asio::co_spawn(context_, write(line), asio::detached);
         co_return finish(*line, co_await read(*line));
@@ -156,7 +156,7 @@ private:
         return *line.reason;
     }
 
-    asio::awaitable<std::optional<Error>> shakeHands(Line& line) {
+    asio::awaitable<std::optional<Error>> handshake(Line& line) {
         auto& stream = line.stream;
         stream.set_option(websocket::stream_base::timeout{kConnectTimeout, kIdleTimeout, true});
         websocket::permessage_deflate none;

@@ -251,11 +251,11 @@ private:
     // Composition follows variants that are added and removed, but not renamed ones, because Sdf
     // itself never renames them. So this adds and removes one at both places.
     void moveVariant(const SdfPath& from, const SdfPath& to) {
-        comeAndGo(to);
+        addAndRemove(to);
         delegate_.MoveSpec(from, to);
-        comeAndGo(from);
+        addAndRemove(from);
     }
-    void comeAndGo(const SdfPath& variant) {
+    void addAndRemove(const SdfPath& variant) {
         delegate_.CreateSpec(variant, pxr::SdfSpecTypeVariant, false);
         delegate_.DeleteSpec(variant, false);
     }

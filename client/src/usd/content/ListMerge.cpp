@@ -34,14 +34,14 @@ bool takeBackOp(const VtValue& present, const VtValue& after, const VtValue& bef
              ? List{pxr::SdfListOpTypeExplicit}
              : List{pxr::SdfListOpTypePrepended, pxr::SdfListOpTypeAppended,
                     pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypeOrdered})
-        op.SetItems(listTakenBack(op.GetItems(type), now.GetItems(type), old.GetItems(type)), type);
+        op.SetItems(undoneList(op.GetItems(type), now.GetItems(type), old.GetItems(type)), type);
     result = op.HasKeys() ? VtValue::Take(op) : VtValue();
     return true;
 }
 
 template <class... Ops>
-std::optional<VtValue> opTakenBack(const VtValue& present, const VtValue& after,
-                                   const VtValue& before) {
+std::optional<VtValue> undoneOp(const VtValue& present, const VtValue& after,
+                                const VtValue& before) {
     std::optional<VtValue> result;
     (void)(takeBackOp<Ops>(present, after, before, result) || ...);
     return result;
@@ -49,16 +49,16 @@ std::optional<VtValue> opTakenBack(const VtValue& present, const VtValue& after,
 
 }  // namespace
 
-std::optional<VtValue> listTakenBack(const VtValue& present, const VtValue& after,
-                                     const VtValue& before) {
+std::optional<VtValue> undoneList(const VtValue& present, const VtValue& after,
+                                  const VtValue& before) {
     if (areLists<Sublayers>(present, after, before))
-        return VtValue(listTakenBack(present.GetWithDefault<Sublayers>(),
-                                     after.GetWithDefault<Sublayers>(),
-                                     before.GetWithDefault<Sublayers>()));
-    return opTakenBack<pxr::SdfTokenListOp, pxr::SdfPathListOp, pxr::SdfReferenceListOp,
-                       pxr::SdfPayloadListOp, pxr::SdfStringListOp, pxr::SdfIntListOp,
-                       pxr::SdfUIntListOp, pxr::SdfInt64ListOp, pxr::SdfUInt64ListOp,
-                       pxr::SdfUnregisteredValueListOp>(present, after, before);
+        return VtValue(undoneList(present.GetWithDefault<Sublayers>(),
+                                  after.GetWithDefault<Sublayers>(),
+                                  before.GetWithDefault<Sublayers>()));
+    return undoneOp<pxr::SdfTokenListOp, pxr::SdfPathListOp, pxr::SdfReferenceListOp,
+                    pxr::SdfPayloadListOp, pxr::SdfStringListOp, pxr::SdfIntListOp,
+                    pxr::SdfUIntListOp, pxr::SdfInt64ListOp, pxr::SdfUInt64ListOp,
+                    pxr::SdfUnregisteredValueListOp>(present, after, before);
 }
 
 }  // namespace usdlive::content

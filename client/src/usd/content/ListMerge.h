@@ -12,8 +12,8 @@ namespace usdlive::content {
 /// removes added items, and inserts removed ones behind the items that they followed. Restores the
 /// order of the remaining items if others have not changed it.
 template <class Item>
-std::vector<Item> listTakenBack(const std::vector<Item>& present, const std::vector<Item>& after,
-                                const std::vector<Item>& before) {
+std::vector<Item> undoneList(const std::vector<Item>& present, const std::vector<Item>& after,
+                             const std::vector<Item>& before) {
     const auto has = [](const auto& list, const Item& item) {
         return std::ranges::find(list, item) != list.end();
     };
@@ -46,8 +46,8 @@ std::vector<Item> listTakenBack(const std::vector<Item>& present, const std::vec
 
 /// Does the same for the value of a field: sublayers and list ops. Returns nothing for other
 /// values, and if only one of the list ops is explicit.
-[[nodiscard]] std::optional<pxr::VtValue> listTakenBack(const pxr::VtValue& present,
-                                                        const pxr::VtValue& after,
-                                                        const pxr::VtValue& before);
+[[nodiscard]] std::optional<pxr::VtValue> undoneList(const pxr::VtValue& present,
+                                                     const pxr::VtValue& after,
+                                                     const pxr::VtValue& before);
 
 }  // namespace usdlive::content

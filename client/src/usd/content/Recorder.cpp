@@ -91,7 +91,7 @@ public:
 private:
     // Return the reason why something was not undone, or an empty text on success.
     std::string takeBack(const Change& change) const;
-    std::string uncreate(const SdfPath& path) const;
+    std::string undoCreate(const SdfPath& path) const;
     std::string restore(const SdfPath& path, bool force) const;
     void removeCreated(bool force, std::vector<Kept>& kept) const;
     void arrangeChildren(bool force, const std::vector<SdfPath>& restored) const;
@@ -155,7 +155,7 @@ std::string ScopeDifference::takeBack(const Change& change) const {
         return {};
     }
     if (isSame(present, change.before)) return {};
-    const auto merged = listTakenBack(present, change.after, change.before);
+    const auto merged = undoneList(present, change.after, change.before);
     if (!merged) return "another user has changed it since";
     write(change, *merged);
     return {};
@@ -170,11 +170,11 @@ void ScopeDifference::removeCreated(bool force, std::vector<Kept>& kept) const {
         return;
     }
     for (auto path = created_.rbegin(); path != created_.rend(); ++path)
-        if (auto reason = uncreate(*path); !reason.empty())
+        if (auto reason = undoCreate(*path); !reason.empty())
             kept.push_back({layer()->GetIdentifier(), *path, {}, {}, std::move(reason)});
 }
 
-std::string ScopeDifference::uncreate(const SdfPath& path) const {
+std::string ScopeDifference::undoCreate(const SdfPath& path) const {
     if (!layer()->HasSpec(path)) return {};
     if (!changesBetween(path, after_.fields.at(path), readFields(layer(), path)).empty())
         return "another user has changed it since";

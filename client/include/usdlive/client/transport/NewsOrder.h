@@ -43,7 +43,7 @@ private:
     struct Person {
         std::uint64_t number = 0;
         std::optional<Presence> waiting;
-        dds::TimePoint heard;
+        dds::TimePoint lastReceived;
     };
 
     /// Lower numbers were received over the stream; 0: the session uses no samples yet.
