@@ -80,7 +80,7 @@ class Live:
         _open.add(self)
         self._handlers: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
-        # events for which handlers were not called yet
+        # Events for which handlers were not called yet.
         self._undelivered: collections.deque[dict] = collections.deque()
 
     # -- layers and stages
@@ -484,6 +484,6 @@ def _close_all() -> None:
     """Closes open connections when the interpreter exits, so that they warn about unsent work."""
     for live in list(_open):
         if not live.closed:
-            # it belongs to another thread; the journal keeps its work
+            # It belongs to another thread; the journal keeps its work.
             with contextlib.suppress(Error):
                 live.close(timeout=2.0)

@@ -350,7 +350,7 @@ private:
     Executed executed_;
     std::map<std::uint32_t, OwnCreations::Entry> created_;  // by this transaction's edits
     LayerDocs copies_;                                      // the layers before the transaction
-    // existed already when a Create was executed (M2)
+    // Specs that existed already when a Create was executed (M2).
     std::set<std::pair<LayerId, NodeId>> merged_;
     std::vector<OwnCreations::Entry> retyped_;  // specs with a new type name
     using Register = std::tuple<LayerId, std::string_view, std::optional<Creation>>;

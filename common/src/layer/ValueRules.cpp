@@ -431,7 +431,7 @@ private:
         const ValueType type{in_.u16()};
         if (!isKeyType(type)) return "is a map with a key type that no map has";
         std::uint32_t count = in_.u32();
-        // grows with the bytes read, not with the claimed count
+        // Grows with the bytes read, not with the claimed count.
         std::vector<std::string_view> keys;
         for (; count > 0; --count) {
             ByteReader ahead = in_;

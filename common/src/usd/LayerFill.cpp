@@ -267,7 +267,7 @@ struct LayerFill::State {
             data->Set(SdfPath::AbsoluteRootPath(), field, value);
     }
 
-    // everything except the pseudo-root's fields and the root prims
+    // Everything except the pseudo-root's fields and the root prims.
     const pxr::SdfAbstractDataRefPtr data;
     BlobSource& blobs;
     bool begun = false;

@@ -61,7 +61,8 @@ void addNetworkOptions(CLI::App& app, ServerOptions& options) {
 void addDdsOptions(CLI::App& app, ServerOptions& options) {
     const std::string group = "DDS";
     app.add_flag("--dds", options.dds,
-                 "Serve over DDS, too: everybody on the network interface can read and edit")
+                 "Serve over DDS, too: everybody on the network\n"
+                 "interface can read and edit")
         ->group(group);
     app.add_option("--dds-interface", options.ddsInterface, "The only network interface to use")
         ->type_name("NAME")
@@ -71,7 +72,8 @@ void addDdsOptions(CLI::App& app, ServerOptions& options) {
         ->check(between(0, dds::kMaxDomain))
         ->group(group);
     app.add_option("--dds-config", options.ddsConfig,
-                   "A configuration file of Cyclone DDS, which has to name the interface")
+                   "A configuration file of Cyclone DDS, which has to name\n"
+                   "the interface")
         ->type_name("FILE")
         ->default_str("")
         ->group(group);
@@ -127,16 +129,15 @@ void addLimits(CLI::App& app, ServerOptions& options) {
     add("--max-frame-mib", options.maxFrameMib, 1, 2047, "Largest message from a client");
     add("--max-blob-mib", options.maxBlobMib, 1, 1 << 20, "Largest big value");
     add("--max-transaction-mib", options.maxTransactionMib, 1, kMostTransactionMib,
-        "Largest transaction, the edits of one frame of an editor; the server's memory holds it "
-        "several "
-        "times");
+        "Largest transaction, the edits of one frame of an editor;\n"
+        "the server's memory holds it several times");
     add("--max-sessions", options.maxSessions, 1, 1'000'000, "Most clients at the same time");
     add("--slow-reader-mib", options.slowReaderMib, 1, 1 << 20,
-        "Most data that may wait for a client; a slower client is disconnected");
+        "Most data that may wait for a client; a slower client\n"
+        "is disconnected");
     add("--flush-interval-ms", options.flushIntervalMs, 0, 1'000,
-        "Least time between two groups of commits: more time is less work with many editors, but "
-        "more "
-        "delay for them");
+        "Least time between two groups of commits: more time is\n"
+        "less work with many editors, but more delay for them");
 }
 
 void addLockOptions(CLI::App& app, ServerOptions& options) {
@@ -148,7 +149,8 @@ void addLockOptions(CLI::App& app, ServerOptions& options) {
         ->allow_extra_args(false)
         ->group(group);
     app.add_option("--lock-takeover-minutes", options.lockTakeoverMinutes,
-                   "Time after which others may take the lock of a user who has left")
+                   "Time after which others may take the lock of a user\n"
+                   "who has left")
         ->type_name(kNumber)
         ->check(between(0, 1'000'000))
         ->group(group);
@@ -191,7 +193,8 @@ void addOptions(CLI::App& app, ServerOptions& options, std::string& config) {
     addLockOptions(app, options);
     addLogOptions(app, options);
     app.add_option("--config", config,
-                   "A JSON file with options of these names; flags have priority")
+                   "A JSON file with options of these names; flags have\n"
+                   "priority")
         ->type_name("FILE")
         ->configurable(false);
 }

@@ -12,7 +12,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds kReopenPause{1'000};
-// with so many bytes a group does not wait for more
+// A group with this many bytes does not wait for more.
 constexpr std::size_t kFullGroup = 1024 * 1024;
 
 }  // namespace
@@ -120,7 +120,7 @@ bool StorageThread::pause(std::chrono::milliseconds time) {
     const auto end = Clock::now() + time;
     std::unique_lock lock(mutex_);
     while (!stopping_ && Clock::now() < end) {
-        // all commits are dropped
+        // All waiting commits have been dropped.
         for (const auto& done : std::exchange(waiting_.flushes, {})) done();
         changed_.wait_until(lock, end, [this] { return stopping_ || !waiting_.flushes.empty(); });
     }

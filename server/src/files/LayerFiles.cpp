@@ -184,7 +184,7 @@ public:
                            const std::vector<Hash>& expected, const Ready& ready) override {
         const auto path = resolve(layer);
         if (!path) return tl::unexpected(path.error());
-        // set when the file was accepted, so that a big file is hashed once
+        // Set when the file was accepted, so that a big file is hashed once.
         std::optional<FileTrace> unobjectionable;
         const auto objection = [&]() -> Result<void> {
             if (expected.empty()) return {};

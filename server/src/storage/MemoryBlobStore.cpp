@@ -85,7 +85,7 @@ private:
     const BlobStoreOptions options_;
     mutable std::mutex mutex_;
     std::map<Hash, Bytes> values_;  // guarded by mutex_
-    // keyed by value and writer; guarded by mutex_
+    // Keyed by value and writer; guarded by mutex_.
     std::map<std::pair<Hash, std::uint64_t>, Bytes> unfinished_;
     std::vector<std::uint64_t> dropped_;  // sizes; guarded by mutex_
 };

@@ -32,7 +32,7 @@ inline constexpr std::size_t kCommitBeginning = 4;  ///< length of the key's rar
 [[nodiscard]] std::optional<ClientId> clientOf(std::string_view key);
 /// Returns the key after all keys of the client and before those of the next one.
 [[nodiscard]] std::string behindClient(const ClientId& client);
-/// length of the prefix that all keys of a client share
+/// The length of the prefix that all keys of a client share.
 inline constexpr std::size_t kClientBeginning = 4 + 32;
 
 }  // namespace storekeys

@@ -101,7 +101,7 @@ private:
         sweepTimer_.expires_after(std::min(kLongestHeaderSweep, options.headerTime / 4));
         sweepTimer_.async_wait(whileAlive(life_, [this](boost::system::error_code error) {
             if (error) return;
-            // connections are removed while they are visited
+            // A copy, because connections are removed while they are visited.
             const auto connections = connections_;
             for (const auto& [key, connection] : connections)
                 connection->sweep(steady_clock::now());

@@ -137,7 +137,7 @@ void ScopeDifference::undo(bool force, std::vector<Kept>& kept) const {
     }
     removeCreated(force, kept);
     std::vector<SdfPath> restored;
-    // restores siblings in their order
+    // In reverse order, which restores the order of siblings.
     for (auto path = deleted_.rbegin(); path != deleted_.rend(); ++path) {
         if (auto reason = restore(*path, force); !reason.empty())
             keep(*path, std::move(reason));

@@ -87,7 +87,7 @@ class UsdContext:
         self._last_url = ""
         self._operation = ""  # the running operation
         self._loading: Loading | None = None
-        # the value of set_pending_edit(), which overrides the real state
+        # The value of set_pending_edit(), which overrides the real state.
         self._pending_edit: bool | None = None
         self._was_dirty = self._edited_since_tick = False
         self._save_cancelled: bool | None = None  # None: there is no save to cancel
@@ -378,7 +378,7 @@ class UsdContext:
                 root = yield loading.read
             else:
                 root = live.live.open_layer(
-                    # blocks here, because layers belong to this thread
+                    # Blocks here, because layers belong to this thread.
                     address.layer, _load(load_set) == Usd.Stage.LoadAll)
             session = yield (lambda: open_root(session_layer_url)) if session_layer_url else (lambda: None)
             text = ""

@@ -61,7 +61,7 @@ class MovePrimCommand(RecordedCommand):
         if self._destructive:
             try:
                 self._move(self._to, self._from)
-            # another user has moved it again, or created a prim in its place
+            # Another user has moved it again, or created a prim in its place.
             except CommandFailed as error:
                 layer = self.stage.GetRootLayer().identifier
                 return [*kept, Kept(layer, str(self._to), None, None, str(error))]

@@ -40,7 +40,7 @@ public:
         std::string reason = {};  ///< for "failed"
         Revision revision = 0;
         std::size_t sessions = 0;
-        /// nullptr unless the project is served
+        /// Set only while the project is served.
         std::shared_ptr<const MetricFamilies> metrics = {};
     };
     static constexpr std::chrono::milliseconds kRetryPause{5'000};

@@ -11,7 +11,7 @@
 namespace usdlive::server {
 
 struct BlobStoreOptions {
-    /// of one value; a larger one gives BlobTooLarge
+    /// The limit of one value. A larger one gives BlobTooLarge.
     std::uint64_t maxBytes = std::uint64_t(4) << 30;
     /// write() fails with StorageFull if less than this is free. Not set: 512 MiB, or 2 % of the
     /// disk if that is more.

@@ -58,7 +58,7 @@ public:
 private:
     using Table = std::map<pxr::SdfPath, UserName>;
     struct Shadow {
-        // the required content of locked specs and of everything below locked prims
+        // The required content of locked specs and of everything below locked prims.
         pxr::SdfLayerRefPtr content;
         std::set<pxr::SdfPath> changed;
         std::set<pxr::SdfPath> applied;                // by the live connection

@@ -12,7 +12,7 @@ _FRAME_SECONDS = 1 / 60
 # The order of a frame's parts among the subscribers of the update stream. A script's own
 # subscribers have order 0.
 ORDER_LIVE = -300  # edits of others arrive, own edits are sent
-# edits of the delegate layer are distributed, states are checked, events are queued
+# Edits of the delegate layer are distributed, states are checked, events are queued.
 ORDER_LAYERS = -200
 ORDER_EVENTS = -100  # queued events are delivered
 

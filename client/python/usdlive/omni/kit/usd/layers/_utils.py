@@ -17,7 +17,7 @@ from ._layers import distribute_all
 
 _log = logging.getLogger("usdlive.omni.kit.usd.layers")
 _utils = _usdlive.layer_utils
-# started by create_checkpoint(); the loop alone does not keep them alive
+# Tasks of create_checkpoint(). The loop alone does not keep them alive.
 _tasks: set[asyncio.Future] = set()
 
 _Layer = typing.Union[str, Sdf.Layer]

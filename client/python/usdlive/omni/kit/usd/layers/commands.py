@@ -622,7 +622,7 @@ class LockLayerCommand(_StateCommand):
         layer = self.layer(self._identifier)
         if layer == self.root:
             raise CommandFailed("the root layer cannot be locked")
-        # a muted one is not local
+        # A muted layer is not local.
         if not self.stage.HasLocalLayer(layer) and not _is_below(layer, self.root):
             raise CommandFailed(f"{self._identifier} is not a layer of this stage")
         state = self.layers().get_layers_state()
