@@ -35,7 +35,7 @@ namespace event = client::event;
 constexpr double kTimeoutMs = 10'000;
 constexpr std::chrono::milliseconds kLookAround{1'000};
 constexpr std::chrono::milliseconds kProjectsTime{10'000};
-constexpr std::size_t kEditsShown = 8;  // of one commit
+constexpr std::size_t kEditsShown = 8;  // edits printed for one commit
 constexpr Revision kLogPage = 1000;
 
 volatile std::sig_atomic_t interrupted = 0;

@@ -13,7 +13,7 @@ namespace usdlive::cli {
 
 namespace {
 
-constexpr std::size_t kMaxText = 60;  // of one value
+constexpr std::size_t kMaxText = 60;  // length of one printed value
 
 // Cuts only between characters.
 std::string shortened(std::string_view text) {

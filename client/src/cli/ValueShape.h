@@ -29,8 +29,8 @@ enum class Element { None, Bool, UChar, Int, UInt, Int64, UInt64, Half, Float, D
 struct Shape {
     std::string_view name;
     Element element = Element::None;  ///< None: it has no numbers
-    int count = 0;                    ///< of the numbers
-    int row = 0;                      ///< of a matrix: numbers per row; otherwise 0
+    int count = 0;                    ///< the number of numbers
+    int row = 0;                      ///< numbers per row of a matrix; otherwise 0
 };
 
 /// Returns the shape for a leaf's type without the flags for arrays and array edits.

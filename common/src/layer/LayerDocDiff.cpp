@@ -35,7 +35,7 @@ public:
 
     std::unordered_map<const Node*, NodeId> sources;  // keyed by the spec of `to`
     std::unordered_set<NodeId> moved;                 // the same ids
-    Places places;  // of those in `from`, of their ancestors, and more
+    Places places;  // the places in `from` of those, of their ancestors, and more
 
 private:
     // Compares two nodes of the same spec. Children with the same name and id are the same, too.
@@ -321,7 +321,7 @@ private:
     LayerDoc work_;
     const LayerDoc& to_;
     Matching matching_;
-    std::unordered_set<NodeId> pending_;  // have to be moved and are not in their places yet
+    std::unordered_set<NodeId> pending_;  // specs that are not in their places yet
     std::vector<Leftover> leftovers_;
     std::uint64_t names_ = 0;
     std::string atPath_;

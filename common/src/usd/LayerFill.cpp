@@ -272,7 +272,7 @@ struct LayerFill::State {
     BlobSource& blobs;
     bool begun = false;
     std::vector<Level> above;  // from the pseudo-root to the last spec
-    FieldValues rootFields;    // of the pseudo-root
+    FieldValues rootFields;    // the fields of the pseudo-root
     std::deque<RootPrim> rootPrims;
     std::vector<Waiting> waiting;
     std::vector<Error> leftOut;

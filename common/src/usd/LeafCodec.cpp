@@ -404,7 +404,7 @@ struct Element<pxr::SdfUnregisteredValue> {
     }
 
 private:
-    static constexpr std::size_t kHeaderBytes = 11;  // of a field in V10: type, form, size
+    static constexpr std::size_t kHeaderBytes = 11;  // header of a field in V10: type, form, size
 
     static bool writeList(Bytes& out, const VtValue& content) {
         auto list = encodeListOp(content);

@@ -92,7 +92,7 @@ public:
     RecentPaths paths{tokens};
     /// Specs that were created or moved here since the layer's last change notice.
     std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> added;
-    bool filled = false;                            ///< has content that is not in the layer's file
+    bool filled = false;                            ///< the content is not that of the layer's file
     pxr::SdfLayerStateDelegateBaseRefPtr previous;  ///< the layer's former delegate
 
 protected:

@@ -37,7 +37,7 @@ bool isNumeric(ValueType item) {
 
 struct BigArray {
     Value value;
-    std::string type;  // of the attribute: "point3f[]"
+    std::string type;  // the attribute's type: "point3f[]"
 };
 
 /// Reads the items of an array, one part at a time.

@@ -43,7 +43,7 @@ public:
     bool deep;
     std::vector<SdfPath> paths;  ///< parents first, siblings in reverse order
     std::unordered_map<SdfPath, Fields, SdfPath::Hash> fields;
-    std::map<SdfPath, TfTokenVector> order;  ///< of the children of prims
+    std::map<SdfPath, TfTokenVector> order;  ///< the order of the children of prims
     SdfLayerRefPtr specs;
 
 private:

@@ -65,7 +65,7 @@ private:
     struct Planned {
         const DelegateWrites::Spec* spec = nullptr;
         const DelegateWrites::Field* field = nullptr;
-        pxr::TfToken key;  ///< of a dictionary; empty: the whole field
+        pxr::TfToken key;  ///< the dictionary's key; empty: the whole field
         Place place;
     };
     using Spec = DelegateWrites::Spec;

@@ -57,7 +57,7 @@ std::string nameIn(const SdfLayerHandle& parent, const SdfLayerHandle& layer) {
 
 std::string fileOf(const std::string& path) {
     const auto file = path.substr(0, path.find(":SDF_FORMAT_ARGS:"));
-    return file.substr(0, file.find('['));  // of a package
+    return file.substr(0, file.find('['));  // the file of a package
 }
 
 bool hasDots(const std::string& path) { return path.starts_with("./") || path.starts_with("../"); }

@@ -76,7 +76,7 @@ private:
     std::map<std::string, Entry> projects_;
     boost::asio::steady_timer folderTimer_;
     std::function<void()> opened_, stopped_;
-    std::string url_;  // of the process; empty before announce()
+    std::string url_;  // the process's address; empty before announce()
     const HttpServer* http_ = nullptr;
 };
 

@@ -109,10 +109,10 @@ private:
         pxr::SdfLayerHandle layer;
         bool local = false, session = false, used = false;
         bool ownLock = false;
-        bool locked = false;  // as last reported
+        bool locked = false;  // last reported value
         bool outdated = false;
         bool readOnly = false;
-        bool dirty = false;  // of a live layer, as last reported
+        bool dirty = false;  // last reported value, for a live layer
         std::string owner;
     };
 
@@ -137,7 +137,7 @@ private:
     LayersContext& context_;
     bool globalScope_ = false;
     std::set<std::string> localMuted_, globalMuted_, stageMuted_;
-    std::map<std::string, bool> lockFlags_;  // of the root layer's map
+    std::map<std::string, bool> lockFlags_;  // the flags in the root layer's map
     std::unordered_map<std::string, Known> known_;
     std::vector<std::string> order_;  // local layers; the root layer's tree precedes the session's
     std::vector<std::string> invalid_;  // named as sublayers but missing

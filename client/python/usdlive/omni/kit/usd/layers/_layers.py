@@ -306,7 +306,7 @@ class Layers:
         self._native: _usdlive.Layers | None = None
         self._live: object | None = None
         self._muting: Tf.Notice.Listener | None = None
-        self._identifiers: dict[str, str] = {}  # of live layers, by their names in the project
+        self._identifiers: dict[str, str] = {}  # live layers by their names in the project
         # The mode that a new root layer continues.
         self._resumed: tuple[Sdf.Layer, int, str] | None = None
         self._error: tuple[int, str] | None = None
