@@ -14,6 +14,7 @@
 #include <limits>
 
 #include "Interpolate.h"
+#include "usdlive/client/usd/content/MappedValue.h"
 
 namespace usdlive::stage {
 
@@ -126,8 +127,12 @@ VtValue evaluated(const pxr::TsSpline& spline, double time) {
 
 AttributeQuery::AttributeQuery(const pxr::PcpPrimIndex& prim, const pxr::TfToken& attribute,
                                const schema::PropertyDefinition* definition,
-                               Interpolation interpolation)
-    : prim_(&prim), attribute_(attribute), definition_(definition), interpolation_(interpolation) {}
+                               Interpolation interpolation, AssetPaths assetPaths)
+    : prim_(&prim),
+      attribute_(attribute),
+      definition_(definition),
+      interpolation_(interpolation),
+      assetPaths_(assetPaths) {}
 
 AttributeQuery::Cursor AttributeQuery::begin() const {
     return {prim_->GetNodeRange().first, 0, false};
@@ -188,7 +193,7 @@ bool AttributeQuery::findInLayer(Cursor& cursor, bool withTimes, Source& found) 
         return false;
     }
     found.source = ValueSource::Default;
-    found.value = toStage(found.value, found.site);
+    found.value = toStage(found.value, found.site, assetPaths_);
     return true;
 }
 
@@ -239,7 +244,7 @@ SdfTimeSampleMap AttributeQuery::samplesOnStage(const Source& source) const {
     for (const double time : layer->ListTimeSamplesForPath(source.site.path)) {
         VtValue value;
         (void)layer->QueryTimeSample(source.site.path, time, &value);
-        samples[source.toStage * time] = toStage(value, source.site);
+        samples[source.toStage * time] = toStage(value, source.site, assetPaths_);
     }
     return samples;
 }
@@ -264,7 +269,7 @@ VtValue AttributeQuery::sampleAt(const Source& source, double time) const {
         else
             (void)layer->QueryTimeSample(path, at, &value);
         if (isBlock(value)) return VtValue();
-        return source.onStage ? value : toStage(value, source.site);
+        return source.onStage ? value : toStage(value, source.site, assetPaths_);
     };
     const bool sameTimes = source.onStage || source.toStage.IsIdentity();
     const double inLayer = sameTimes ? time : source.toStage.GetInverse() * time;
@@ -283,6 +288,18 @@ VtValue AttributeQuery::sampleAt(const Source& source, double time) const {
     if (!sameTimes) bracket = {source.toStage * bracket.lower, source.toStage * bracket.upper};
     const double fraction = (time - bracket.lower) / (bracket.upper - bracket.lower);
     return interpolate(lower, upper, fraction);
+}
+
+pxr::TsSpline AttributeQuery::spline() const {
+    const Source& found = timed();
+    if (found.source != ValueSource::Spline) return {};
+    return content::mapped(found.value, found.toStage).UncheckedGet<pxr::TsSpline>();
+}
+
+bool AttributeQuery::hasAuthoredDefault() const {
+    Cursor cursor = begin();
+    const Source found = next(cursor, false);
+    return found.blocked || cursor.animationBlocked || found.source == ValueSource::Default;
 }
 
 bool AttributeQuery::mightBeTimeVarying() const {

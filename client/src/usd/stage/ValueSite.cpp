@@ -26,21 +26,33 @@ using pxr::VtValue;
 
 namespace {
 
-void resolve(pxr::TfSpan<SdfAssetPath> paths, const ValueSite& site) {
+// Identifiers that the layer changes nothing about are absolute, or of a resolver that is not here.
+void anchor(pxr::TfSpan<SdfAssetPath> paths, const ValueSite& site,
+            const pxr::VtDictionary& variables) {
+    std::vector<std::string> errors;
+    for (auto& path : paths) {
+        SdfAssetPath anchored = path;
+        pxr::SdfAnchorAssetPaths(site.layer(), variables, {&anchored, 1}, &errors);
+        path = SdfAssetPath(anchored.GetAssetPath());
+    }
+}
+
+void resolve(pxr::TfSpan<SdfAssetPath> paths, const ValueSite& site, AssetPaths assetPaths) {
     const auto& ofStage = site.node.GetRootNode().GetLayerStack()->GetIdentifier();
     const pxr::ArResolverContextBinder binder(ofStage.pathResolverContext);
     const auto& variables = site.node.GetLayerStack()->GetExpressionVariables().GetVariables();
+    if (assetPaths == AssetPaths::Anchored) return anchor(paths, site, variables);
     std::vector<std::string> errors;
     pxr::SdfResolveAssetPaths(site.layer(), variables, paths, &errors);
 }
 
-VtValue resolved(SdfAssetPath path, const ValueSite& site) {
-    resolve({&path, 1}, site);
+VtValue resolved(SdfAssetPath path, const ValueSite& site, AssetPaths assetPaths) {
+    resolve({&path, 1}, site, assetPaths);
     return VtValue::Take(path);
 }
 
-VtValue resolved(VtArray<SdfAssetPath> paths, const ValueSite& site) {
-    resolve({paths.data(), paths.size()}, site);
+VtValue resolved(VtArray<SdfAssetPath> paths, const ValueSite& site, AssetPaths assetPaths) {
+    resolve({paths.data(), paths.size()}, site, assetPaths);
     return VtValue::Take(paths);
 }
 
@@ -57,8 +69,8 @@ VtValue mappedExpressions(VtArray<SdfPathExpression> expressions, const ValueSit
     return VtValue::Take(expressions);
 }
 
-VtValue ofDictionary(pxr::VtDictionary dictionary, const ValueSite& site) {
-    for (auto& [key, value] : dictionary) value = toStage(value, site);
+VtValue ofDictionary(pxr::VtDictionary dictionary, const ValueSite& site, AssetPaths assetPaths) {
+    for (auto& [key, value] : dictionary) value = toStage(value, site, assetPaths);
     return VtValue::Take(dictionary);
 }
 
@@ -74,17 +86,18 @@ pxr::SdfLayerOffset ValueSite::layerToStage() const {
     return ofLayer ? toRoot * *ofLayer : toRoot;
 }
 
-VtValue toStage(const VtValue& value, const ValueSite& site) {
+VtValue toStage(const VtValue& value, const ValueSite& site, AssetPaths assetPaths) {
     if (!value.CanTransform()) return value;
-    if (value.IsHolding<SdfAssetPath>()) return resolved(value.UncheckedGet<SdfAssetPath>(), site);
+    if (value.IsHolding<SdfAssetPath>())
+        return resolved(value.UncheckedGet<SdfAssetPath>(), site, assetPaths);
     if (value.IsHolding<VtArray<SdfAssetPath>>())
-        return resolved(value.UncheckedGet<VtArray<SdfAssetPath>>(), site);
+        return resolved(value.UncheckedGet<VtArray<SdfAssetPath>>(), site, assetPaths);
     if (value.IsHolding<SdfPathExpression>())
         return VtValue(mappedExpression(value.UncheckedGet<SdfPathExpression>(), site));
     if (value.IsHolding<VtArray<SdfPathExpression>>())
         return mappedExpressions(value.UncheckedGet<VtArray<SdfPathExpression>>(), site);
     if (value.IsHolding<pxr::VtDictionary>())
-        return ofDictionary(value.UncheckedGet<pxr::VtDictionary>(), site);
+        return ofDictionary(value.UncheckedGet<pxr::VtDictionary>(), site, assetPaths);
     return content::mapped(value, site.layerToStage());
 }
 

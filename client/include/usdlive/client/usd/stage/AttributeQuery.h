@@ -1,6 +1,7 @@
 #pragma once
 
 #include <pxr/base/tf/token.h>
+#include <pxr/base/ts/spline.h>
 #include <pxr/base/vt/value.h>
 #include <pxr/usd/pcp/primIndex.h>
 #include <pxr/usd/sdf/layerOffset.h>
@@ -35,7 +36,8 @@ public:
     /// `definition`: what schemas say of the attribute; null if nothing. It has to outlive this.
     AttributeQuery(const pxr::PcpPrimIndex& prim, const pxr::TfToken& attribute,
                    const schema::PropertyDefinition* definition,
-                   Interpolation interpolation = Interpolation::Linear);
+                   Interpolation interpolation = Interpolation::Linear,
+                   AssetPaths assetPaths = AssetPaths::Resolved);
 
     /// The value at the default time, at which time samples and splines are not looked at. Empty:
     /// it has none, or it is blocked.
@@ -52,6 +54,10 @@ public:
         return hasValue() && source() != ValueSource::Fallback;
     }
     [[nodiscard]] bool hasSpline() const { return source() == ValueSource::Spline; }
+    /// Where source() is Spline: it, in times of the stage.
+    [[nodiscard]] pxr::TsSpline spline() const;
+    /// Whether any layer has a default, a block included.
+    [[nodiscard]] bool hasAuthoredDefault() const;
     /// False only if the value is the same at all times. A spline is not looked into.
     [[nodiscard]] bool mightBeTimeVarying() const;
 
@@ -96,6 +102,7 @@ private:
     pxr::TfToken attribute_;
     const schema::PropertyDefinition* definition_;
     Interpolation interpolation_;
+    AssetPaths assetPaths_;
     mutable std::optional<Source> timed_;
 };
 

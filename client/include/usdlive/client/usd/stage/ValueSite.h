@@ -7,6 +7,7 @@
 #include <pxr/usd/sdf/path.h>
 
 #include <cstddef>
+#include <cstdint>
 
 namespace usdlive::stage {
 
@@ -22,10 +23,15 @@ struct ValueSite {
     [[nodiscard]] pxr::SdfLayerOffset layerToStage() const;
 };
 
+/// How paths of files read on the stage: with the file that they were resolved to, or, to be
+/// written into another layer, as identifiers that do not depend on the layer.
+enum class AssetPaths : std::uint8_t { Resolved, Anchored };
+
 /// A value of a layer as it reads on the stage: time codes are offset, asset paths are resolved
 /// relative to the layer with variable expressions evaluated, paths in path expressions are those
 /// of the stage. The same for each part of an array or a dictionary; other values are returned as
 /// they are.
-[[nodiscard]] pxr::VtValue toStage(const pxr::VtValue& value, const ValueSite& site);
+[[nodiscard]] pxr::VtValue toStage(const pxr::VtValue& value, const ValueSite& site,
+                                   AssetPaths assetPaths = AssetPaths::Resolved);
 
 }  // namespace usdlive::stage
