@@ -23,6 +23,7 @@ class RandomStage:
         self.choose = random.Random(seed)
         self.folder = folder
         self.number = seed
+        self.format = self.choose.choice(["usda", "usdc"])  # in memory, or read from disk when asked for
 
     def real(self):
         return self.choose.choice([0.0, 1.0, -1.5, 0.1, 3.75, 1e-3, 1000.0])
@@ -113,7 +114,7 @@ class RandomStage:
         return Sdf.Layer.CreateNew(str(self.folder / name))
 
     def write(self):
-        root, sub, asset = (self.layer(f"{name}{self.number}.usda") for name in ("root", "sub", "asset"))
+        root, sub, asset = (self.layer(f"{name}{self.number}.{self.format}") for name in ("root", "sub", "asset"))
         self.layer("asset.usda").Save()
         root.subLayerPaths = [sub.identifier]
         root.subLayerOffsets[0] = self.offset()

@@ -11,7 +11,7 @@
 #include <pxr/usd/sdf/types.h>
 
 #include <algorithm>
-#include <limits>
+#include <typeinfo>
 
 #include "Interpolate.h"
 #include "usdlive/client/usd/content/MappedValue.h"
@@ -56,13 +56,21 @@ bool showsWeaker(const VtValue& value, const VtValue& samples) {
     return false;
 }
 
-// Of samples that stay on disk, which are not read for this.
-bool firstSampleComposes(const pxr::SdfLayer& layer, const pxr::SdfPath& path) {
-    double first = 0, same = 0;
-    if (!layer.GetBracketingTimeSamplesForPath(path, -std::numeric_limits<double>::infinity(),
-                                               &first, &same))
+// Whether weaker opinions show through samples that stay on disk: only their types are looked at.
+// Arrays may be edits, and all path expressions may refer to weaker ones.
+bool samplesCompose(const pxr::SdfLayer& layer, const pxr::SdfPath& path) {
+    const auto type = layer.GetFieldAs<pxr::TfToken>(path, SdfFieldKeys->TypeName);
+    if (!type.GetString().ends_with("[]") &&
+        type != pxr::SdfValueTypeNames->PathExpression.GetAsToken())
         return false;
-    return pxr::VtValueTypeCanComposeOver(layer.QueryTimeSampleTypeid(path, first));
+    const std::type_info* last = nullptr;
+    for (const double time : layer.ListTimeSamplesForPath(path)) {
+        const std::type_info& held = layer.QueryTimeSampleTypeid(path, time);
+        if (last && held == *last) continue;
+        if (pxr::VtValueTypeCanComposeOver(held)) return true;
+        last = &held;
+    }
+    return false;
 }
 
 // What a value that can be laid over others is laid over, down to the background below all of them.
@@ -173,7 +181,7 @@ bool AttributeQuery::findInLayer(Cursor& cursor, bool withTimes, Source& found) 
         if (layer->GetNumTimeSamplesForPath(path) > 0) {
             found.source = ValueSource::TimeSamples;
             found.toStage = found.site.layerToStage();
-            if (!layer->StreamsData() || firstSampleComposes(*layer, path))
+            if (!layer->StreamsData() || samplesCompose(*layer, path))
                 (void)layer->HasField(path, SdfFieldKeys->TimeSamples, &found.samples);
             return true;
         }
