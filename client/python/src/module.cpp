@@ -19,6 +19,7 @@
 #include "Errors.h"
 #include "EventDictionary.h"
 #include "LayersBinding.h"
+#include "NamespaceBinding.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/client/usd/UnsentSender.h"
@@ -369,4 +370,5 @@ NB_MODULE(_usdlive, module) {
         });
     bindLayers(module);
     bindContent(module);
+    bindNamespace(module);
 }

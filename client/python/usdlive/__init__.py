@@ -36,5 +36,7 @@ from ._usdlive import __version__  # noqa: E402
 from ._error_code import ErrorCode  # noqa: E402
 from ._errors import Error  # noqa: E402
 from ._live import Live, UnsentWork, connect  # noqa: E402
+from ._namespace import NamespaceEditor  # noqa: E402
 
-__all__ = ["__version__", "Error", "ErrorCode", "Live", "UnsentWork", "connect", "events"]
+__all__ = ["__version__", "Error", "ErrorCode", "Live", "NamespaceEditor", "UnsentWork", "connect",
+           "events"]

@@ -11,8 +11,8 @@
 #include <unordered_map>
 #include <utility>
 
-#include "ListMerge.h"
 #include "usdlive/client/usd/content/LayerEdits.h"
+#include "usdlive/client/usd/content/ListMerge.h"
 #include "usdlive/client/usd/content/SpecEdits.h"
 
 namespace usdlive::content {

@@ -1,0 +1,151 @@
+#include "Application.h"
+
+#include <pxr/base/tf/errorMark.h>
+#include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <optional>
+#include <set>
+
+#include "RecordContent.h"
+#include "SpecMoves.h"
+
+namespace usdlive::naming {
+
+using pxr::SdfLayerHandle;
+using pxr::SdfLayerRefPtr;
+using pxr::SdfPath;
+using pxr::TfToken;
+using pxr::VtValue;
+
+namespace {
+
+// Where what is found at or below `path` now was before `moves`, as far as the layers can tell. May
+// name more than there is.
+std::set<SdfPath> pathsBefore(const PathMoves& moves, std::size_t count, const SdfPath& path) {
+    std::set<SdfPath> paths{path};
+    for (std::size_t i = count; i-- > 0;) {
+        std::set<SdfPath> earlier;
+        for (const SdfPath& one : paths)
+            if (!moves[i].to.IsEmpty()) {
+                if (one.HasPrefix(moves[i].to))
+                    earlier.insert(one.ReplacePrefix(moves[i].to, moves[i].from));
+                else if (moves[i].to.HasPrefix(one))
+                    earlier.insert(moves[i].from);
+            }
+        paths.merge(earlier);
+    }
+    return paths;
+}
+
+}  // namespace
+
+Application::Application(const std::vector<Plan>& plans, PathIndex& index) {
+    collectPlan(plans);
+    collectPathFields(plans, index);
+    std::erase_if(layers_, [](const auto& layer) {
+        return layer.second.moves.empty() && layer.second.fields.empty();
+    });
+    checkPermissions();
+}
+
+// Arcs and relocates: of each field the last value. The plans name specs as they are at that time.
+void Application::collectPlan(const std::vector<Plan>& plans) {
+    std::map<SdfLayerHandle, std::map<std::pair<SdfPath, TfToken>, VtValue>> values;
+    for (const auto& plan : plans)
+        for (const auto& [layer, changes] : plan.layers) {
+            auto& edits = layers_[layer];
+            auto& fields = values[layer];
+            for (const auto& arc : changes.arcs)
+                fields[{pathBefore(edits.moves, arc.path), arc.field}] = arc.value;
+            if (changes.relocates)
+                fields[{SdfPath::AbsoluteRootPath(), pxr::SdfFieldKeys->LayerRelocates}] =
+                    VtValue(*changes.relocates);
+            edits.moves.insert(edits.moves.end(), changes.moves.begin(), changes.moves.end());
+        }
+    for (auto& [layer, fields] : values) {
+        auto& edits = layers_[layer];
+        for (auto& [key, value] : fields) {
+            const auto& [path, field] = key;
+            const SdfPath moved = followed(edits.moves, path);
+            const auto present = layer->GetField(path, field);
+            if (!path.IsEmpty() && !moved.IsEmpty() && present != value)
+                edits.fields.push_back({path, moved, field, present, value});
+        }
+    }
+}
+
+void Application::collectPathFields(const std::vector<Plan>& plans, PathIndex& index) {
+    std::map<SdfLayerRefPtr, PathMoves> objects;
+    for (const auto& plan : plans)
+        for (std::size_t stage = 0; stage < plan.objects.size(); ++stage)
+            for (const auto& layer : plan.localLayers[stage]) {
+                auto& moves = objects[layer];
+                for (const auto& move : plan.objects[stage])
+                    if (moves.empty() || moves.back() != move) moves.push_back(move);
+            }
+    for (const auto& [layer, moves] : objects) findPathFields(layer, moves, index);
+}
+
+void Application::findPathFields(const SdfLayerRefPtr& layer, const PathMoves& objects,
+                                 PathIndex& index) {
+    pxr::SdfPathSet specs;
+    for (std::size_t i = 0; i < objects.size(); ++i)
+        for (const SdfPath& path : pathsBefore(objects, i, objects[i].from))
+            index.of(layer).specsWithPathsTo(path, specs);
+    static const LayerEdits none;
+    const auto known = layers_.find(layer);
+    const PathMoves moves = known == layers_.end() ? PathMoves() : known->second.moves;
+    for (const SdfPath& spec : specs) {
+        const SdfPath moved = followed(moves, spec);
+        if (moved.IsEmpty() || !layer->HasSpec(spec)) continue;
+        visitPathFields(layer, spec, [&](const TfToken& field, const VtValue& present) {
+            VtValue value = present;
+            for (const auto& object : objects)
+                if (auto next = movedValue(value, object); !next.IsEmpty()) value = std::move(next);
+            if (value != present)
+                layers_[layer].fields.push_back({spec, moved, field, present, value});
+        });
+    }
+}
+
+void Application::checkPermissions() {
+    for (const auto& [layer, edits] : layers_) {
+        if (layer->PermissionToEdit()) continue;
+        const bool isField = !edits.fields.empty();
+        const SdfPath& path = isField ? edits.fields.front().before : edits.moves.front().from;
+        const std::string where = "@" + layer->GetIdentifier() + "@<" + path.GetString() + ">";
+        errors_.push_back((isField ? "The field " + edits.fields.front().field.GetString() + " of "
+                                   : "The spec ") +
+                          where + " cannot be edited because the layer is not editable");
+    }
+}
+
+pxr::SdfLayerHandleVector Application::layers() const {
+    pxr::SdfLayerHandleVector layers;
+    for (const auto& [layer, edits] : layers_) layers.push_back(layer);
+    return layers;
+}
+
+Result<NamespaceRecord> Application::apply() const {
+    const auto content = std::make_shared<NamespaceRecord::Content>(layers_);
+    const pxr::SdfChangeBlock block;
+    pxr::TfErrorMark mark;
+    std::string refused;
+    for (const auto& [layer, edits] : layers_) {
+        if (!moveSpecs(layer, edits.moves))
+            refused = "@" + layer->GetIdentifier() + "@ refuses to move its specs";
+        for (const auto& edit : edits.fields)
+            if (layer->HasSpec(edit.path)) layer->SetField(edit.path, edit.field, edit.value);
+        if (!refused.empty() || !mark.IsClean()) break;
+    }
+    content->finish();
+    if (refused.empty() && mark.IsClean()) return NamespaceRecord(content);
+    if (!mark.IsClean()) refused += (refused.empty() ? "" : ": ") + mark.begin()->GetCommentary();
+    (void)NamespaceRecord(content).undo([](const SdfLayerHandle&) { return false; });
+    mark.Clear();
+    return fail(ErrorCode::InvalidEdit, refused);
+}
+
+}  // namespace usdlive::naming

@@ -1,0 +1,52 @@
+// Writes the plans of a batch into the layers, and keeps what is needed to take them back.
+#pragma once
+
+#include <pxr/usd/sdf/layer.h>
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "PathIndex.h"
+#include "Planner.h"
+#include "usdlive/client/usd/namespace/NamespaceEditor.h"
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive::naming {
+
+/// All changes of a batch, in the order of its edits, as they are made in the layers.
+class Application {
+public:
+    /// A field with a new value, its spec named as before and after all moves.
+    struct FieldEdit {
+        pxr::SdfPath before, path;
+        pxr::TfToken field;
+        pxr::VtValue oldValue, value;
+    };
+    struct LayerEdits {
+        PathMoves moves;
+        std::vector<FieldEdit> fields;
+    };
+    using Layers = std::map<pxr::SdfLayerRefPtr, LayerEdits>;
+
+    /// Finds all that is going to change; changes nothing.
+    Application(const std::vector<Plan>& plans, PathIndex& index);
+
+    /// Not empty: it must not be applied.
+    [[nodiscard]] const std::vector<std::string>& errors() const { return errors_; }
+    [[nodiscard]] pxr::SdfLayerHandleVector layers() const;
+    /// All of it within one change block. What Sdf refuses is an error, and nothing is changed.
+    [[nodiscard]] Result<NamespaceRecord> apply() const;
+
+private:
+    void collectPlan(const std::vector<Plan>& plans);
+    void collectPathFields(const std::vector<Plan>& plans, PathIndex& index);
+    void findPathFields(const pxr::SdfLayerRefPtr& layer, const PathMoves& objects,
+                        PathIndex& index);
+    void checkPermissions();
+
+    Layers layers_;
+    std::vector<std::string> errors_;
+};
+
+}  // namespace usdlive::naming

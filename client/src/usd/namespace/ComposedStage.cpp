@@ -1,0 +1,228 @@
+// The prims of a stage, from a PcpCache that follows its layers.
+#include "ComposedStage.h"
+
+#include <pxr/usd/ar/resolver.h>
+#include <pxr/usd/pcp/changes.h>
+#include <pxr/usd/pcp/node.h>
+#include <pxr/usd/sdf/listOp.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <ranges>
+
+namespace usdlive {
+
+using pxr::SdfPath;
+
+// As UsdStageLoadRules: the nearest rule above decides, and a prim is loaded with what is below it.
+bool StageView::isLoaded(const SdfPath& prim) const {
+    if (loadRules.empty()) return true;
+    for (SdfPath at = prim; !at.IsEmpty(); at = at.GetParentPath()) {
+        const auto rule = loadRules.find(at);
+        if (rule == loadRules.end()) continue;
+        if (rule->second == Load::All || (rule->second == Load::Only && at == prim)) return true;
+        break;
+    }
+    const bool hasRuleAbove = std::ranges::any_of(
+        loadRules, [&](const auto& rule) { return prim.HasPrefix(rule.first); });
+    return !hasRuleAbove || std::ranges::any_of(loadRules, [&](const auto& rule) {
+        return rule.second != Load::None && rule.first != prim && rule.first.HasPrefix(prim);
+    });
+}
+
+bool StageView::includes(const SdfPath& prim) const {
+    return mask.empty() || std::ranges::any_of(mask, [&](const SdfPath& path) {
+               return path.HasPrefix(prim) || prim.HasPrefix(path);
+           });
+}
+
+}  // namespace usdlive
+
+namespace usdlive::naming {
+
+using pxr::PcpPrimIndex;
+using pxr::SdfPath;
+
+namespace {
+
+pxr::ArResolverContext contextOfStage(const pxr::SdfLayerHandle& root) {
+    if (root->IsAnonymous()) return pxr::ArGetResolver().CreateDefaultContext();
+    return pxr::ArGetResolver().CreateDefaultContextForAsset(root->GetIdentifier());
+}
+
+// Calls `visit` with the layer and path of each opinion of `prim`, strong to weak, until it returns
+// true.
+template <class Visit>
+void visitOpinions(const PcpPrimIndex& prim, const Visit& visit) {
+    for (const auto& node : prim.GetNodeRange()) {
+        if (!node.CanContributeSpecs() || !node.HasSpecs()) continue;
+        for (const auto& layer : node.GetLayerStack()->GetLayers())
+            if (visit(layer, node.GetPath())) return;
+    }
+}
+
+}  // namespace
+
+ComposedStage::ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                             const StageView& view)
+    : ComposedStage(root, session, view, contextOfStage(root)) {}
+
+ComposedStage::ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                             const StageView& view, const pxr::ArResolverContext& context)
+    : root_(root), session_(session), view_(view), context_(context) {
+    makeCache();
+    changedKey_ = pxr::TfNotice::Register(pxr::TfCreateWeakPtr(this), &ComposedStage::onChanged);
+}
+
+ComposedStage::~ComposedStage() { pxr::TfNotice::Revoke(changedKey_); }
+
+void ComposedStage::makeCache() {
+    cache_ = std::make_unique<pxr::PcpCache>(
+        pxr::PcpLayerStackIdentifier(root_, session_, context_), "usd", true);
+    cache_->SetVariantFallbacks(view_.variantFallbacks);
+    cache_->RequestLayerMuting(view_.muted, {});
+    pxr::PcpErrorVector errors;
+    (void)cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
+    complete_ = false;
+    sources_.clear();
+    opened_.clear();
+}
+
+void ComposedStage::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice) {
+    if (std::this_thread::get_id() != thread_) {
+        stale_ = true;
+        return;
+    }
+    if (stale_) return;
+    pxr::PcpChanges changes;
+    changes.DidChange(cache_.get(), notice.GetChangeListVec());
+    if (changes.IsEmpty()) return;
+    complete_ = false;
+    changes.Apply();
+}
+
+pxr::PcpCache& ComposedStage::composed() {
+    if (stale_.exchange(false)) makeCache();
+    if (!complete_) compose();
+    return *cache_;
+}
+
+pxr::PcpLayerStackRefPtr ComposedStage::localLayers() {
+    return pxr::PcpLayerStackRefPtr(composed().GetLayerStack());
+}
+
+void ComposedStage::compose() {
+    // Both are called by several threads at once.
+    const auto children = [this](const PcpPrimIndex& prim, pxr::TfTokenVector* names) {
+        if (!isActive(prim)) return false;
+        if (prim.IsInstanceable() && !opened_.contains(prim.GetPath())) return false;
+        if (view_.mask.empty()) return true;
+        pxr::PcpTokenSet prohibited;
+        prim.ComputePrimChildNames(names, &prohibited);
+        std::erase_if(*names, [&](const pxr::TfToken& name) {
+            return !view_.includes(prim.GetPath().AppendChild(name));
+        });
+        return !names->empty();
+    };
+    const auto payloads = [this](const SdfPath& path) { return view_.isLoaded(path); };
+    pxr::SdfPathVector roots{SdfPath::AbsoluteRootPath()};
+    while (!roots.empty()) {
+        pxr::PcpErrorVector errors;
+        cache_->ComputePrimIndexesInParallel(roots, &errors, children, payloads);
+        roots = newSources();
+    }
+    complete_ = true;
+}
+
+// The instances whose children are to be composed next: of each prototype that has none yet, the
+// first one.
+pxr::SdfPathVector ComposedStage::newSources() {
+    std::unordered_map<pxr::PcpInstanceKey, SdfPath, pxr::PcpInstanceKey::Hash> first;
+    cache_->ForEachPrimIndex([&](const PcpPrimIndex& prim) {
+        if (!prim.IsInstanceable() || !isActive(prim)) return;
+        const auto [known, isNew] = first.emplace(pxr::PcpInstanceKey(prim), prim.GetPath());
+        const auto source = sources_.find(known->first);
+        if (source != sources_.end() && source->second == prim.GetPath())
+            known->second = prim.GetPath();
+        else if (!isNew && (source == sources_.end() || known->second != source->second))
+            known->second = std::min(known->second, prim.GetPath());
+    });
+    pxr::SdfPathVector fresh;
+    opened_.clear();
+    for (const auto& [key, path] : first) {
+        const auto source = sources_.find(key);
+        if (source == sources_.end() || source->second != path) fresh.push_back(path);
+        opened_.insert(path);
+    }
+    sources_ = std::move(first);
+    return fresh;
+}
+
+const PcpPrimIndex* ComposedStage::prim(const SdfPath& path) {
+    if (!path.IsAbsoluteRootOrPrimPath() || path.ContainsPrimVariantSelection()) return nullptr;
+    const auto& cache = composed();
+    const auto* index = cache.FindPrimIndex(SdfPath::AbsoluteRootPath());
+    SdfPath at = SdfPath::AbsoluteRootPath();
+    pxr::TfTokenVector names;
+    for (SdfPath up = path; up != at; up = up.GetParentPath()) names.push_back(up.GetNameToken());
+    for (const auto& name : std::views::reverse(names)) {
+        if (!index || !isActive(*index)) return nullptr;
+        if (index->IsInstanceable())
+            if (const auto source = sources_.find(pxr::PcpInstanceKey(*index));
+                source != sources_.end())
+                at = source->second;
+        at = at.AppendChild(name);
+        index = cache.FindPrimIndex(at);
+        if (!index || !index->IsValid() || !index->HasSpecs()) return nullptr;
+    }
+    return index;
+}
+
+bool ComposedStage::isInstance(const SdfPath& path) {
+    const auto* index = prim(path);
+    return index && isActive(*index) && index->IsInstanceable();
+}
+
+bool ComposedStage::isInstanceProxy(const SdfPath& path) {
+    for (SdfPath at = path.GetParentPath(); at.IsPrimPath(); at = at.GetParentPath())
+        if (isInstance(at)) return true;
+    return false;
+}
+
+bool ComposedStage::isActive(const PcpPrimIndex& prim) {
+    bool active = true;
+    visitOpinions(prim, [&](const auto& layer, const SdfPath& path) {
+        return layer->HasField(path, pxr::SdfFieldKeys->Active, &active);
+    });
+    return active;
+}
+
+bool ComposedStage::hasAuthoredProperty(const PcpPrimIndex& prim, const pxr::TfToken& name) {
+    bool found = false;
+    visitOpinions(prim, [&](const auto& layer, const SdfPath& path) {
+        return found = layer->HasSpec(path.AppendProperty(name));
+    });
+    return found;
+}
+
+pxr::TfToken ComposedStage::typeName(const PcpPrimIndex& prim) {
+    pxr::TfToken type;
+    visitOpinions(prim, [&](const auto& layer, const SdfPath& path) {
+        return layer->HasField(path, pxr::SdfFieldKeys->TypeName, &type) && !type.IsEmpty();
+    });
+    return type;
+}
+
+pxr::TfTokenVector ComposedStage::apiSchemas(const PcpPrimIndex& prim) {
+    static const pxr::TfToken field("apiSchemas");
+    std::vector<pxr::SdfTokenListOp> opinions;
+    visitOpinions(prim, [&](const auto& layer, const SdfPath& path) {
+        if (pxr::SdfTokenListOp op; layer->HasField(path, field, &op)) opinions.push_back(op);
+        return false;
+    });
+    pxr::TfTokenVector schemas;
+    for (const auto& op : std::views::reverse(opinions)) op.ApplyOperations(&schemas);
+    return schemas;
+}
+
+}  // namespace usdlive::naming

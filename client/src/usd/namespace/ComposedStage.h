@@ -1,0 +1,69 @@
+#pragma once
+
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/usd/ar/resolverContext.h>
+#include <pxr/usd/pcp/cache.h>
+#include <pxr/usd/pcp/instanceKey.h>
+#include <pxr/usd/pcp/layerStack.h>
+#include <pxr/usd/pcp/primIndex.h>
+#include <pxr/usd/sdf/notice.h>
+
+#include <atomic>
+#include <memory>
+#include <thread>
+#include <unordered_map>
+#include <unordered_set>
+
+#include "usdlive/client/usd/namespace/EditedStage.h"
+
+namespace usdlive::naming {
+
+/// The prims of a stage as UsdStage has them, composed by Pcp and kept up to date while the layers
+/// change. Of instances that share a prototype, the children of one alone are composed.
+class ComposedStage : public pxr::TfWeakBase {
+public:
+    ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                  const StageView& view);
+    /// Over copies of a stage's layers, with its context of paths.
+    ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                  const StageView& view, const pxr::ArResolverContext& context);
+    ~ComposedStage();
+    ComposedStage(const ComposedStage&) = delete;
+    ComposedStage& operator=(const ComposedStage&) = delete;
+
+    [[nodiscard]] const StageView& view() const { return view_; }
+    /// With all prims composed.
+    [[nodiscard]] pxr::PcpCache& composed();
+    [[nodiscard]] pxr::PcpLayerStackRefPtr localLayers();
+
+    /// The prim at `path`, also below an instance; null: there is none. Valid until layers change.
+    [[nodiscard]] const pxr::PcpPrimIndex* prim(const pxr::SdfPath& path);
+    [[nodiscard]] bool isInstance(const pxr::SdfPath& path);
+    [[nodiscard]] bool isInstanceProxy(const pxr::SdfPath& path);
+    [[nodiscard]] static bool isActive(const pxr::PcpPrimIndex& prim);
+    [[nodiscard]] static bool hasAuthoredProperty(const pxr::PcpPrimIndex& prim,
+                                                  const pxr::TfToken& name);
+    [[nodiscard]] static pxr::TfToken typeName(const pxr::PcpPrimIndex& prim);
+    [[nodiscard]] static pxr::TfTokenVector apiSchemas(const pxr::PcpPrimIndex& prim);
+
+private:
+    void compose();
+    void makeCache();
+    [[nodiscard]] pxr::SdfPathVector newSources();
+    void onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice);
+
+    const pxr::SdfLayerRefPtr root_, session_;
+    const StageView view_;
+    const pxr::ArResolverContext context_;
+    const std::thread::id thread_ = std::this_thread::get_id();
+    std::unique_ptr<pxr::PcpCache> cache_;
+    bool complete_ = false;
+    std::atomic<bool> stale_ = false;  // another thread has changed a layer
+    // Of each prototype the instance whose children are composed.
+    std::unordered_map<pxr::PcpInstanceKey, pxr::SdfPath, pxr::PcpInstanceKey::Hash> sources_;
+    std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> opened_;
+    pxr::TfNotice::Key changedKey_;
+};
+
+}  // namespace usdlive::naming

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/notice.h>
+#include <pxr/usd/sdf/pathTable.h>
+
+#include <atomic>
+#include <map>
+#include <memory>
+#include <set>
+#include <thread>
+#include <unordered_map>
+#include <vector>
+
+#include "PathValues.h"
+
+namespace usdlive::naming {
+
+/// Finds the specs of a layer whose fields lead to a path or below it. A layer is read once; later
+/// only the specs that change. May name specs too many, whose fields have changed since.
+class LayerPaths {
+public:
+    explicit LayerPaths(pxr::SdfLayerHandle layer) : layer_(std::move(layer)) {}
+
+    /// Called for each change of the layer.
+    void follow(const pxr::SdfChangeList& changes);
+    /// Reads the layer anew when it is next asked for.
+    void forget() { isRead_ = false; }
+    /// Reads the layer, if that is still to be done.
+    void read();
+    void specsWithPathsTo(const pxr::SdfPath& path, pxr::SdfPathSet& specs);
+
+private:
+    struct Entry {
+        pxr::SdfPath spec;
+        std::size_t moved;  // how many of moves_ the path already contains
+    };
+
+    void readBelow(const pxr::SdfPath& path);
+    void readSpec(const pxr::SdfPath& spec);
+
+    const pxr::SdfLayerHandle layer_;
+    bool isRead_ = false;
+    std::size_t entries_ = 0, entriesOfLayer_ = 0;
+    pxr::SdfPathTable<std::vector<Entry>> byTarget_;
+    PathMoves moves_;  // renames since the layer was read; entries keep the older paths
+};
+
+/// The LayerPaths of all layers that were asked for.
+class PathIndex : public pxr::TfWeakBase {
+public:
+    PathIndex();
+    ~PathIndex();
+    PathIndex(const PathIndex&) = delete;
+    PathIndex& operator=(const PathIndex&) = delete;
+
+    [[nodiscard]] LayerPaths& of(const pxr::SdfLayerHandle& layer);
+    /// Forgets all other layers.
+    void keepOnly(const std::set<pxr::SdfLayerHandle>& layers);
+
+private:
+    void onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice);
+
+    const std::thread::id thread_ = std::this_thread::get_id();
+    std::atomic<bool> stale_ = false;  // another thread has changed a layer
+    std::map<pxr::SdfLayerHandle, LayerPaths> layers_;
+    pxr::TfNotice::Key changedKey_;
+};
+
+}  // namespace usdlive::naming

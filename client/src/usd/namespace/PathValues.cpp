@@ -1,0 +1,122 @@
+#include "PathValues.h"
+
+#include <pxr/base/vt/array.h>
+#include <pxr/base/vt/dictionary.h>
+#include <pxr/base/vt/valueTransform.h>
+#include <pxr/usd/sdf/listOp.h>
+#include <pxr/usd/sdf/pathExpression.h>
+#include <pxr/usd/sdf/schema.h>
+#include <pxr/usd/sdf/types.h>
+
+#include <optional>
+
+namespace usdlive::naming {
+
+using pxr::SdfPath;
+using pxr::SdfPathExpression;
+using pxr::SdfPathListOp;
+using pxr::TfToken;
+using pxr::VtValue;
+
+namespace {
+
+struct Collect {
+    pxr::SdfPathSet& paths;
+};
+
+SdfPath movedPath(const SdfPath& path, const PathMove& move) {
+    return path.ReplacePrefix(move.from, move.to);
+}
+SdfPath collectPath(const SdfPath& path, const Collect& collect) {
+    collect.paths.insert(path);
+    return path;
+}
+
+SdfPathListOp movedList(const SdfPathListOp& list, const PathMove& move) {
+    SdfPathListOp moved = list;
+    moved.ModifyOperations([&](const SdfPath& path) -> std::optional<SdfPath> {
+        if (!path.HasPrefix(move.from)) return path;
+        if (move.to.IsEmpty()) return std::nullopt;
+        return movedPath(path, move);
+    });
+    return moved;
+}
+SdfPathListOp collectList(const SdfPathListOp& list, const Collect& collect) {
+    for (const auto type :
+         {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
+          pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered})
+        collect.paths.insert(list.GetItems(type).begin(), list.GetItems(type).end());
+    return list;
+}
+
+SdfPathExpression movedExpression(const SdfPathExpression& expression, const PathMove& move) {
+    return expression.ReplacePrefix(move.from, move.to);
+}
+SdfPathExpression collectExpression(const SdfPathExpression& expression, const Collect& collect) {
+    const auto add = [&](const SdfPath& path) {
+        if (!path.IsEmpty()) collect.paths.insert(path);
+    };
+    const auto logic = [](SdfPathExpression::Op, int) {};
+    const auto reference = [&](const SdfPathExpression::ExpressionReference& one) {
+        add(one.path);
+    };
+    const auto pattern = [&](const SdfPathExpression::PathPattern& one) { add(one.GetPrefix()); };
+    expression.Walk(logic, reference, pattern);
+    return expression;
+}
+
+// Vt itself goes through dictionaries and samples.
+void registerTransforms() {
+    [[maybe_unused]] static const bool registered = [] {
+        pxr::VtRegisterTransform(movedPath);
+        pxr::VtRegisterTransform(movedList);
+        pxr::VtRegisterTransform(movedExpression);
+        pxr::VtRegisterTransform(collectPath);
+        pxr::VtRegisterTransform(collectList);
+        pxr::VtRegisterTransform(collectExpression);
+        return true;
+    }();
+}
+
+bool isExpression(const pxr::SdfLayerHandle& layer, const SdfPath& attribute) {
+    TfToken type;
+    if (!layer->HasField(attribute, pxr::SdfFieldKeys->TypeName, &type)) return true;
+    const auto known = pxr::SdfSchema::GetInstance().FindType(type);
+    return !known || known.GetScalarType() == pxr::SdfValueTypeNames->PathExpression;
+}
+
+}  // namespace
+
+SdfPath followed(const PathMoves& moves, SdfPath path) {
+    for (const auto& [from, to] : moves)
+        if (path.HasPrefix(from)) {
+            if (to.IsEmpty()) return {};
+            path = path.ReplacePrefix(from, to);
+        }
+    return path;
+}
+
+VtValue movedValue(const VtValue& value, const PathMove& move) {
+    registerTransforms();
+    auto moved = pxr::VtValueTryTransform(value, move);
+    return moved == value ? VtValue() : moved;
+}
+
+bool collectPaths(const VtValue& value, pxr::SdfPathSet& paths) {
+    registerTransforms();
+    return !pxr::VtValueTryTransform(value, Collect{paths}).IsEmpty();
+}
+
+// Decided by types, so that no value has to be read from a file for it.
+bool canHavePaths(const pxr::SdfLayerHandle& layer, const SdfPath& spec, const TfToken& field) {
+    const auto& keys = pxr::SdfFieldKeys;
+    const auto& type = layer->GetFieldTypeid(spec, field);
+    if (type == typeid(SdfPathListOp))
+        return field != keys->InheritPaths && field != keys->Specializes;
+    if (type == typeid(pxr::SdfTimeSampleMap)) return isExpression(layer, spec);
+    return type == typeid(SdfPath) || type == typeid(SdfPathExpression) ||
+           type == typeid(pxr::VtDictionary) || type == typeid(pxr::VtArray<SdfPath>) ||
+           type == typeid(pxr::VtArray<SdfPathExpression>);
+}
+
+}  // namespace usdlive::naming

@@ -1,0 +1,250 @@
+"""Plays the same edits with Usd.NamespaceEditor and with ours, each on copies of its own, and compares verdicts,
+layers and composed stages."""
+
+import contextlib
+import os
+import pathlib
+import random
+import shutil
+import sys
+
+import namespace_scenes as scenes
+import usdlive
+from pxr import Sdf, Tf, Usd
+
+
+class Opened:
+    """A scene in a folder of its own, open as stages."""
+
+    def __init__(self, scene: scenes.Scene, folder: pathlib.Path):
+        shutil.rmtree(folder, ignore_errors=True)
+        scene.write(folder)
+        self.folder = folder
+        self.editors = []
+        self.layers = [Sdf.Layer.FindOrOpen(str(folder / name)) for name in scene.files]
+        load = Usd.Stage.LoadAll if scene.load else Usd.Stage.LoadNone
+        self.stage = Usd.Stage.Open(str(folder / scene.root), load)
+        if scene.session:
+            self.stage.GetSessionLayer().ImportFromString(scene.session)
+        self.dependents = [Usd.Stage.Open(str(folder / name)) for name in scene.dependents]
+
+    def editor(self, kind, options=None):
+        editor = kind(self.stage, options) if options else kind(self.stage)
+        for dependent in self.dependents:
+            editor.AddDependentStage(dependent)
+        self.editors.append(editor)  # Usd's closes its dependent stages when it goes
+        return editor
+
+    def neutral(self, text: str) -> str:
+        text = text.replace(str(self.folder), "")
+        return text.replace(self.stage.GetSessionLayer().identifier, "session")
+
+    def texts(self) -> list[str]:
+        """All layers as text."""
+        return [self.neutral(layer.ExportToString()) for layer in self.all_layers()]
+
+    def meant(self) -> list[str]:
+        """All fields of all layers, without overs in which nothing is."""
+        fields = []
+        for layer in self.all_layers():
+            copy = Sdf.Layer.CreateAnonymous(".usda")
+            copy.TransferContent(layer)
+            copy.RemoveInertSceneDescription()
+            fields += sorted(self.neutral(f"{layer.identifier} {path} {name} {value}")
+                             for (path, name), value in _fields(copy).items())
+        return fields
+
+    def all_layers(self) -> list[Sdf.Layer]:
+        return [*self.layers, self.stage.GetSessionLayer()]
+
+    def composed(self) -> list[str]:
+        """The prims of the stages, one a line. (Flattened stages differ by the numbers of their prototypes.)"""
+        lines = []
+        for stage in [self.stage, *self.dependents]:
+            lines.append(f"stage {stage.GetRootLayer().GetDisplayName()}")
+            for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
+                lines.append(f"{prim.GetPath()} {prim.GetSpecifier()} {prim.GetTypeName()} {prim.IsInstance()}")
+                for name in sorted(prim.GetAuthoredPropertyNames()):
+                    lines.append(f"    {_property(prim.GetProperty(name))}")
+        return lines
+
+
+def _property(one: Usd.Property) -> str:
+    if isinstance(one, Usd.Relationship):
+        return f"{one.GetName()} -> {one.GetTargets()}"
+    return f"{one.GetName()} = {one.Get()} <- {one.GetConnections()}"
+
+
+def open_scene(scene: scenes.Scene, folder: pathlib.Path) -> Opened | None:
+    """None: Usd itself fails on it."""
+    try:
+        return Opened(scene, folder)
+    except Tf.ErrorException:
+        return None
+
+
+@contextlib.contextmanager
+def quiet():
+    """Without USD's warnings on the terminal."""
+    sys.stderr.flush()
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)
+
+
+def play(opened: Opened, kind, edit) -> tuple[bool | None, str]:
+    """The verdict with its reason, after applying. None: Usd itself fails, which is no verdict."""
+    try:
+        editor = opened.editor(kind)
+        scenes.add(editor, edit)
+        result = editor.CanApplyEdits()
+        if not result:
+            return False, opened.neutral(result.whyNot)
+        return bool(editor.ApplyEdits()), ""
+    except Tf.ErrorException as error:
+        if "Invalid path" in str(error):
+            return False, "invalid path"
+        return None, str(error)
+    except Tf.CppException as error:  # of a property of a prim that is not there
+        return None, str(error)
+
+
+def _paths_of(value) -> list[Sdf.Path]:
+    if isinstance(value, Sdf.PathListOp):
+        return [path for items in (value.explicitItems, value.addedItems, value.prependedItems, value.appendedItems,
+                                   value.deletedItems, value.orderedItems) for path in items]
+    if isinstance(value, Sdf.PathExpression):
+        paths = []
+        value.Walk(lambda op, index: None, lambda reference: paths.append(reference.path),
+                   lambda pattern: paths.append(pattern.GetPrefix()))
+        return paths
+    return []
+
+
+def _fields(layer: Sdf.Layer) -> dict:
+    fields = {}
+
+    def visit(path):
+        spec = layer.GetObjectAtPath(path)
+        for name in spec.ListInfoKeys() if spec else []:
+            if name != "subLayerOffsets":
+                fields[path, name] = spec.GetInfo(name)
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, visit)
+    return fields
+
+
+def loses_the_relocate(theirs: Sdf.Layer, ours: Sdf.Layer, new: Sdf.Path) -> bool:
+    """Usd's editor loses a new relocate where others are below its source; ours has it besides."""
+    more = [relocate for relocate in ours.relocates if relocate not in theirs.relocates]
+    return (len(more) == 1 and more[0][1] == new
+            and [relocate for relocate in ours.relocates if relocate != more[0]] == list(theirs.relocates))
+
+
+def only_left_behind(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage]) -> bool:
+    """Do the layers differ in nothing but paths to what is no longer there, which theirs has left as they were?"""
+    layer, theirs, ours = theirs, _fields(theirs), _fields(ours)
+    if set(theirs) != set(ours):
+        return False
+    for key, value in theirs.items():
+        if value == ours[key] or key[1] == "layerRelocates":
+            continue
+        left = set(_paths_of(value)) - set(_paths_of(ours[key]))
+        own = [stage for stage in stages if stage.HasLocalLayer(layer)]
+        if not left or any(stage.GetObjectAtPath(path) for stage in own for path in left):
+            return False
+    return True
+
+
+class Comparison:
+    """What ours and Usd's editor made of one edit."""
+
+    def __init__(self, scene: scenes.Scene, edit, folder: pathlib.Path):
+        self.scene, self.edit = scene, edit
+        theirs, ours = Opened(scene, folder / "theirs"), Opened(scene, folder / "ours")
+        self.theirs = play(theirs, Usd.NamespaceEditor, edit)
+        self.ours = play(ours, usdlive.NamespaceEditor, edit)
+        differing = [(a, b) for a, b in zip(theirs.all_layers(), ours.all_layers())
+                     if theirs.neutral(a.ExportToString()) != ours.neutral(b.ExportToString())]
+        self.is_same = not differing
+        # Ours corrects paths in places that Usd's editor leaves as they are.
+        old, new = Sdf.Path(edit[1]), Sdf.Path(edit[2]) if edit[2] else Sdf.Path()
+        self.corrects_more = all(
+            only_left_behind(a, b, [theirs.stage, *theirs.dependents]) and
+            (list(a.relocates) == list(b.relocates) or loses_the_relocate(a, b, new)) for a, b in differing)
+        self.adds_relocate = any(list(a.relocates) != list(b.relocates) for a, b in differing)
+        self.is_moved = not ours.stage.GetObjectAtPath(old) and (not edit[2] or bool(ours.stage.GetObjectAtPath(new)))
+        self.texts, self.composed = [], []
+        if not self.corrects_more:
+            self.texts = list(zip(theirs.texts(), ours.texts()))
+            self.composed = list(zip(theirs.composed(), ours.composed()))
+
+    @property
+    def is_known(self) -> bool:
+        """Has Usd's editor a verdict?"""
+        return self.theirs[0] is not None
+
+    def difference(self) -> str:
+        """Empty: there is none."""
+        if not self.is_known:
+            return ""
+        if "which a relocate has moved out of it" in self.ours[1]:
+            return ""  # Usd's editor reports success, and the prim stays
+        if self.theirs != self.ours:
+            return f"verdict: {self.theirs} and ours {self.ours}"
+        if self.adds_relocate and not self.is_moved:
+            return "not moved"
+        if self.corrects_more:
+            return ""
+        return "composed" if any(a != b for a, b in self.composed) else "layers"
+
+
+def random_comparisons(seed: int, folder: pathlib.Path, edits: int = 4):
+    """Comparisons of random edits of one random scene. Some of them are of a stage that an earlier edit, by Usd's
+    editor, has given relocates."""
+    scene = scenes.random_scene(seed)
+    choice = random.Random(seed * 7919 + 1)
+    with quiet():
+        first = open_scene(scene, folder / f"seed{seed}")
+        if not first:
+            return
+        if choice.random() < 0.4:
+            for edit in scenes.random_edits(first.stage, choice, 3):
+                play(first, Usd.NamespaceEditor, edit)
+            scene.files = {name: first.layers[i].ExportToString() for i, name in enumerate(scene.files)}
+            scene.session = first.stage.GetSessionLayer().ExportToString() if scene.session else ""
+        for number, edit in enumerate(scenes.random_edits(first.stage, choice, edits)):
+            # Sdf knows layers by their paths: no folder is used twice.
+            if open_scene(scene, folder / f"trial{seed}-{number}"):
+                yield Comparison(scene, edit, folder / f"seed{seed}-{number}")
+
+
+if __name__ == "__main__":
+    import collections
+    import difflib
+    import tempfile
+
+    first, last = int(sys.argv[1]), int(sys.argv[2])
+    shown = int(sys.argv[3]) if len(sys.argv) > 3 else 3
+    counts = collections.Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(first, last):
+            for comparison in random_comparisons(seed, pathlib.Path(folder)):
+                difference = comparison.difference()
+                kind = "unknown" if not comparison.is_known else difference.split(":")[0] or (
+                    "more corrected" if not comparison.is_same else
+                    "same, applied" if comparison.ours[0] else "same, refused")
+                counts[kind] += 1
+                if difference and shown > 0:
+                    shown -= 1
+                    print(f"--- seed {seed}: {comparison.edit}: {difference}")
+                    for a, b in [] if difference.startswith("verdict") else comparison.texts:
+                        for line in list(difflib.unified_diff(a.splitlines(), b.splitlines(), "theirs", "ours", n=2,
+                                                         lineterm=""))[:40]:
+                            print("   ", line)
+    print(dict(counts))

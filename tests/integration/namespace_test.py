@@ -1,0 +1,527 @@
+"""`usdlive.NamespaceEditor` beside Usd.NamespaceEditor, and what it does that the other does not."""
+
+import os
+import random
+import threading
+
+import namespace_oracle as oracle
+import namespace_scenes as scenes
+import pytest
+import usdlive
+from conftest import cat
+from pxr import Sdf, Tf, Usd
+
+SEEDS = int(os.environ.get("USDLIVE_NAMESPACE_SEEDS", "50"))
+
+
+def stage_of(text: str) -> Usd.Stage:
+    layer = Sdf.Layer.CreateAnonymous("test.usda")
+    assert layer.ImportFromString(scenes.usda(text))
+    return Usd.Stage.Open(layer)
+
+
+def body(layer: Sdf.Layer) -> str:
+    return layer.ExportToString()
+
+
+# --- beside Usd.NamespaceEditor ---
+
+def test_random_edits_come_to_the_same(tmp_path):
+    """Verdicts with their reasons, always. Layers, but for one in a hundred: Usd takes one of several instances,
+    whichever it composes first, for the source of a prototype. USDLIVE_NAMESPACE_SEEDS plays more than 200 edits."""
+    compared = applied = 0
+    verdicts, layers = [], []
+    for seed in range(SEEDS):
+        for comparison in oracle.random_comparisons(seed, tmp_path):
+            compared += comparison.is_known
+            applied += bool(comparison.ours[0])
+            if difference := comparison.difference():
+                (verdicts if difference.startswith("verdict") else layers).append((seed, comparison.edit, difference))
+    assert not verdicts
+    assert len(layers) * 100 <= compared, layers
+    assert compared > 3 * SEEDS and applied > SEEDS
+
+
+HAND_MADE = {
+    "sublayers and all that leads there": scenes.Scene({
+        "root.usda": scenes.usda("""
+            over "World" { over "Chair" { double x = 2 } }
+            def "User" ( prepend references = </World/Chair> prepend inherits = </World/Class> ) {
+                rel r = [</World/Chair>, </World/Chair/Leg>, </World/Other>]
+                double y.connect = </World/Chair.x>
+                pathExpression e = "/World/Chair//* - /World/Chair/Leg"
+                uniform token[] xformOpOrder = ["/World/Chair"]
+            }""", 'subLayers = [@./sub.usda@]\ndefaultPrim = "World"'),
+        "sub.usda": scenes.usda("""
+            def "World" {
+                class "Class" { rel r = </World/Class> }
+                def "Chair" { double x = 1 def "Leg" {} }
+                def "Other" ( prepend specializes = </World/Chair> ) {}
+            }""")}, edits=[
+        ("move", "/World/Chair", "/World/Stool"), ("move", "/World/Chair", "/Chair"),
+        ("move", "/World/Chair", "/World/Other/Chair"), ("delete", "/World/Chair", ""),
+        ("move", "/World/Class", "/World/Base"), ("move", "/World", "/Earth"), ("delete", "/World", ""),
+        ("move", "/World/Chair.x", "/World/Chair.z"), ("move", "/World/Chair.x", "/World/Other.x"),
+        ("delete", "/World/Chair.x", ""), ("move", "/World/Chair/Leg", "/World/Chair/Foot"),
+        ("move", "/World/Chair", "/World/Other"), ("move", "/World/Chair", "/World/Chair"),
+        ("move", "/World/Chair", "/World/Chair/Leg/Chair"), ("move", "/World", "/World/World"),
+        ("move", "/World/Chair", "/Missing/Chair"), ("delete", "/Missing", ""), ("delete", "/World.none", ""),
+        ("move", "/World/Chair", "/World/1 bad"), ("move", "/", "/World2"), ("delete", "relative", "")]),
+    "arcs to another file": scenes.Scene({
+        "root.usda": scenes.usda("""
+            def "A" ( prepend references = @./asset.usda@</Asset> ) {
+                over "Part" { double x = 3 }
+                def "Own" {}
+            }
+            def "B" ( payload = @./asset.usda@</Asset> ) { rel r = </A/Part> }
+            def "C" ( inherits = </A> ) {}
+            def "D" ( prepend references = @./asset.usda@ instanceable = true ) { double own = 1 }
+            def "E" ( prepend references = @./asset.usda@ instanceable = true ) {}"""),
+        "asset.usda": scenes.usda("""
+            def "Asset" {
+                double p = 1
+                def "Part" { double x = 1 rel r = </Asset/Part/Deep> def "Deep" {} }
+                def "Second" {}
+            }""", 'defaultPrim = "Asset"')}, edits=[
+        ("move", "/A/Part", "/A/Piece"), ("move", "/A/Part", "/Part"), ("delete", "/A/Part", ""),
+        ("move", "/B/Part", "/B/Piece"), ("delete", "/B/Part/Deep", ""), ("move", "/A/Own", "/B/Own"),
+        ("move", "/A/Part", "/A/Second"), ("move", "/C/Part", "/C/Piece"), ("move", "/C/Own", "/C/New"),
+        ("move", "/A/Part/Deep", "/A/Deep"), ("move", "/A.p", "/A.q"), ("delete", "/A/Part.x", ""),
+        ("move", "/D/Part", "/D/Piece"), ("move", "/D", "/F"), ("move", "/D.own", "/D.mine"),
+        ("move", "/A/Own", "/D/Own"), ("move", "/A/Own", "/D/Part/Own"), ("delete", "/D", ""), ("move", "/A", "/Z"),
+        ("delete", "/__Prototype_1/Part", ""), ("move", "/A/Own", "/__Prototype_1/Own")]),
+    "relocates": scenes.Scene({
+        "root.usda": scenes.usda("""
+            def "A" ( prepend references = @./asset.usda@</Asset> ) {}
+            def "User" { rel r = [</A/Moved>, </A/Second>] }""",
+            "relocates = { </A/Part>: </A/Moved>, </A/Second>: <> }"),
+        "asset.usda": scenes.usda("""
+            def "Asset" { def "Part" { def "Deep" {} } def "Second" {} def "Third" {} }""")}, edits=[
+        ("move", "/A/Moved", "/A/Again"), ("move", "/A/Moved", "/A/Part"), ("delete", "/A/Moved", ""),
+        ("move", "/A/Third", "/A/Part"), ("move", "/A/Third", "/A/Second"), ("move", "/A/Moved/Deep", "/A/Deep"),
+        ("move", "/A/Third", "/A/Moved/Third"), ("move", "/A/Part", "/A/X"), ("move", "/A/Moved", "/Outside")]),
+    "variants": scenes.Scene({
+        "root.usda": scenes.usda("""
+            def "Set" ( variants = { string look = "a" } prepend variantSets = "look" ) {
+                def "Base" {}
+                variantSet "look" = {
+                    "a" { over "Base" { double x = 1 } def "Only" { rel r = [</Set/Base>, </Set/Only>] } double v = 1 }
+                    "b" { def "Other" {} }
+                }
+            }
+            def "User" { rel r = </Set/Only> }""")}, edits=[
+        ("move", "/Set/Base", "/Set/New"), ("move", "/Set/Only", "/Set/New"), ("delete", "/Set/Only", ""),
+        ("move", "/Set.v", "/Set.w"), ("move", "/Set", "/Group"), ("move", "/Set/Only", "/Only")]),
+    "schemas": scenes.Scene({
+        "root.usda": scenes.usda("""
+            def Sphere "Ball" ( prepend apiSchemas = ["CollectionAPI:lights", "MaterialBindingAPI"] ) {
+                double radius = 2
+                custom string own = "x"
+                rel material:binding = </Mat>
+                rel collection:lights:includes = </Mat>
+                uniform pathExpression collection:lights:membershipExpression = "/Mat//*"
+            }
+            def Material "Mat" {}
+            def Xform "Empty" {}""")}, edits=[
+        ("delete", "/Ball.radius", ""), ("delete", "/Ball.own", ""), ("move", "/Ball.own", "/Ball.radius"),
+        ("move", "/Ball.own", "/Empty.visibility"), ("delete", "/Ball.collection:lights:includes", ""),
+        ("move", "/Ball.material:binding", "/Empty.material:binding"), ("delete", "/Ball.extent", ""),
+        ("move", "/Mat", "/Looks"), ("delete", "/Mat", ""), ("move", "/Ball.own", "/Ball.a:b")]),
+    "a stage that depends on it": scenes.Scene({
+        "root.usda": scenes.usda("""
+            def "Model" { def "Part" { double x = 1 def "Deep" {} } def "Other" {} }"""),
+        "user.usda": scenes.usda("""
+            def "Shot" ( prepend references = @./root.usda@</Model> ) {
+                over "Part" { double x = 5 }
+                rel r = [</Shot/Part>, </Shot/Part/Deep>]
+            }
+            def "Direct" ( payload = @./root.usda@</Model/Part> ) {}""")}, dependents=("user.usda",), edits=[
+        ("move", "/Model/Part", "/Model/Piece"), ("delete", "/Model/Part", ""), ("move", "/Model/Part", "/Part"),
+        ("move", "/Model/Part/Deep", "/Model/Deep"), ("move", "/Model", "/Thing"), ("delete", "/Model", ""),
+        ("move", "/Model/Part.x", "/Model/Part.y"), ("delete", "/Model/Part.x", ""),
+        ("move", "/Model/Part.x", "/Model/Other.x")]),
+}
+
+
+@pytest.mark.parametrize("name", HAND_MADE)
+def test_edits_made_by_hand_come_to_the_same(tmp_path, name):
+    scene = HAND_MADE[name]
+    for number, edit in enumerate(scene.edits):
+        comparison = oracle.Comparison(scene, edit, tmp_path / str(number))
+        assert comparison.is_known or edit[1] == edit[2], comparison.theirs
+        assert not comparison.difference(), edit
+
+
+def test_two_edits_in_a_row_come_to_the_same(tmp_path):
+    """The second edit sees the composition that the first one has changed."""
+    for number, edits in enumerate([
+            [("move", "/A/Part", "/A/Piece"), ("move", "/A/Piece", "/A/Part")],
+            [("move", "/A/Part", "/A/Piece"), ("move", "/A/Piece/Deep", "/Deep")],
+            [("delete", "/A/Part", ""), ("move", "/A/Own", "/A/Part")],
+            [("move", "/A", "/Z"), ("move", "/Z/Part", "/Z/Own/Part")]]):
+        pair = [oracle.Opened(HAND_MADE["arcs to another file"], tmp_path / f"{number}{kind}") for kind in "ab"]
+        ours = usdlive.NamespaceEditor(pair[1].stage)
+        for edit in edits:
+            verdicts = []
+            for opened, editor in zip(pair, (Usd.NamespaceEditor(pair[0].stage), ours)):
+                scenes.add(editor, edit)
+                verdicts.append(editor.CanApplyEdits().whyNot)
+                if not verdicts[-1]:
+                    assert editor.ApplyEdits()
+                ours.ClearEdits()
+            assert verdicts[0] == verdicts[1]
+        assert pair[0].texts() == pair[1].texts()
+
+
+# --- more than Usd.NamespaceEditor ---
+
+def test_a_batch_comes_to_what_its_edits_do_one_by_one(tmp_path):
+    """Also for stages with arcs; and undo brings everything back."""
+    played = 0
+    for seed in range(max(12, SEEDS // 4)):
+        scene = scenes.random_scene(seed)
+        choice = random.Random(seed)
+        with oracle.quiet():
+            single, batch = (oracle.open_scene(scene, tmp_path / f"{seed}{kind}") for kind in "ab")
+            if not single or not batch:
+                continue
+            one, all_ = single.editor(usdlive.NamespaceEditor), batch.editor(usdlive.NamespaceEditor)
+            before = batch.texts()
+            for _ in range(4):
+                edit = scenes.random_edits(single.stage, choice, 1)[0]
+                scenes.add(one, edit)
+                if one.ApplyEdits():
+                    scenes.add(all_, edit)
+            if len(all_.GetEdits()) < 2:
+                continue
+            played += 1
+            assert all_.ApplyEdits(), f"seed {seed}: {all_.GetResult().whyNot}"
+            assert batch.meant() == single.meant(), f"seed {seed}"
+            assert all_.Undo() == []
+            assert batch.texts() == before, f"seed {seed}"
+    assert played > 5
+
+
+def test_a_batch_is_applied_as_a_whole_or_not_at_all():
+    stage = stage_of('def "A" {}\ndef "B" {}\n')
+    editor = usdlive.NamespaceEditor(stage)
+    before = body(stage.GetRootLayer())
+    assert editor.MovePrimAtPath("/A", "/C") and editor.MovePrimAtPath("/A", "/D")
+    result = editor.CanApplyEdits()
+    assert not result and result.errors == [result.whyNot] and result.warnings == []
+    assert result.whyNot == "Edit 2 of 2, </A> to </D>: The prim to edit is not a valid prim"
+    assert editor.ApplyEdits() is False and not editor.GetResult()
+    assert body(stage.GetRootLayer()) == before
+    assert editor.GetEdits() == [] and editor.CanApplyEdits().whyNot == "There are no valid edits to perform"
+
+
+def test_moves_of_a_batch_are_one_move():
+    stage = stage_of('def "A" { double x = 1 }\ndef "B" {}\ndef "User" { rel r = [</A.x>, </B>] }\n')
+    moves = []
+
+    def note(notice, sender):
+        moves.extend((str(path), str(stage.GetPrimAtPath(path))) for path in notice.GetResyncedPaths())
+
+    key = Tf.Notice.Register(Usd.Notice.ObjectsChanged, note, stage)
+    editor = usdlive.NamespaceEditor(stage)
+    editor.MovePrimAtPath("/A", "/T")
+    editor.MovePrimAtPath("/T", "/C")
+    assert editor.GetLayersToEdit() == [stage.GetRootLayer()]
+    assert editor.ApplyEdits()
+    key.Revoke()
+    assert {path for path, _ in moves} == {"/A", "/C"}
+    assert stage.GetRelationshipAtPath("/User.r").GetTargets() == [Sdf.Path("/C.x"), Sdf.Path("/B")]
+    for old, new in [("/C", "/T"), ("/B", "/C"), ("/T", "/B")]:
+        editor.MovePrimAtPath(old, new)
+    assert editor.ApplyEdits()
+    assert stage.GetRelationshipAtPath("/User.r").GetTargets() == [Sdf.Path("/B.x"), Sdf.Path("/C")]
+
+
+def test_a_new_relocate_keeps_those_below_it(tmp_path):
+    """Usd.NamespaceEditor loses the new one and says that it succeeded."""
+    scene = scenes.Scene({
+        "root.usda": scenes.usda('def "A" ( prepend references = @./asset.usda@</Asset> ) {}',
+                                 "relocates = { </A/Part/Deep>: </A/Part/Low> }"),
+        "asset.usda": scenes.usda('def "Asset" { def "Part" { def "Deep" {} def "Wide" {} } }')})
+    opened = oracle.Opened(scene, tmp_path / "ours")
+    editor = usdlive.NamespaceEditor(opened.stage)
+    editor.MovePrimAtPath("/A/Part", "/A/Piece")
+    assert editor.ApplyEdits()
+    paths = [str(prim.GetPath()) for prim in opened.stage.TraverseAll()]
+    assert paths == ["/A", "/A/Piece", "/A/Piece/Low", "/A/Piece/Wide"]
+
+
+@pytest.mark.parametrize("what", ["a target", "an arc", "a relocate"])
+def test_a_layer_that_cannot_be_edited_refuses_the_whole(tmp_path, what):
+    root = {"a target": 'over "U" { rel r = </M> }', "an arc": 'def "U" ( prepend references = </M> ) {}',
+            "a relocate": 'def "M2" ( prepend references = @./asset.usda@</Asset> ) {}'}[what]
+    scene = scenes.Scene({
+        "root.usda": scenes.usda(root, "subLayers = [@./sub.usda@]"), "sub.usda": scenes.usda('def "M" {}'),
+        "asset.usda": scenes.usda('def "Asset" { def "Part" {} }')})
+    opened = oracle.Opened(scene, tmp_path / "ours")
+    opened.stage.GetRootLayer().SetPermissionToEdit(False)
+    before = opened.texts()
+    editor = usdlive.NamespaceEditor(opened.stage)
+    old, new = ("/M2/Part", "/M2/Piece") if what == "a relocate" else ("/M", "/N")
+    editor.MovePrimAtPath(old, new)
+    result = editor.CanApplyEdits()
+    assert "root.usda@" in result.whyNot and "is not editable" in result.whyNot
+    assert editor.ApplyEdits() is False
+    assert opened.texts() == before
+
+
+def test_edits_within_variants():
+    text = ('def "Set" ( variants = { string look = "a" } prepend variantSets = "look" ) {\n'
+            '  variantSet "look" = { "a" { def "Chair" { double x = 1 } } "b" { def "Chair" { double x = 2 } } }\n}\n'
+            'def "User" { rel r = </Set/Chair> }\n')
+    stage = stage_of(text)
+    editor = usdlive.NamespaceEditor(stage, usdlive.NamespaceEditor.EditOptions(editVariants=True))
+    editor.RenamePrim(stage.GetPrimAtPath("/Set/Chair"), "Stool")
+    assert editor.ApplyEdits()
+    assert "relocates" not in body(stage.GetRootLayer())
+    assert stage.GetRelationshipAtPath("/User.r").GetTargets() == [Sdf.Path("/Set/Stool")]
+    for variant, value in (("a", 1), ("b", 2)):
+        stage.GetPrimAtPath("/Set").GetVariantSet("look").SetVariantSelection(variant)
+        assert stage.GetAttributeAtPath("/Set/Stool.x").Get() == value
+    assert editor.Undo() == []
+    assert stage.GetPrimAtPath("/Set/Chair")
+
+
+# --- the documentation of Usd.NamespaceEditor, by its snippets ---
+
+def run_snippet(code: str, **names) -> dict:
+    """With ours in the place of Usd.NamespaceEditor."""
+    class Ours:
+        Stage = Usd.Stage
+        NamespaceEditor = usdlive.NamespaceEditor
+
+    names["Usd"] = Ours
+    exec(compile(code, "snippet", "exec"), names)  # noqa: S102 - the text is the test's own
+    return names
+
+
+def test_the_snippets_of_the_documentation(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scenes.Scene({
+        "model.usda": '#usda 1.0\n(\n)\ndef Scope "modelScope" (\n)\n{\ndef "model1" (\n)\n{\n'
+                      'custom string department = "department A"\n}\n}\n',
+        "main.usda": '#usda 1.0\n(\nsubLayers = [\n@model.usda@\n]\n)\nover "modelScope" ()\n{\nover "model1" ()\n{\n'
+                     'custom string department = "department N"\n}\n}\n'}).write(tmp_path)
+    names = run_snippet('stage = Usd.Stage.Open("main.usda")\neditor = Usd.NamespaceEditor(stage)\n'
+                        'removeResult = editor.DeletePrimAtPath("/modelScope/model1")\neditor.ApplyEdits()\n')
+    assert names["removeResult"] and not names["stage"].GetPrimAtPath("/modelScope/model1")
+    assert "model1" not in "".join(layer.ExportToString() for layer in names["stage"].GetLayerStack())
+
+    # "Relocates will be available in a future update."
+    scenes.Scene({
+        "refModel.usda": '#usda 1.0\ndef "modelA" ()\n{\ndef "modelAChild" ()\n{\n}\n}\n',
+        "main2.usda": '#usda 1.0\ndef "mainModelA" (\nprepend references = @refModel.usda@</modelA>\n)\n{\n}\n'
+    }).write(tmp_path)
+    names = run_snippet('stage = Usd.Stage.Open("main2.usda")\neditor = Usd.NamespaceEditor(stage)\n'
+                        'removeResult = editor.MovePrimAtPath("/mainModelA/modelAChild", "/mainModelA/renamedChild")\n'
+                        'editor.ApplyEdits()\n')
+    assert [str(prim.GetPath()) for prim in names["stage"].Traverse()] == ["/mainModelA", "/mainModelA/renamedChild"]
+
+    scenes.Scene({"big.usda": scenes.usda("""
+        def "asset" { def "child1" {} def "Material1" {} def "charA" {} }
+        def "Materials" {}
+        def "model" { def "charA" { custom int customProperty = 1\ncustom int extraProperty = 2 } def "extraChar" {} }
+        def "deprecated" { def "deprecatedChar" {} }
+        def "oldAssets" { def "deprecated" { def "protoModel" {} } def "reviewed" {} }
+        def "currentAssets" { def "model1" {} }
+        def "groupA" { custom rel charA = </asset/charA> }
+        def Sphere "testSphere" { custom string customProp = "custom property"\ndouble radius = 2 }""")}).write(tmp_path)
+    names = run_snippet("""
+stage = Usd.Stage.Open("big.usda")
+editor = Usd.NamespaceEditor(stage)
+# Delete a prim at a specific path
+editor.DeletePrimAtPath("/asset/child1")
+editor.ApplyEdits()
+# Delete a UsdProperty
+property = stage.GetPropertyAtPath("/model/charA.customProperty")
+editor.DeleteProperty(property)
+editor.ApplyEdits()
+editor.MovePrimAtPath("/asset/Material1","/Materials/Material1")
+editor.ApplyEdits()
+editor.MovePropertyAtPath("/model/charA.extraProperty", "/model/charA.deprecatedProperty")
+editor.ApplyEdits()
+# Renames "/model/extraChar" to "/model/deprecatedChar"
+renamedPrim = stage.GetPrimAtPath("/model/extraChar")
+editor.RenamePrim(renamedPrim, "deprecatedChar")
+editor.ApplyEdits()
+reparentedProp = stage.GetPropertyAtPath("/model/charA.deprecatedProperty")
+newParentPrim = stage.GetPrimAtPath("/deprecated/deprecatedChar")
+editor.ReparentProperty(reparentedProp, newParentPrim, "deprecatedProperty")
+editor.ApplyEdits()
+editor.MovePrimAtPath("/asset/charA","/oldAssets/reviewed/charA")
+editor.ApplyEdits()
+# Start a batch of edits to remove deprecated assets and mark other
+# assets as now deprecated
+editor.DeletePrimAtPath("/oldAssets/deprecated/protoModel")
+editor.MovePrimAtPath("/currentAssets/model1", "/oldAssets/model1")
+batchApplyResult = editor.ApplyEdits() # Apply this batch of edits
+editor.DeletePrimAtPath("/primDoesNotExist")
+# Check first if we can delete /primDoesNotExist
+canApplyResult = editor.CanApplyEdits()
+if canApplyResult:
+    editor.ApplyEdits()
+else:
+    # Handle error, using canApplyResult.whyNot as needed, etc.
+    whyNot = canApplyResult.whyNot
+refused = editor.ApplyEdits()
+editor.DeletePropertyAtPath("/testSphere/customProp") # This is allowed
+allowed = editor.ApplyEdits()
+editor.DeletePropertyAtPath("/testSphere/radius") # This is not allowed and will cause an error
+notAllowed = editor.ApplyEdits()
+""")
+    assert [str(prim.GetPath()) for prim in names["stage"].Traverse()] == [
+        "/asset", "/Materials", "/Materials/Material1", "/model", "/model/charA", "/model/deprecatedChar",
+        "/deprecated", "/deprecated/deprecatedChar", "/oldAssets", "/oldAssets/deprecated", "/oldAssets/reviewed",
+        "/oldAssets/reviewed/charA", "/oldAssets/model1", "/currentAssets", "/groupA", "/testSphere"]
+    assert names["batchApplyResult"] and names["whyNot"] == "The prim to edit is not a valid prim"
+    assert names["refused"] is False and names["allowed"] is True and names["notAllowed"] is False
+    assert names["stage"].GetRelationshipAtPath("/groupA.charA").GetTargets() == [Sdf.Path("/oldAssets/reviewed/charA")]
+    assert names["stage"].GetPropertyAtPath("/deprecated/deprecatedChar.deprecatedProperty").Get() == 2
+
+
+# --- bad input ---
+
+def test_mistakes_are_errors_and_no_crash():
+    stage = stage_of('def "A" {}\ndef "B" {}\n')
+    editor = usdlive.NamespaceEditor(stage)
+    with pytest.raises(TypeError):
+        usdlive.NamespaceEditor(None)
+    with pytest.raises(TypeError):
+        editor.DeletePrimAtPath(None)
+    with pytest.raises(TypeError):
+        editor.RenamePrim(stage.GetPrimAtPath("/A"), None)
+    with pytest.raises(usdlive.Error):
+        editor.DeletePrim(Usd.Prim())
+    with pytest.raises(usdlive.Error):
+        editor.DeletePrim(stage_of('def "A" {}\n').GetPrimAtPath("/A"))
+    for bad in ("", "A", "/", "/A.x", "/A{v=a}B", "/a b", "//", "/\udcff", "/" + "x/" * 20):
+        with pytest.raises((Tf.ErrorException, UnicodeEncodeError)):
+            editor.DeletePrimAtPath(bad)
+        assert not editor.CanApplyEdits()
+        editor.ClearEdits()
+    caught = []
+
+    def elsewhere():
+        try:
+            editor.CanApplyEdits()
+        except usdlive.Error as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert len(caught) == 1 and "thread" in str(caught[0])
+    editor.MovePrimAtPath("/A", "/C")
+    assert editor.ApplyEdits() and not editor.ApplyEdits()
+
+
+def test_a_very_deep_path_is_refused():
+    stage = stage_of('def "A" {}\n')
+    editor = usdlive.NamespaceEditor(stage)
+    deep = "/A" + "/B" * 20_000
+    editor.DeletePrimAtPath(deep)
+    assert editor.CanApplyEdits().whyNot == "The prim to edit is not a valid prim"
+    editor.ClearEdits()
+    editor.MovePrimAtPath("/A", deep)
+    assert not editor.CanApplyEdits()
+
+
+def test_a_stage_with_broken_arcs_and_cycles_can_be_edited(tmp_path):
+    scene = scenes.Scene({"root.usda": scenes.usda("""
+        def "A" ( prepend references = </A/B> ) { def "B" ( prepend inherits = </A> ) {} }
+        def "C" ( prepend references = [@./missing.usda@, </Nowhere>] ) { def "D" {} }
+        def "U" { rel r = </C/D> }""", "subLayers = [@./gone.usda@, @./root.usda@]")})
+    with oracle.quiet():
+        opened = oracle.Opened(scene, tmp_path / "ours")
+        editor = usdlive.NamespaceEditor(opened.stage)
+        editor.MovePrimAtPath("/C/D", "/C/E")
+        editor.MovePrimAtPath("/C", "/F")
+        assert editor.ApplyEdits(), editor.GetResult().whyNot
+        assert opened.stage.GetRelationshipAtPath("/U.r").GetTargets() == [Sdf.Path("/F/E")]
+        editor.MovePrimAtPath("/A/B", "/A/X")
+        editor.CanApplyEdits()  # whatever it says
+
+
+# --- several editors of a live project ---
+
+ROOT = """#usda 1.0
+(
+    subLayers = [@./sub.usda@]
+)
+
+def "World"
+{
+    def "Chair"
+    {
+        double x = 1
+    }
+    def "Table"
+    {
+        rel near = </World/Chair>
+    }
+}
+"""
+SUB = '#usda 1.0\n\nover "World"\n{\n    over "Chair"\n    {\n        double y = 1\n    }\n}\n'
+EDIT = "import usdlive\ne = usdlive.NamespaceEditor(stage)\n"
+
+
+@pytest.fixture
+def two(project, serve, editor):
+    (project / "root.usda").write_text(ROOT)
+    (project / "sub.usda").write_text(SUB)
+    server = serve(project)
+    return server, editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
+
+
+def settle(server, *editors):
+    revision = max(one.flush() for one in editors)
+    for one in editors:
+        one.catch_up(revision)
+    for name in ("root.usda", "sub.usda"):
+        assert len({one.text(name) for one in editors} | {cat(server, name)}) == 1
+    return cat(server, "root.usda"), cat(server, "sub.usda")
+
+
+def test_a_batch_is_one_transaction_over_all_layers(two):
+    server, ada, bo = two
+    before = ada.flush()
+    ada.run(EDIT + "e.MovePrimAtPath('/World/Chair', '/World/Stool')\n"
+            "e.MovePrimAtPath('/World/Stool', '/World/Table/Stool')\nassert e.ApplyEdits()")
+    assert ada.flush() == before + 1
+    root, sub = settle(server, ada, bo)
+    assert "</World/Table/Stool>" in root and '"Chair"' not in root and '"Chair"' not in sub and "y = 1" in sub
+    ada.run("assert e.Undo() == []")
+    assert ada.flush() == before + 2
+    root, sub = settle(server, ada, bo)
+    assert "</World/Chair>" in root and '"Stool"' not in root + sub and "y = 1" in sub
+
+
+def test_edits_that_did_not_know_of_a_batch_arrive_at_the_new_paths(two):
+    server, ada, bo = two
+    ada.run(EDIT + "e.MovePrimAtPath('/World/Chair', '/World/Stool')\ne.MovePrimAtPath('/World/Table', '/World/Desk')\n"
+            "assert e.ApplyEdits()")
+    bo.run("stage.GetPrimAtPath('/World/Chair').GetAttribute('x').Set(5.0)")
+    ada.flush()
+    root, _ = settle(server, ada, bo)
+    assert '"Stool"' in root and "x = 5" in root and '"Desk"' in root and "</World/Stool>" in root
+
+
+@pytest.mark.parametrize("ours, theirs", [
+    (["e.MovePrimAtPath('/World/Chair', '/World/Stool')"], ["e.MovePrimAtPath('/World/Chair', '/World/Seat')"]),
+    (["e.MovePrimAtPath('/World/Chair', '/World/Stool')"], ["e.DeletePrimAtPath('/World/Chair')"]),
+    (["e.DeletePrimAtPath('/World/Chair')"], ["e.MovePrimAtPath('/World/Table', '/World/Chair/Table')"]),
+    (["e.MovePrimAtPath('/World/Chair', '/World/T')", "e.MovePrimAtPath('/World/Table', '/World/Chair')",
+      "e.MovePrimAtPath('/World/T', '/World/Table')"],
+     ["e.MovePrimAtPath('/World/Table', '/World/Chair/Table')", "e.MovePrimAtPath('/World/Chair', '/Chair')"]),
+], ids=["rename, rename", "rename, delete", "delete, reparent", "batch, batch"])
+def test_editors_who_did_not_know_of_each_other_end_with_the_same(two, ours, theirs):
+    server, ada, bo = two
+    for one, edits in ((ada, ours), (bo, theirs)):
+        one.run(EDIT + "\n".join(edits) + "\nassert e.ApplyEdits(), e.GetResult().whyNot")
+    ada.flush()
+    settle(server, ada, bo)
