@@ -134,6 +134,25 @@ def test_parts_include_in_one_direction():
     assert not offences, listed(offences)
 
 
+# The inside of server/project, each folder with those before it.
+PROJECT = ["lines", "sessions", "layers", "access", "stream", "clients", "files", "upkeep"]
+
+
+def test_parts_of_a_project_include_in_one_direction():
+    """A part refers to the parts below it, and to none of those above or to the whole."""
+    inside = ROOT / "server" / "src" / "project"
+    assert sorted(path.name for path in inside.iterdir() if path.is_dir()) == sorted(PROJECT)
+    offences = []
+    for path in sorted(inside.glob("*/*")):
+        allowed = {"Wiring.h", "SharedFrame.h"}
+        below = PROJECT[: PROJECT.index(path.parent.name) + 1]
+        for include in re.findall(r'#include "([^"]+)"', path.read_text(encoding="utf-8")):
+            folder = include.split("/")[0]
+            if folder != "usdlive" and include not in allowed and folder not in below:
+                offences.append(f"{path.relative_to(ROOT)} includes {include}")
+    assert not offences, "\n".join(offences)
+
+
 def test_every_part_has_a_rule():
     known = tuple(ALLOWED)
     unknown = {

@@ -16,75 +16,111 @@ static void digest(Digest& out, const CheckingResume& part) {
     const auto& [hello, waiting, waitingBytes] = part;
     out(encodeControl(hello), waiting, waitingBytes);
 }
-static void digest(Digest& out, const SendingLog& part) {
-    const auto& [request, next, to] = part;
-    out(request, next, to);
-}
-static void digest(Digest& out, const RequestLog& part) { out(encodeControl(part)); }
-static void digest(Digest& out, const OpenLayer& part) { out(encodeControl(part)); }
-static void digest(Digest& out, const Read& part) {
-    const auto& [purpose, from, to, sequence] = part;
-    out(purpose, from, to, sequence);
-}
-static void digest(Digest& out, const QueuedTransaction& part) {
-    const auto& [transaction, bytes, lookedUp, soughtBlobs] = part;
-    out(transaction, bytes, lookedUp);
-}
-static void digest(Digest& out, const Answer& part) {
-    const auto& [after, frame, repeats, closing] = part;
-    out(after, frame, repeats, closing);
-}
-static void digest(Digest& out, const LayersSaved::Failure& part) { out(part.layer, part.code); }
-static void digest(Digest& out, const server::Session& part) {
-    const auto& [id, phase, client, user, application, features, open, presence, heard, heardMs,
-                 shown, uploads, greeted, greetedAt, position, ahead, opened, stream, logs, reads,
-                 transactions, transactionBytes, coming, sending, answers, historyReads,
-                 blobRequests, failedSaves] = part;
-    // All clients have the same features, nobody sends presences, and nothing is large enough for
-    // parts.
-    out(id, phase, client, user, open, greetedAt, position, opened, stream, logs, reads,
-        transactions, transactionBytes, answers, historyReads, failedSaves);
-}
-static void digest(Digest& out, const Author& part) {
-    const auto& [creations, inFlight, newest, committed, isRead] = part;
-    // The store knows the committed numbers.
-    out(creations, inFlight, newest, committed.has_value(), isRead);
-}
-static void digest(Digest& out, const WaitingOpen& part) {
-    const auto& [session, request] = part;
-    out(session, request);
-}
 static void digest(Digest& out, const Subject& part) { out(part.user, part.isAdministrator); }
-static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
-static void digest(Digest& out, const LayerEntry& part) {
-    // The time of a snapshot has no effect that a client can observe.
-    const auto& [state, opens, changed, replayCost, snapshotBytes, takesSnapshot, snapshotMs, saved,
-                 unsaved, file, told, lock, idle] = part;
-    out(state, opens, changed, saved.revision, unsaved,
-        encodeControl(LayerStates{{told}}));  // no files here
+static void digest(Digest& out, const server::Session& part) {
+    const auto& [id, phase, client, subject, application, features, open, wasGreeted] = part;
+    // Features are the same for all.
+    out(id, phase, client, subject, open);
 }
-static void digest(Digest& out, const ReadyOpen& part) {
-    const auto& [open, layer, doc, revision] = part;
-    out(open, layer, doc, revision);
-}
-static void digest(Digest& out, const InFlightCommit& part) {
-    const auto& [revision, broadcast, hash, id, session, gesture, edits, dropped, user, layers,
-                 layerData, blobs, imported, reloaded, mark] = part;
-    out(revision, hash, id, session, gesture, layers, imported, mark);  // the rest follows
+static void digest(Digest& out, const StoreCondition& part) { out(part.closed); }
+
+// What a line of history and its layers hold.
+static void digest(Digest& out, const OrderedCommit& part) {
+    const auto& [revision, broadcast, hash, id, user, gesture, edits, dropped, frameBytes, layers,
+                 layerData, blobs, imported, mark] = part;
+    out(revision, hash, id, gesture, layers, imported, mark);  // the others follow
 }
 static void digest(Digest& out, const NamespaceHistory& part) {
     out(part.log_, part.revisions_, part.end_);
 }
+static void digest(Digest& out, const HistoryLine& part) {
+    out(part.docs_, part.namespaces_, part.epoch_, part.executed_, part.executedHash_,
+        part.inFlight_, part.durable_, part.durableHash_);
+}
+static void digest(Digest& out, const LoadFailed& part) { out(part.error); }
+static void digest(Digest& out, const LayerTable::Entry& part) {
+    const auto& [loading, changed] = part;
+    out(loading, changed);
+}
+static void digest(Digest& out, const LayerTable& part) { out(part.layers_); }
+static void digest(Digest& out, const FileStates::Entry& part) {
+    const auto& [saved, unsaved, present, looked, missing, outdated] = part;
+    out(saved.revision, unsaved);  // no files here
+}
+static void digest(Digest& out, const FileStates& part) { out(part.entries_); }
+static void digest(Digest& out, const LayerState& part) { out(encodeControl(LayerStates{{part}})); }
+static void digest(Digest& out, const StateBoard& part) { out(part.sent_); }
+
+// What sessions are sent, and what they have submitted.
+static void digest(Digest& out, const RequestLog& part) { out(encodeControl(part)); }
+static void digest(Digest& out, const CommitRead& part) {
+    const auto& [purpose, from, to, sequence] = part;
+    out(purpose, from, to, sequence);
+}
+static void digest(Digest& out, const CommitReads& part) { out(part.reads_); }
+static void digest(Digest& out, const SendingLog& part) {
+    const auto& [request, next, to] = part;
+    out(request, next, to);
+}
+static void digest(Digest& out, const Answer& part) {
+    const auto& [after, frame, repeats, closes] = part;
+    out(after, frame, repeats, closes);
+}
+static void digest(Digest& out, const Answers& part) { out(part.waiting_); }
 static void digest(Digest& out, const RecentCommits& part) {
     // From the oldest entry on, they equal those of the log.
     out(part.entries_.size(), part.entries_.empty() ? Revision(0) : part.entries_.front().revision);
 }
+static void digest(Digest& out, const Catchup::Stream& part) {
+    const auto& [id, client, conflates, readsParts, isClosing, state, greetedAt, position, isAhead,
+                 opened, logs, sending, answers] = part;
+    // Nothing is so large that it goes in parts.
+    out(isClosing, state, greetedAt, position, opened, logs, answers);
+}
+static void digest(Digest& out, const Catchup& part) { out(part.recent_, part.streams_); }
+static void digest(Digest& out, const Openings::Request& part) {
+    const auto& [session, request] = part;
+    out(session, request);
+}
+static void digest(Digest& out, const Openings::Snapshot& part) {
+    const auto& [request, layer, doc, revision] = part;
+    out(request, layer, doc, revision);
+}
+static void digest(Digest& out, const Openings& part) {
+    out(part.waiting_, part.pending_);  // no client opens a layer as it was
+}
+static void digest(Digest& out, const Author& part) {
+    const auto& [creations, inFlight, newest, committed, isBeingRead] = part;
+    // The store says which are committed.
+    out(creations, inFlight, newest, committed.has_value(), isBeingRead);
+}
+static void digest(Digest& out, const Authors& part) { out(part.authors_); }
+static void digest(Digest& out, const QueuedTransaction& part) {
+    const auto& [transaction, bytes, lookedUp, soughtBlobs] = part;
+    out(transaction, bytes, lookedUp);
+}
+static void digest(Digest& out, const Submissions::Queue& part) {
+    const auto& [transactions, bytes] = part;
+    out(transactions, bytes);
+}
+static void digest(Digest& out, const LostSubmission& part) {
+    const auto& [revision, sequence, session] = part;
+    out(revision, sequence, session);
+}
+static void digest(Digest& out, const Submissions& part) {
+    // A session that has submitted nothing is like one whose transactions are all ordered.
+    std::map<SessionId, Submissions::Queue> queues = part.queues_;
+    std::erase_if(queues, [](const auto& one) { return one.second.transactions.empty(); });
+    out(queues, part.inFlight_);
+}
 
-// Left out: counters, and parts that the model does not use (previews, saves).
+// Left out are parts without a state that decides what comes, and what no client of the model uses:
+// previews, presence, big values, saves, reloads, checkpoints and compaction. When a snapshot is
+// taken makes no difference.
 static void digest(Digest& out, const Project::Impl& part) {
-    out(part.epoch_, part.sessions_, part.authors_, part.docs_, part.layers_, part.history_,
-        part.executed_, part.executedHash_, part.inFlight_, part.storeClosed_, part.durable_,
-        part.durableHash_, part.recent_, part.readyOpens_, part.suspects_);
+    out(part.store_, part.line_, part.sessions_.sessions_, part.suspects_, part.layers_,
+        part.fileStates_, part.states_, part.reads_, part.catchup_, part.openings_, part.authors_,
+        part.submissions_);
 }
 
 void digest(Digest& out, const ModelServer::ReadCommits& part) {
@@ -213,7 +249,9 @@ ModelServer::ModelServer(const ModelServer& other)
       reported_(other.reported_),
       jobs_(other.jobs_),
       host_(other.host_),
-      project_(std::make_unique<Project::Impl>(*other.project_)) {}
+      project_(newProject({})) {
+    *project_ = *other.project_;
+}
 
 ModelServer::~ModelServer() = default;
 
@@ -228,12 +266,20 @@ void ModelServer::start() {
     appends_.clear();
     reported_ = 0;
     jobs_.clear();
+    project_ = newProject(*readState(store(), options()));
+}
+
+Project::Options ModelServer::options() const {
     Project::Options options;
     options.name = "model";
     if (scenario_.readsBack) options.recentCommitBytes = 0;
     if (scenario_.forgetful) options.namespaceLogRevisions = 1;
-    project_ = std::make_unique<Project::Impl>(
-        options, host_->ports(), *readState(store(), options), std::vector{LayerFile{kLayer}});
+    return options;
+}
+
+std::unique_ptr<Project::Impl> ModelServer::newProject(StoreState state) const {
+    return std::make_unique<Project::Impl>(options(), host_->ports(), std::move(state),
+                                           std::vector{LayerFile{kLayer}});
 }
 
 std::vector<Output> ModelServer::apply(Input input) {
@@ -281,7 +327,7 @@ void ModelServer::digest(Digest& out) const {
 
 ModelServer::Summary ModelServer::summary() const {
     const History& history = archive_.of(store());
-    const LayerDoc* loaded = project_->layer(kLayer);
+    const LayerDoc* loaded = project_->line_.doc(kLayer);
     return {&history, appends_.size() - reported_, jobs_.size(),
             !loaded || sha256(asBytes(loaded->dump())) == history.contents.back()};
 }
@@ -293,12 +339,13 @@ void ModelServer::flush(std::size_t commits) {
     if (early) {
         write(reported_);
         reported_ = commits;
-        return project_->appended(appends_[reported_ - 1].revision);
+        return project_->line_.appended(appends_[reported_ - 1].revision);
     }
     write(commits);
-    project_->appended(store().head().revision);
+    project_->line_.appended(store().head().revision);
     if (scenario_.flaw != Flaw::Forgets) return;
-    for (auto& [client, author] : project_->authors_) author.committed.emplace(ClientRecord{});
+    for (auto& [client, author] : project_->authors_.authors_)
+        author.committed.emplace(ClientRecord{});
 }
 
 void ModelServer::write(std::size_t commits) {
@@ -323,7 +370,7 @@ void ModelServer::diskFails(std::size_t written) {
     write(written);
     appends_.clear();
     disk().failed = true;
-    project_->storeClosed();
+    project_->store_.closed = true;
     jobs_.push_back(OpenStoreAnew{});
 }
 
@@ -336,9 +383,9 @@ void ModelServer::answer(std::size_t index) {
 }
 
 void ModelServer::done(const LoadLayer&) {
-    if (disk_->failed) return project_->layerLoaded(kLayer, kClosed);
+    if (disk_->failed) return project_->layers_.layerLoaded(kLayer, kClosed);
     const auto stored = disk_->store().loadLayer(kLayer);
-    project_->layerLoaded(
+    project_->layers_.layerLoaded(
         kLayer, *stored ? LoadedLayer{**stored}
                         : LoadedLayer{startingLayer(), *makeImport(kLayer, startingLayer())});
 }

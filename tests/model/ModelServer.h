@@ -75,6 +75,8 @@ private:
     [[nodiscard]] const server::CommitStore& store() const { return disk_->store(); }
     simulation::SimDisk& disk();
     void start();
+    [[nodiscard]] server::Project::Options options() const;
+    [[nodiscard]] std::unique_ptr<server::Project::Impl> newProject(server::StoreState state) const;
     void flush(std::size_t commits);
     void write(std::size_t commits);
     void diskFull();

@@ -1,3 +1,4 @@
+// Decodes stored commits and executes them again.
 #include "usdlive/server/project/CommitContent.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Reads the history for the big values that it names.
 #include "usdlive/server/project/NamedBlobs.h"
 
 #include <algorithm>
@@ -17,8 +18,7 @@ Result<bool> NamedBlobs::read(const CommitStore& store, std::size_t mostBytes) {
     return layers_.empty() && base_ == store.base() && upTo_ == store.head().revision;
 }
 
-/// What was named only by commits that are not there any more is named no longer, unless a layer
-/// held it at the base.
+/// Forgets values that were named only by replaced commits, unless a layer held them at the base.
 Result<void> NamedBlobs::begin(const CommitStore& store, const CommitStore::Base& base) {
     auto layers = store.layers();
     if (!layers) return tl::unexpected(layers.error());
@@ -43,7 +43,7 @@ Result<void> NamedBlobs::readLayer(const CommitStore& store) {
     return {};
 }
 
-/// A store that had failed and was opened anew may have less than was read of it before.
+/// False if the store failed and, opened again, has lost commits that were read.
 bool NamedBlobs::isSameHistory(const CommitStore& store) const {
     if (upTo_ < store.base().revision) return true;  // it can only follow
     const auto hash = store.hashAt(upTo_);

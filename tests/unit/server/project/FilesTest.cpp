@@ -237,6 +237,23 @@ TEST_F(FilesTest, FI3AReloadThatCouldNotBeStoredIsRepeated) {
     EXPECT_TRUE(*world.project->layer(kLayer) == other());
 }
 
+// The layer that was imported for a save or a reload is not there any more when its commit is lost.
+TEST(ProjectFiles, FI3ASaveOfALayerWhoseImportWasLostIsAnswered) {
+    World world;
+    world.join(1);
+    world.receive(1, ControlMessage(SaveLayers{7, {kLayer}, true}));
+    world.load(true);
+    EXPECT_TRUE(world.host.saves.empty()) << "the import is not durable";
+    world.host.appending.clear();
+    world.project->appendFailed({ErrorCode::StorageFull, "full"}, {0, {}, 1});
+    ASSERT_EQ(world.host.loading.size(), 1u);
+    world.load(true);
+    world.store();
+    ASSERT_EQ(world.host.saves.size(), 1u);
+    EXPECT_EQ(world.host.saves[0].request, 7u);
+    EXPECT_EQ(world.host.saves[0].jobs.at(0).saved.revision, 1u);
+}
+
 TEST_F(FilesTest, MU1EverybodyIsNotifiedOfTheMutesOfARootLayer) {
     const auto mute = [&](bool muted) {
         std::vector<Edit> edits;

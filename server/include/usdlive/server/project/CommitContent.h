@@ -1,3 +1,4 @@
+// What commits hold, as they are stored.
 #pragma once
 
 #include <vector>
@@ -9,8 +10,9 @@
 namespace usdlive::server {
 
 inline constexpr std::size_t kFrameLengthBytes = 4;
-/// Of a commit's frame what its chain hash is made of, and what decodeFrame() takes. (A commit in
-/// parts, FR8, is stored as one message of all its frames; its hash is made of the rest of that.)
+/// Returns the part of a commit's frame that its chain hash is made of, and that decodeFrame()
+/// takes. (A commit in parts, FR8, is stored as one message of all its frames; its hash is made of
+/// all but the first length.)
 [[nodiscard]] inline ByteView withoutLength(ByteView frame) {
     return frame.subspan(kFrameLengthBytes);
 }
@@ -24,7 +26,8 @@ inline constexpr std::size_t kFrameLengthBytes = 4;
 [[nodiscard]] std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                                             const std::vector<ExecutedEdit>& edits);
 
-/// What stood at `revision` is asked for, and the history begins at `base` (CH4).
+/// The error for a request of a `revision` that is older than `base`, where the history begins
+/// (CH4).
 [[nodiscard]] tl::unexpected<Error> historyReplaced(Revision revision, Revision base);
 
 // A layer is what its commits say. These fail with StorageCorrupt, which names the commit: what is
@@ -32,7 +35,7 @@ inline constexpr std::size_t kFrameLengthBytes = 4;
 
 [[nodiscard]] Result<Commit> decodeCommit(const StoredCommit& stored);
 
-/// What the commit does to the layer, done to `doc`, which is the layer as it was before.
+/// Executes the commit's edits of the layer on `doc`, the layer as it was before.
 [[nodiscard]] Result<void> replay(LayerDoc& doc, const LayerId& layer, const Commit& commit);
 
 }  // namespace usdlive::server

@@ -1,3 +1,4 @@
+// What a project needs from its store, and the records in it.
 #pragma once
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Which big values the history names (B6).
 #pragma once
 
 #include <cstddef>
@@ -9,14 +10,14 @@
 namespace usdlive::server {
 
 /// The big values that a project's history names (B6): its commits, and the layers as they stood
-/// where it begins. Whatever else the store holds, snapshots and checkpoints, follows from these.
+/// where it begins. Everything else in the store (snapshots, checkpoints) follows from these.
 ///
-/// In memory only: a process reads the log once, and from then on what was added. One thread at a
-/// time.
+/// In memory only: a process reads the whole log once, and later only what was added. One thread at
+/// a time.
 class NamedBlobs {
 public:
-    /// Reads on in the history: commits of about `mostBytes`, or one layer. True when it has read
-    /// all that there is.
+    /// Reads the next part of the history: commits of about `mostBytes`, or one layer. True when it
+    /// has read everything.
     Result<bool> read(const CommitStore& store, std::size_t mostBytes);
     /// Of the newest commit that was read.
     [[nodiscard]] Revision upTo() const { return upTo_; }

@@ -1,3 +1,4 @@
+// One project: the interface between what decides and the process around it.
 #pragma once
 
 #include <algorithm>
@@ -29,14 +30,14 @@ struct BaseLimit {
 /// oldest checkpoint.
 [[nodiscard]] Result<BaseLimit> findBase(const CommitStore& store, std::int64_t beforeMs,
                                          Revision upTo);
-/// What became of ports::History::compact().
+/// The result of ports::History::compact().
 struct CompactOutcome {
     std::uint64_t bytesBefore = 0, bytesAfter = 0;  ///< of the log
 };
 
-/// The commit that brings a whole layer in from its file, but for its place in the history.
+/// The commit that imports a whole layer from its file, without its place in the history.
 struct LayerImport {
-    ImportFrame frame;        ///< stampCommit() says where it stands
+    ImportFrame frame;        ///< stampCommit() writes its place into it
     std::vector<Hash> blobs;  ///< that it names
 };
 /// Any thread; takes time. LayerUnreadable: larger than one commit can be.
@@ -45,7 +46,7 @@ struct LayerImport {
 struct LoadedLayer {
     LayerDoc doc;
     std::optional<LayerImport> import = std::nullopt;  ///< it came from its file
-    SavedState saved = {};  ///< what its file has; of an import without a revision yet
+    SavedState saved = {};  ///< what its file has; an import has no revision yet
     Replayed replayed = {};
 };
 
@@ -60,19 +61,19 @@ struct ReloadedLayer {
 [[nodiscard]] ReloadedLayer makeReload(const LayerId& layer, const LayerDoc& present,
                                        const LayerDoc& content, const FileStamp& file);
 
-/// What became of a SaveJob each.
+/// The result of each SaveJob.
 struct SaveOutcome {
     Revision revision = 0;
     std::vector<std::pair<LayerId, FileStamp>> saved;
     std::vector<LayersSaved::Failure> failed;
 };
 
-/// Where the store stands when a project is made over it.
+/// The state of the store when a project is created over it.
 struct StoreState {
     CommitStore::Head head;
     CommitStore::Base base = {};
-    /// Of the revisions after Project::firstNamespaceRevision(), so that transactions of before the
-    /// start still find their specs (M3).
+    /// Those after Project::firstNamespaceRevision(), so that transactions that were sent before
+    /// the start still find their specs (M3).
     std::vector<NamespaceChange> namespaceChanges = {};
     std::vector<LayerId> unsaved = {};  ///< their stored state is newer than their file
     Revision forgottenUpTo = 0;         ///< CommitStore::forgottenUpTo()
@@ -86,8 +87,8 @@ struct ProjectCounters {
     std::uint64_t unloaded = 0;   ///< layers
 };
 
-/// The authority over one project: greets sessions, orders and executes their transactions, tells
-/// everybody. Decides without I/O; belongs to one strand and has no mutex.
+/// The authority over one project: greets sessions, executes and orders their transactions, sends
+/// the commits to everybody. Decides without I/O; belongs to one strand and has no mutex.
 class Project {
 public:
     struct Options {
@@ -108,7 +109,7 @@ public:
         /// From one snapshot of a layer to the next, also when much is written: they cost time.
         std::int64_t snapshotIntervalMs = 10'000;
         std::set<UserName> administrators = {};  ///< who may edit and unlock what others lock
-        /// When nobody of a lock's holder has been connected for so long, others may take it.
+        /// Others may take a lock when its holder has not been connected for so long.
         std::int64_t lockTakeoverMs = 15 * 60'000;
         /// Layers that nobody has open stay in memory for so long, and all of them together
         /// take about so much.
@@ -124,7 +125,7 @@ public:
     Project(Options options, Ports ports, StoreState store, const std::vector<LayerFile>& files);
     ~Project();
 
-    /// What to ask CommitStore::namespaceChanges() for.
+    /// The revision to pass to CommitStore::namespaceChanges().
     [[nodiscard]] static Revision firstNamespaceRevision(const Options& options,
                                                          const CommitStore::Head& head) {
         return head.revision - std::min<Revision>(head.revision, options.namespaceLogRevisions);
@@ -132,8 +133,8 @@ public:
 
     // Sessions.
     void connected(SessionId session);
-    /// One message as it came. Anything that is not the protocol is answered and the session
-    /// closed.
+    /// Receives one message. The session is closed with an error if the message is not of the
+    /// protocol.
     void received(SessionId session, ByteView message);
     void disconnected(SessionId session);
     /// It is no longer ports::Outbox::congested().
@@ -141,13 +142,13 @@ public:
 
     // Answers of the ports.
     void appended(Revision upTo);
-    /// Everything after the store's head is taken back: authors are told (refusals with `error`),
-    /// the layers concerned are loaded anew, sessions go on. What was handed to append() before
-    /// this call must not be appended after it. If `head` has a higher epoch, the store was
-    /// opened anew.
+    /// Takes back everything after the store's head: authors get refusals with `error`, the layers
+    /// concerned are loaded again, sessions continue. Commits that were handed to append() before
+    /// this call must not be appended after it. If `head` has a higher epoch, the store was opened
+    /// again.
     void appendFailed(Error error, CommitStore::Head head);
-    /// An append has failed so that only a new opening of the store tells what is in it, as
-    /// appendFailed() will. Until then nothing is asked of the store; new transactions are refused
+    /// An append has failed, and only opening the store again shows what is in it; appendFailed()
+    /// is to be called then. Until then nothing is asked of the store; new transactions are refused
     /// (SE8), and those that it may know wait.
     void storeClosed();
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
@@ -163,7 +164,7 @@ public:
     void blobsFound(const std::vector<Hash>& asked, const std::vector<Hash>& stored);
     void blobWritten(SessionId session, const Hash& hash, Result<bool> whole);
     void layersSaved(SessionId session, std::uint64_t request, SaveOutcome outcome);
-    /// Of a save that takes long: it is at `layer`, after `done` of `total` layers (PG1).
+    /// A save that takes long is at `layer`, after `done` of `total` layers (PG1).
     void layersBeingSaved(SessionId session, std::uint64_t request, const LayerId& layer,
                           std::size_t done, std::size_t total);
     /// importLayer() has begun to read the layer's file (PG1).
@@ -192,24 +193,24 @@ public:
     /// (SE8). To be called when that has changed.
     void setSpace(bool hasSpace);
 
-    /// How the project's folder looks: to be told when that has changed. Layers that only the store
-    /// has are among them.
+    /// To be called when the project's folder has changed. `files` contains the layers that only
+    /// the store has, too.
     void setFiles(const std::vector<LayerFile>& files);
 
     /// To be called now and then, also while nothing happens.
     void unloadIdle();
 
-    /// Tells everybody what changed in where the others are, and who is gone. To be called every
+    /// Sends everybody the presences that changed, and those that ended. To be called every
     /// kSweepMs while hasPresence(); `nowMs`: any steady clock.
     void sweep(std::int64_t nowMs);
     static constexpr std::int64_t kSweepMs = 1'000 / kPresencesPerSecond;
     [[nodiscard]] bool hasPresence() const;
 
     /// The clients that are connected, and those whose commits are not durable yet. The store must
-    /// not forget them (M14): what they have sent and what is not answered may be committed
-    /// already, and come once more.
+    /// not forget them (M14): a transaction of theirs that is not answered yet may be committed
+    /// already, and be sent once more.
     [[nodiscard]] std::set<ClientId> activeClients() const;
-    /// CommitStore::forgottenUpTo() is this from now on.
+    /// CommitStore::forgottenUpTo() has changed to this.
     void clientsForgotten(Revision upTo);
 
     /// B6. `unnamed`: big values that the store holds and nothing in it names, as of its revision

@@ -1,3 +1,4 @@
+// The port to the log of what users do.
 #pragma once
 
 #include <string>
@@ -7,8 +8,8 @@
 
 namespace usdlive::server {
 
-/// Somebody did something, or was refused it. `what` is a few words that never vary; `layer` and
-/// `detail` may be empty, and hold what clients sent.
+/// A user did something, or was refused it. `what` is one of a few fixed texts; `layer` and
+/// `detail` come from clients and may be empty.
 struct Happening {
     std::string_view what;
     const UserName& user;
@@ -18,7 +19,7 @@ struct Happening {
 
 namespace ports {
 
-/// The log of who did what, which decides nothing.
+/// The log of what users did. Nothing depends on it.
 class Activity {
 public:
     virtual ~Activity() = default;

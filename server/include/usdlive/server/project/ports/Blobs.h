@@ -1,3 +1,4 @@
+// The port to the store of big values.
 #pragma once
 
 #include <cstdint>
@@ -16,9 +17,9 @@ public:
 
     /// Which of these are stored? Answered by blobsFound().
     virtual void findBlobs(std::vector<Hash> hashes) = 0;
-    /// Adds a part; answered by blobWritten(). Sessions that upload the same value do so each for
-    /// itself. Parts of a value that is stored already are passed over: it counts as whole with the
-    /// first and with the last of them.
+    /// Adds a part; answered by blobWritten(). Sessions that upload the same value do so
+    /// independently. Parts of a value that is stored already are ignored: the answer to the first
+    /// and to the last of them is that the value is whole.
     virtual void writeBlob(SessionId session, BlobFrame part) = 0;
     /// Sends a value that is stored from `offset` on, beside the stream.
     virtual void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) = 0;

@@ -1,3 +1,4 @@
+// The port to the clock.
 #pragma once
 
 #include <cstdint>

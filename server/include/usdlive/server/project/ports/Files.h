@@ -1,3 +1,4 @@
+// The port to the files in the project's folder.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +16,7 @@ struct SaveJob {
     LayerDoc doc;
     Revision revision = 0;
     SavedState saved = {};  ///< as far as known
-    /// A file that holds neither what was saved nor what was about to be is left as it is.
+    /// Leave the file as it is if it holds neither what was saved nor what was about to be saved.
     bool minds = false;
 };
 
@@ -35,14 +36,14 @@ public:
                             std::vector<SaveJob> jobs) = 0;
     /// CommitStore::setSaved(), in order with the saves; nothing waits for it.
     virtual void setSaved(const LayerId& layer, const SavedState& saved) = 0;
-    /// Looks what the layer's file holds, after the saves asked for so far; answered by
+    /// Reads what the layer's file holds, after the saves asked for so far; answered by
     /// fileChecked().
     virtual void checkFile(const LayerId& layer) = 0;
     /// Reads the layer's file and compares it with `present`, as makeReload() does; answered by
     /// layerReloaded().
     virtual void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
                              LayerDoc present) = 0;
-    /// Makes an empty layer's file; answered by layerCreated().
+    /// Creates the file of an empty layer; answered by layerCreated().
     virtual void createLayerFile(SessionId session, std::uint64_t request,
                                  const LayerId& layer) = 0;
     /// Looks for files that are not served; answered by skippedListed().

@@ -1,20 +1,18 @@
+// The port to the store of commits.
 #pragma once
 
 #include <cstdint>
 
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/server/project/CommitStore.h"
+#include "usdlive/server/project/ports/CommitLog.h"
 #include "usdlive/server/project/ports/Outbox.h"  // SessionId
 
 namespace usdlive::server::ports {
 
 /// The project's commits, and what is kept with them: the CommitStore, without waiting for it.
-class History {
+class History : public CommitLog {
 public:
-    virtual ~History() = default;
-
-    /// Appends, in order; answered by appended() or appendFailed().
-    virtual void append(CommitRecord commit) = 0;
     /// CommitStore::keepSnapshot(), of a revision that is durable; answered by snapshotKept().
     /// Nothing waits for it.
     virtual void keepSnapshot(const LayerId& layer, LayerDoc doc, Revision revision,
@@ -39,10 +37,10 @@ public:
     /// server::findBase() in the store, after the checkpoints added so far; answered by
     /// baseFound().
     virtual void findBase(std::int64_t beforeMs, Revision upTo) = 0;
-    /// CommitStore::compact(); takes long, and everything else goes on; answered by baseIs(), then
-    /// compacted().
+    /// CommitStore::compact(); takes long, without delaying anything else; answered by baseIs(),
+    /// then compacted().
     virtual void compact(Revision revision) = 0;
-    /// Finds out what the store takes; answered by storageMeasured().
+    /// Measures the space that the store takes; answered by storageMeasured().
     virtual void measureStorage(SessionId session, std::uint64_t request) = 0;
 };
 

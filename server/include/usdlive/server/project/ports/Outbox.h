@@ -1,3 +1,4 @@
+// The port for what a project sends to sessions.
 #pragma once
 
 #include <cstdint>
@@ -14,9 +15,9 @@ namespace usdlive::server {
 /// One connection, as long as it lasts.
 using SessionId = std::uint64_t;
 
-/// What is told to all alike, and is worth nothing once something newer was told.
+/// Messages that are the same for all sessions. An older one is obsolete once a newer one was sent.
 using News = std::variant<LayerStates, Presences>;
-/// A frame of it; nullptr: there is nothing to say.
+/// Returns a frame of it; nullptr if it is empty.
 [[nodiscard]] SharedBytes encodeNews(const News& news);
 
 namespace ports {
@@ -26,23 +27,23 @@ class Outbox {
 public:
     virtual ~Outbox() = default;
 
-    /// Sends encoded frames to a session, in order. The queue is bounded: who does not read is cut
-    /// with SlowReader and reported by Project::disconnected().
+    /// Sends encoded frames to a session, in order. The queue is bounded: a session that does not
+    /// read is closed with SlowReader and reported by Project::disconnected().
     virtual void send(SessionId session, SharedBytes frames) = 0;
     /// Sends the commit `revision` to all of `sessions`, which are live and ascending, in order
-    /// with the rest that each is sent. A transport that can sends it once for many.
+    /// with the rest that each is sent. A multicast transport sends it once for all sessions.
     virtual void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
                             Revision revision) = 0;
-    /// A live session gets something else than live commits for a while, which must not stand
-    /// between it: until releaseCommits(). True: it may have got later commits than those sent to
-    /// it, as the transport sends them to all.
+    /// A live session gets something else than live commits until releaseCommits(); no live commit
+    /// may come in between. True: it may have got later commits than those sent to it, because the
+    /// transport sends them to all.
     virtual bool holdCommits(SessionId session) = 0;
     /// The session is live: from here on it gets the commits from `next` on, as they are sent.
     virtual void releaseCommits(SessionId session, Revision next) = 0;
-    /// Tells `news` to all of `sessions`, ascending, each of which has been told what was so far. A
-    /// transport that can tells it once for many, and to more than these.
+    /// Sends `news` to all of `sessions`, ascending, each of which has got all that was sent
+    /// before. A multicast transport sends it once, and to more sessions than these.
     virtual void tell(std::span<const SessionId> sessions, const News& news) = 0;
-    /// Tells a session what is so far, in order with the rest that it is sent.
+    /// Sends a session all that is known so far, in order with the rest that it is sent.
     virtual void tellFirst(SessionId session, const News& all) = 0;
 
     /// Encodes and sends a snapshot, chunk by chunk, beside the stream.

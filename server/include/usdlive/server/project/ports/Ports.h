@@ -1,3 +1,4 @@
+// All ports of a project.
 #pragma once
 
 #include "usdlive/server/project/ports/Activity.h"

@@ -1,0 +1,150 @@
+// Puts a project together from its parts.
+#include "ProjectImpl.h"
+
+#include <utility>
+
+namespace usdlive::server {
+
+namespace {
+
+HistoryLine::Limits lineLimits(const Project::Options& options) {
+    return {{options.wholeCommitBytes, options.maxFrameBytes, options.partBytes,
+             options.maxTransactionBytes},
+            options.namespaceLogRevisions};
+}
+
+TransactionLimits transactionLimits(const Project::Options& options) {
+    return {options.maxEditsPerTransaction, options.maxTransactionBytes};
+}
+
+}  // namespace
+
+Project::Impl::Impl(Options options, Ports ports, StoreState store,
+                    const std::vector<LayerFile>& files)
+    : options_(std::move(options)),
+      activity_(ports.activity),
+      store_{store.hasSpace},
+      start_(store.base),
+      line_(lineLimits(options_),
+            {store.head, firstNamespaceRevision(options_, store.head),
+             std::move(store.namespaceChanges)},
+            ports.history, ports.clock),
+      sessions_(ports.outbox),
+      presences_(sessions_, ports.outbox),
+      layers_(line_, store_, ports.history, ports.files),
+      fileStates_(layers_, sessions_, suspects_, ports.files),
+      states_(line_, layers_, fileStates_, sessions_, suspects_, ports),
+      snapshots_({options_.leastReplay, options_.snapshotIntervalMs}, line_, ports.history,
+                 ports.clock),
+      facts_(line_, states_, sessions_, ports.clock),
+      access_(facts_, options_.administrators, options_.lockTakeoverMs),
+      reads_(ports.history),
+      catchup_({options_.recentCommitBytes, options_.maxBehind}, line_, start_, sessions_, reads_,
+               previews_, ports.outbox, counters_),
+      gestures_(previews_, line_, sessions_, catchup_, access_, ports.outbox, counters_),
+      values_({options_.maxBlobBytes, options_.keepUnusedBlobsMs}, sessions_, store_, previews_,
+              ports.blobs, ports.outbox),
+      openings_(line_, start_, layers_, sessions_, catchup_, ports),
+      authors_(sessions_, store_, ports.history, store.forgottenUpTo),
+      prerequisites_(line_, start_, layers_, values_, reads_),
+      submissions_(transactionLimits(options_),
+                   {line_, store_, sessions_, authors_, prerequisites_, catchup_, gestures_,
+                    access_, ports.activity},
+                   counters_),
+      greeting_(options_, {line_, start_, store_, sessions_, authors_, layers_, states_, presences_,
+                           reads_, catchup_, gestures_, access_, ports.activity, *this}),
+      saves_(line_, layers_, fileStates_, sessions_, access_, ports),
+      reloads_(line_, store_, layers_, fileStates_, sessions_, access_, ports),
+      newLayers_(store_, layers_, fileStates_, sessions_, access_, ports),
+      checkpoints_(line_, sessions_, access_, ports),
+      compaction_(options_.historyDays,
+                  {line_, start_, sessions_, access_, greeting_, reads_, catchup_, openings_},
+                  ports),
+      idleLayers_({options_.idleLayerMs, options_.idleLayerBytes},
+                  {line_, layers_, fileStates_, snapshots_, sessions_, access_, submissions_,
+                   saves_, reloads_},
+                  ports.clock, counters_) {
+    followEachOther();
+    fileStates_.show(files);
+    fileStates_.setUnsaved(store.unsaved);
+}
+
+/// The order is the one in which they are notified. Two things depend on it: a part is notified
+/// after those whose state it reads, and a session is sent a commit before what follows from it.
+void Project::Impl::followEachOther() {
+    LineListener* const line[]{&gestures_,   &values_, &submissions_, &layers_,     &access_,
+                               &fileStates_, &states_, &snapshots_,   &catchup_,    &authors_,
+                               &openings_,   &saves_,  &reloads_,     &checkpoints_};
+    for (LineListener* listener : line) line_.addListener(*listener);
+    LayerListener* const layers[]{&fileStates_, &states_,      &access_, &snapshots_, &openings_,
+                                  &idleLayers_, &submissions_, &saves_,  &reloads_};
+    for (LayerListener* listener : layers) layers_.addListener(*listener);
+    SessionListener* const sessions[]{&submissions_, &states_,   &access_,  &idleLayers_,
+                                      &presences_,   &catchup_,  &reads_,   &values_,
+                                      &openings_,    &gestures_, &authors_, &saves_};
+    for (SessionListener* listener : sessions) sessions_.addListener(*listener);
+}
+
+void Project::Impl::finishCall() {
+    states_.announce();
+    idleLayers_.unload();
+}
+
+// ---- answers that are for several parts
+
+void Project::Impl::appendFailed(const Error& error, const CommitStore::Head& head) {
+    store_.closed = false;
+    line_.appendFailed(error, head);
+    submissions_.workAll();
+}
+
+/// Resuming and executing need the record of what the client has committed (M9).
+void Project::Impl::clientRead(const ClientId& client, const Result<ClientRecord>& record) {
+    if (!authors_.answered(client, record)) return;
+    for (auto& [id, session] : sessions_.all()) {
+        if (session.client != client || session.isClosing()) continue;
+        const bool isResuming = std::holds_alternative<CheckingResume>(session.phase);
+        // Without the record, what it sends may be committed twice. It comes again, and the record
+        // is asked for again. A session that only follows stays.
+        if (!record && !store_.closed && (isResuming || submissions_.isWaiting(id)))
+            sessions_.close(session, record.error());
+        else if (isResuming)
+            greeting_.checkResume(session);
+        else
+            submissions_.work(id);
+    }
+    authors_.forgetIfGone(client);
+}
+
+void Project::Impl::commitsRead(SessionId id, Result<std::vector<StoredCommit>> commits) {
+    auto answer = reads_.answered(id, std::move(commits));
+    if (!answer) return;
+    switch (answer->read.purpose) {
+        case ReadPurpose::ResumeCheck:
+            return greeting_.resumeRead(id, answer->commits);
+        case ReadPurpose::Stream:
+            return catchup_.commitsRead(id, std::move(answer->commits));
+        case ReadPurpose::Creations:
+            return submissions_.creationsRead(id, answer->read.sequence, answer->commits);
+    }
+}
+
+void Project::Impl::blobsFound(const std::vector<Hash>& asked, const std::vector<Hash>& stored) {
+    values_.found(asked, stored);
+    submissions_.workAll();
+}
+
+std::vector<Hash> Project::Impl::unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
+                                             std::int64_t nowMs) {
+    // A project that was made after the store was looked through does not know what was committed
+    // in between; what is in a failed store is not known.
+    if (upTo < line_.first() || store_.closed) return {};
+    // Files that are read have big values that no commit names yet, and files that are written may
+    // have some that none names any more.
+    if (saves_.isWriting() || reloads_.isReading() || layers_.isAnyLoading()) return {};
+    std::unordered_set<Hash> named;
+    submissions_.addNamed(named);
+    return values_.takeUnused({unnamed, upTo, nowMs, named});
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,45 @@
+// How the parts of a project refer to each other.
+#pragma once
+
+#include <vector>
+
+namespace usdlive::server {
+
+/// A part's reference to another part, to a port or to the options. Assigning a part copies its
+/// state and leaves its references as they are: a project can be assigned to another project, as
+/// tests/model does with thousands of them.
+template <class T>
+class Wire {
+public:
+    Wire(T& target) : target_(&target) {}
+    Wire(const Wire&) = default;
+    Wire& operator=(const Wire&) { return *this; }
+
+    [[nodiscard]] T* operator->() const { return target_; }
+    [[nodiscard]] T& operator*() const { return *target_; }
+
+private:
+    T* target_;
+};
+
+/// The listeners of a part, notified in the order in which they were added. Assigning leaves them
+/// as they are.
+template <class Listener>
+class Listeners {
+public:
+    Listeners() = default;
+    Listeners(const Listeners&) = delete;
+    Listeners& operator=(const Listeners&) { return *this; }
+
+    void add(Listener& listener) { listeners_.push_back(&listener); }
+    /// Calls the function of the interface with these arguments.
+    template <class... Parameters, class... Arguments>
+    void notify(void (Listener::*function)(Parameters...), const Arguments&... arguments) const {
+        for (Listener* listener : listeners_) (listener->*function)(arguments...);
+    }
+
+private:
+    std::vector<Listener*> listeners_;
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,108 @@
+// Decides about locks of whole layers (LK1 to LK4), and what only administrators may do. Those of
+// single specs are in SpecLocks.cpp.
+#include "access/AccessPolicy.h"
+
+#include <map>
+
+namespace usdlive::server {
+
+namespace {
+
+bool isOfPseudoRoot(const Edit& edit) { return edit.address.path == "/" && !edit.address.creation; }
+
+Error lockedError(const LayerId& layer, const LayerLock& lock) {
+    return {ErrorCode::Locked,
+            layer.value + " is locked" + (lock.holder.empty() ? "" : " by " + lock.holder.value)};
+}
+
+}  // namespace
+
+AccessPolicy::AccessPolicy(const Facts& facts, std::set<UserName> administrators,
+                           std::int64_t takeoverMs)
+    : facts_(facts),
+      administrators_(std::move(administrators)),
+      takeoverMs_(takeoverMs),
+      startedMs_(facts.wallClockMs()) {}
+
+Subject AccessPolicy::subject(UserName user) const {
+    const bool isAdministrator = administrators_.contains(user);
+    return {std::move(user), isAdministrator};
+}
+
+bool AccessPolicy::holds(const Subject& subject, const LayerLock& lock) {
+    return subject.isAdministrator || (!lock.holder.empty() && lock.holder == subject.user);
+}
+
+/// May somebody else take or end it? Its holder is not named, or has been away for long.
+bool AccessPolicy::isFree(const LayerLock& lock) const {
+    if (lock.holder.empty()) return true;
+    if (facts_->isHere(lock.holder)) return false;
+    const auto left = leftMs_.find(lock.holder);
+    const std::int64_t since = left == leftMs_.end() ? startedMs_ : left->second;
+    return facts_->wallClockMs() - since >= takeoverMs_;
+}
+
+void AccessPolicy::left(const Session& session) {
+    constexpr std::size_t kMostKept = 1'000;
+    if (session.subject.user.empty()) return;
+    const std::int64_t now = facts_->wallClockMs();
+    // A user whose locks are free need not be remembered.
+    if (leftMs_.size() >= kMostKept)
+        std::erase_if(leftMs_,
+                      [&](const auto& entry) { return now - entry.second >= takeoverMs_; });
+    leftMs_[session.subject.user] = now;
+}
+
+std::optional<Error> AccessPolicy::toLayer(const Subject& subject, const LayerId& layer) const {
+    const LayerLock lock = facts_->lockAt(layer);
+    if (!lock.locked || holds(subject, lock)) return std::nullopt;
+    return lockedError(layer, lock);
+}
+
+std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
+                                                   const Transaction& transaction) const {
+    const LayerDocs& docs = facts_->loadedLayers();
+    const LayerId* known = nullptr;
+    LayerLock lock;
+    std::map<LayerId, LayerDoc> changed;  // those whose lock may be another afterwards
+    for (std::size_t index = 0; index < transaction.edits.size(); ++index) {
+        const Edit& edit = transaction.edits[index];
+        if (!known || *known != edit.layer) {
+            lock = lockOf(docs.at(edit.layer));
+            known = &edit.layer;
+        }
+        const bool ofRoot = isOfPseudoRoot(edit);
+        if (lock.locked && !holds(subject, lock) &&
+            !(ofRoot && isLockEdit(edit.action) && isFree(lock)))
+            return Refused{lockedError(edit.layer, lock), std::uint32_t(index)};
+        if (!ofRoot || !touchesLock(edit.action)) continue;
+        const auto doc = changed.try_emplace(edit.layer, docs.at(edit.layer)).first;
+        (void)doc->second.apply(edit.address.path, edit.action);
+        const LayerLock after = lockOf(doc->second);
+        if (after.locked && after.holder != lock.holder && !after.holder.empty() &&
+            !holds(subject, after))
+            return Refused{
+                {ErrorCode::Locked, "a lock is taken in one's own name, and " + subject.user.value +
+                                        " is not " + after.holder.value},
+                std::uint32_t(index)};
+    }
+    return std::nullopt;
+}
+
+std::optional<Error> AccessPolicy::toHistory(const Subject& subject) const {
+    if (administrators_.empty() || subject.isAdministrator) return std::nullopt;
+    return Error{ErrorCode::InvalidArgument,
+                 "only who the server was started with as --admin may replace the history"};
+}
+
+std::optional<Error> AccessPolicy::toCheckpoint(const Subject& /*subject*/,
+                                                const std::string& /*name*/) const {
+    return std::nullopt;
+}
+
+std::optional<Error> AccessPolicy::toNewLayer(const Subject& /*subject*/,
+                                              const LayerId& /*layer*/) const {
+    return std::nullopt;
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,34 @@
+// The facts that decide about access to a project.
+#pragma once
+
+#include "access/AccessPolicy.h"
+#include "layers/StateBoard.h"
+#include "lines/HistoryLine.h"
+#include "sessions/SessionTable.h"
+
+namespace usdlive::server {
+
+/// The facts of a whole project.
+class ProjectFacts : public AccessPolicy::Facts {
+public:
+    ProjectFacts(const HistoryLine& line, const StateBoard& states, const SessionTable& sessions,
+                 ports::Clock& clock)
+        : line_(line), states_(states), sessions_(sessions), clock_(clock) {}
+
+    [[nodiscard]] const LayerDocs& loadedLayers() const override { return line_->docs(); }
+    [[nodiscard]] LayerLock lockAt(const LayerId& layer) const override {
+        return states_->lockAt(layer);
+    }
+    [[nodiscard]] bool isHere(const UserName& user) const override {
+        return sessions_->isHere(user);
+    }
+    [[nodiscard]] std::int64_t wallClockMs() const override { return clock_->wallClockMs(); }
+
+private:
+    Wire<const HistoryLine> line_;
+    Wire<const StateBoard> states_;
+    Wire<const SessionTable> sessions_;
+    Wire<ports::Clock> clock_;
+};
+
+}  // namespace usdlive::server

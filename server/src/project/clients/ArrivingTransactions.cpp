@@ -1,0 +1,63 @@
+// Joins transactions that come in parts, and bounds what they take.
+#include "clients/ArrivingTransactions.h"
+
+#include <utility>
+
+namespace usdlive::server {
+
+namespace {
+
+// All sessions together may have as much on the way as so many of the largest transactions.
+constexpr std::uint64_t kMaxComing = 2;
+
+}  // namespace
+
+Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::receive(
+    const Session& session, SubmitFrame frame, std::size_t bytes) {
+    using Nothing = std::optional<Arrived>;
+    if (frame.part == 0) forget(session.id);
+    if (frame.part == 0 && !frame.more) return Arrived{std::move(frame.transaction), bytes, {}};
+    if (frame.part == 0) coming_[session.id] = {};
+    const auto found = coming_.find(session.id);
+    if (found == coming_.end()) return fail(ErrorCode::MalformedFrame, "a part of no transaction");
+    if (frame.transaction.id.client != session.client)
+        return fail(ErrorCode::MalformedFrame, "a transaction of another client");
+    Coming& coming = found->second;
+    if (coming.refused) return Nothing();
+    coming.bytes += bytes;
+    coming.edits += frame.transaction.edits.size();
+    bytes_ += bytes;
+    if (bytes_ > kMaxComing * limits_.bytes)
+        return fail(ErrorCode::TransactionTooLarge,
+                    "too many large transactions are coming at once; send it again");
+    const TransactionId id = frame.transaction.id;
+    const std::uint64_t gesture = frame.transaction.gesture;
+    auto whole = coming.parts.add(std::move(frame));
+    if (!whole) return tl::unexpected(whole.error());
+    if (coming.bytes > limits_.bytes || coming.edits > limits_.edits) {
+        Arrived refused{{id, 0, gesture, {}},
+                        coming.bytes,
+                        transactionTooLarge(coming.edits, coming.bytes, limits_)};
+        bytes_ -= std::exchange(coming.bytes, 0);
+        coming.parts = {};
+        coming.refused = true;
+        return refused;
+    }
+    if (!*whole) return Nothing();
+    Arrived arrived{std::move(**whole), coming.bytes, {}};
+    forget(session.id);
+    return arrived;
+}
+
+void ArrivingTransactions::forget(SessionId session) {
+    const auto coming = coming_.extract(session);
+    if (!coming.empty()) bytes_ -= coming.mapped().bytes;
+}
+
+void ArrivingTransactions::addNamed(std::unordered_set<Hash>& named) const {
+    for (const auto& [session, coming] : coming_)
+        for (const Edit& edit : coming.parts.edits())
+            forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
+}
+
+}  // namespace usdlive::server

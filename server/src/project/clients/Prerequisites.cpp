@@ -1,0 +1,138 @@
+// Looks for what a transaction needs, and asks for what is missing.
+#include "clients/Prerequisites.h"
+
+#include <functional>
+#include <optional>
+#include <unordered_set>
+
+#include "usdlive/common/layer/SpecPath.h"
+#include "usdlive/server/project/CommitContent.h"
+
+namespace usdlive::server {
+
+namespace {
+
+/// Calls `visit` with every creation that an address of the transaction names.
+void forEachCreation(const Transaction& transaction,
+                     const std::function<void(const Creation&)>& visit) {
+    for (const Edit& edit : transaction.edits) {
+        if (edit.address.creation) visit(*edit.address.creation);
+        const auto* move = std::get_if<MoveSpec>(&edit.action);
+        if (move && move->parent.creation) visit(*move->parent.creation);
+    }
+}
+
+/// Is an executed edit recorded in the NamespaceLog?
+bool changesNamespace(const Edit& edit) {
+    if (std::holds_alternative<DeleteSpec>(edit.action)) return true;
+    const auto* move = std::get_if<MoveSpec>(&edit.action);
+    return move && specpath::child(move->parent.path, specpath::last(edit.address.path).list,
+                                   move->name) != edit.address.path;
+}
+
+bool isTrue(const std::variant<bool, Refused>& ready) {
+    const auto* answer = std::get_if<bool>(&ready);
+    return answer && *answer;
+}
+
+}  // namespace
+
+std::variant<bool, Refused> Prerequisites::check(SessionId session, const Author& author,
+                                                 QueuedTransaction& queued) {
+    auto stored = blobsReady(queued);
+    if (!isTrue(stored)) return stored;
+    auto loaded = layersReady(queued.transaction);
+    if (!isTrue(loaded)) return loaded;
+    return creationsKnown(session, author, queued);
+}
+
+/// Are all big values stored that it names? False while the store is asked.
+std::variant<bool, Refused> Prerequisites::blobsReady(QueuedTransaction& queued) {
+    std::unordered_set<Hash> checked;
+    std::vector<Hash> missing;
+    bool isSought = false;
+    const std::vector<Edit>& edits = queued.transaction.edits;
+    for (std::size_t index = 0; index < edits.size(); ++index) {
+        std::optional<Refused> refused;
+        const auto check = [&](const Value& blob) {
+            const Hash hash = blob.hash();
+            if (refused || !checked.insert(hash).second) return;
+            if (blob.size() > values_->limits().maxBytes) {
+                refused = Refused{{ErrorCode::BlobTooLarge,
+                                   "a value of " + std::to_string(blob.size()) + " bytes"}};
+            } else if (values_->isStored(hash)) {
+                return;
+            } else if (queued.soughtBlobs.insert(hash).second) {
+                missing.push_back(hash);
+            } else if (values_->isSought(hash)) {
+                isSought = true;
+            } else {
+                refused = Refused{
+                    {ErrorCode::BlobNotFound, "the value " + hash.hex() + " was not uploaded"}};
+            }
+        };
+        forEachBlob(edits[index].action, check);
+        if (!refused) continue;
+        refused->edit = std::uint32_t(index);
+        return *refused;
+    }
+    isSought = isSought || !missing.empty();
+    if (!missing.empty()) values_->seek(std::move(missing));
+    return !isSought;
+}
+
+/// Begins to load layers that are not; false while that is under way.
+std::variant<bool, Refused> Prerequisites::layersReady(const Transaction& transaction) {
+    bool ready = true;
+    const LayerId* previous = nullptr;
+    for (std::size_t index = 0; index < transaction.edits.size(); ++index) {
+        const LayerId& layer = transaction.edits[index].layer;
+        if (previous && *previous == layer) continue;
+        previous = &layer;
+        if (!layers_->has(layer))
+            return Refused{{ErrorCode::LayerNotFound, "the project has no layer " + layer.value},
+                           std::uint32_t(index)};
+        if (const auto* failed = std::get_if<LoadFailed>(&layers_->loading(layer)))
+            return Refused{failed->error, std::uint32_t(index)};
+        layers_->require(layer);
+        ready = ready && layers_->isLoaded(layer);
+    }
+    return ready;
+}
+
+/// M3: after a restart, or when its author was away, the store is asked what an earlier transaction
+/// created. False while that is under way.
+bool Prerequisites::creationsKnown(SessionId session, const Author& author,
+                                   QueuedTransaction& queued) {
+    bool known = true;
+    forEachCreation(queued.transaction, [&](const Creation& creation) {
+        const std::uint64_t sequence = creation.sequence;
+        if (sequence == queued.transaction.id.sequence || author.creations.find(creation)) return;
+        if (author.inFlight.contains(sequence) || !queued.lookedUp.insert(sequence).second) return;
+        const auto revision = author.committed->find(sequence);
+        if (!revision || *revision <= start_->oldest()) return;  // M4: as if it was not created
+        known = false;
+        reads_->request(session, {ReadPurpose::Creations, *revision, *revision, sequence});
+    });
+    return known;
+}
+
+void Prerequisites::addCreations(Author& author, std::uint64_t sequence,
+                                 const StoredCommit& stored) {
+    const auto decoded = decodeCommit(stored);
+    if (!decoded) return;
+    const Commit& commit = *decoded;
+    std::uint64_t mark = line_->namespaces().markBefore(commit.revision);
+    auto dropped = commit.dropped.begin();
+    std::uint32_t index = 0;  // of the edit in the transaction
+    for (const Edit& edit : commit.edits) {
+        for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
+        if (changesNamespace(edit)) ++mark;
+        if (std::holds_alternative<CreateSpec>(edit.action))
+            author.creations.record({sequence, index}, {edit.layer, edit.address.path, mark},
+                                    commit.revision);
+        ++index;
+    }
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,231 @@
+// Takes transactions from sessions, has them executed, and answers them.
+#include "clients/Submissions.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "SharedFrame.h"
+
+namespace usdlive::server {
+
+namespace {
+
+// Transactions of one session that wait for a layer to load, beside one in parts; more ends the
+// session.
+constexpr std::size_t kMaxWaitingBytes = 256 * 1024 * 1024;
+
+/// Which edit of the transaction an executed one was.
+std::uint32_t submittedIndex(const Executed& executed, std::size_t index) {
+    auto submitted = std::uint32_t(index);
+    for (const DroppedEdit& dropped : executed.dropped)
+        if (dropped.index <= submitted) ++submitted;
+    return submitted;
+}
+
+}  // namespace
+
+Submissions::Submissions(const TransactionLimits& limits, const Parts& parts,
+                         ProjectCounters& counters)
+    : limits_(limits),
+      line_(parts.line),
+      store_(parts.store),
+      sessions_(parts.sessions),
+      authors_(parts.authors),
+      prerequisites_(parts.prerequisites),
+      catchup_(parts.catchup),
+      gestures_(parts.gestures),
+      access_(parts.access),
+      activity_(parts.activity),
+      counters_(counters),
+      arriving_(limits) {}
+
+// ---- what arrives
+
+void Submissions::receive(Session& session, SubmitFrame frame, std::size_t bytes) {
+    auto arrived = arriving_.receive(session, std::move(frame), bytes);
+    if (!arrived) return sessions_->close(session, arrived.error());
+    if (!*arrived) return;
+    auto& [transaction, all, refused] = **arrived;
+    if (refused)
+        refuse(session, transaction, *refused);
+    else
+        add(session, std::move(transaction), all);
+}
+
+void Submissions::add(Session& session, Transaction transaction, std::size_t bytes) {
+    if (transaction.id.client != session.client)
+        return sessions_->close(session,
+                                {ErrorCode::MalformedFrame, "a transaction of another client"});
+    Queue& queue = queues_[session.id];
+    queue.bytes += bytes;
+    if (queue.bytes > kMaxWaitingBytes + limits_.bytes)
+        return sessions_->close(session, {ErrorCode::TransactionTooLarge,
+                                          "too many transactions wait for a layer to load"});
+    queue.transactions.push_back({std::move(transaction), bytes, {}, {}});
+    if (queue.transactions.size() == 1) work(session.id);
+}
+
+void Submissions::workAll() {
+    for (const auto& [id, queue] : queues_) work(id);
+}
+
+void Submissions::work(SessionId id) {
+    const auto found = queues_.find(id);
+    if (found == queues_.end()) return;
+    Queue& queue = found->second;
+    while (!queue.transactions.empty()) {
+        const Session* session = sessions_->greeted(id);
+        if (!session) return;
+        QueuedTransaction& queued = queue.transactions.front();
+        if (!handle(*session, queued)) return;
+        // An answer may have closed the session and cleared its queue.
+        if (queue.transactions.empty()) return;
+        queue.bytes -= queued.bytes;
+        queue.transactions.pop_front();
+    }
+}
+
+void Submissions::creationsRead(SessionId id, std::uint64_t sequence,
+                                const Result<std::vector<StoredCommit>>& commits) {
+    const Session* session = sessions_->find(id);
+    if (!session) return;
+    if (commits)
+        prerequisites_->addCreations(authors_->of(session->client), sequence, commits->front());
+    work(id);
+}
+
+// ---- one transaction
+
+/// False: it has to wait; work() is called again when what it waits for has come.
+bool Submissions::handle(const Session& session, QueuedTransaction& queued) {
+    const Transaction& transaction = queued.transaction;
+    Author& author = authors_->of(session.client);
+    if (!author.committed) {
+        authors_->read(session.client);
+        return false;
+    }
+    if (const auto known = author.revisionOf(transaction.id.sequence)) {
+        ++counters_->duplicates;
+        const AlreadyCommitted message{transaction.id.sequence, *known};
+        catchup_->answer(session.id, {*known, sharedFrame(message), true, false});
+        return true;
+    }
+    if (const auto refused = objection(author, queued)) {
+        refuse(session, transaction, *refused);
+        return true;
+    }
+    const auto ready = prerequisites_->check(session.id, author, queued);
+    if (const auto* refused = std::get_if<Refused>(&ready)) {
+        refuse(session, transaction, *refused);
+        return true;
+    }
+    if (!std::get<bool>(ready)) return false;
+    if (const auto locked = access_->toTransaction(session.subject, transaction)) {
+        refuse(session, transaction, *locked);
+        return true;
+    }
+    execute(session, author, queued);
+    return true;
+}
+
+std::optional<Refused> Submissions::objection(const Author& author,
+                                              const QueuedTransaction& queued) const {
+    const Transaction& transaction = queued.transaction;
+    if (const auto error = store_->whyClosed()) return Refused{*error};
+    if (transaction.edits.size() > limits_.edits ||
+        expandedBytes(author.creations, transaction) + queued.bytes > limits_.bytes)
+        return transactionTooLarge(transaction.edits.size(), queued.bytes, limits_);
+    if (const auto error = store_->whyNotWritable()) return Refused{*error};
+    return std::nullopt;
+}
+
+void Submissions::execute(const Session& session, Author& author, const QueuedTransaction& queued) {
+    const Transaction& transaction = queued.transaction;
+    HistoryLine::Submission submission{transaction, queued.bytes, session.subject.user,
+                                       session.features.contains(kPartsFeature)};
+    if (access_->dependsOnEffects(transaction.edits))
+        submission.check = [&](const Executed& executed,
+                               const LayerDocs& before) -> std::optional<Refused> {
+            auto locked = access_->toEdits(session.subject, executed.edits, before);
+            if (!locked) return std::nullopt;
+            return Refused{std::move(locked->second), submittedIndex(executed, locked->first)};
+        };
+    const auto outcome = line_->commit(submission, author.creations);
+    if (const auto* refused = std::get_if<Refused>(&outcome))
+        return refuse(session, transaction, *refused);
+    const Revision revision = std::get<Revision>(outcome);
+    author.inFlight[transaction.id.sequence] = revision;
+    author.newest = revision;
+    inFlight_.push_back({revision, transaction.id.sequence, session.id});
+}
+
+/// M6. The preview that its gesture left with other sessions ends, too.
+void Submissions::refuse(const Session& session, const Transaction& transaction,
+                         const Refused& refused) {
+    ++counters_->refused;
+    const LayerId layer =
+        refused.edit < transaction.edits.size() ? transaction.edits[refused.edit].layer : LayerId{};
+    activity_->happened({"edits refused", session.subject.user, layer, refused.error.message});
+    gestures_->refused(session.client, transaction.gesture);
+    // When a session resumes, all commits up to its welcome may be its author's.
+    const Revision after =
+        std::max(authors_->of(session.client).newest, catchup_->greetedAt(session.id));
+    catchup_->answer(
+        session.id,
+        {after, sharedFrame(RefusalFrame{transaction.id.sequence, refused.edit, refused.error})});
+    // No editor sends such a transaction.
+    if (refused.error.code != ErrorCode::InvalidPath) return;
+    const ErrorMessage message{
+        std::string(errorName(refused.error.code)), refused.error.message, true, {}, {}};
+    catchup_->answer(session.id, {after, sharedFrame(message), false, true});
+}
+
+// ---- what others ask
+
+bool Submissions::isWaiting(SessionId session) const {
+    const auto found = queues_.find(session);
+    return found != queues_.end() && !found->second.transactions.empty();
+}
+
+bool Submissions::needs(const LayerId& layer) const {
+    return std::ranges::any_of(queues_, [&](const auto& one) {
+        return std::ranges::any_of(one.second.transactions, [&](const auto& queued) {
+            return std::ranges::any_of(queued.transaction.edits,
+                                       [&](const Edit& edit) { return edit.layer == layer; });
+        });
+    });
+}
+
+void Submissions::addNamed(std::unordered_set<Hash>& named) const {
+    for (const auto& [session, queue] : queues_)
+        for (const QueuedTransaction& queued : queue.transactions)
+            for (const Edit& edit : queued.transaction.edits)
+                forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
+    arriving_.addNamed(named);
+}
+
+// ---- the line and the sessions
+
+void Submissions::becameDurable(Revision upTo) {
+    while (!inFlight_.empty() && inFlight_.front().revision <= upTo) inFlight_.pop_front();
+}
+
+/// SE5
+void Submissions::takenBack(const Error& error, const LostCommits& lost) {
+    counters_->refused += lost.commits.size();
+    catchup_->refuse({inFlight_.begin(), inFlight_.end()}, error);
+    inFlight_.clear();
+}
+
+void Submissions::closing(SessionId session) {
+    arriving_.forget(session);
+    const auto found = queues_.find(session);
+    if (found != queues_.end()) found->second.transactions.clear();
+}
+
+void Submissions::left(const Session& session) {
+    arriving_.forget(session.id);
+    queues_.erase(session.id);
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,86 @@
+// Transactions that sessions submit, until they are ordered or refused.
+#pragma once
+
+#include <deque>
+#include <map>
+#include <unordered_set>
+#include <vector>
+
+#include "Wiring.h"
+#include "access/AccessPolicy.h"
+#include "clients/ArrivingTransactions.h"
+#include "clients/Authors.h"
+#include "clients/Prerequisites.h"
+#include "stream/Catchup.h"
+#include "stream/Gestures.h"
+
+namespace usdlive::server {
+
+/// Each session's transactions, in the order in which it submitted them. The first is executed when
+/// all that it needs is in memory; the others wait for it.
+class Submissions : public LineListener, public LayerListener, public SessionListener {
+public:
+    struct Parts {
+        HistoryLine& line;
+        const StoreCondition& store;
+        SessionTable& sessions;
+        Authors& authors;
+        Prerequisites& prerequisites;
+        Catchup& catchup;
+        Gestures& gestures;
+        const AccessPolicy& access;
+        ports::Activity& activity;
+    };
+    Submissions(const TransactionLimits& limits, const Parts& parts, ProjectCounters& counters);
+
+    void receive(Session& session, SubmitFrame frame, std::size_t bytes);
+    /// Goes on with a session's transactions, after something that they may wait for has come.
+    void work(SessionId session);
+    void workAll();
+    /// The store has read the commit of the transaction `sequence` of the session's client.
+    void creationsRead(SessionId session, std::uint64_t sequence,
+                       const Result<std::vector<StoredCommit>>& commits);
+
+    [[nodiscard]] bool isWaiting(SessionId session) const;
+    /// Does a waiting transaction edit the layer?
+    [[nodiscard]] bool needs(const LayerId& layer) const;
+    /// Adds the big values that waiting transactions name.
+    void addNamed(std::unordered_set<Hash>& named) const;
+
+    void becameDurable(Revision upTo) override;
+    void takenBack(const Error& error, const LostCommits& lost) override;
+    void ready(const LayerId& /*layer*/, bool /*imported*/) override { workAll(); }
+    void failed(const LayerId& /*layer*/, const Error& /*error*/) override { workAll(); }
+    void closing(SessionId session) override;
+    void left(const Session& session) override;
+
+private:
+    struct Queue {
+        std::deque<QueuedTransaction> transactions;
+        std::size_t bytes = 0;
+    };
+    void add(Session& session, Transaction transaction, std::size_t bytes);
+    bool handle(const Session& session, QueuedTransaction& queued);
+    [[nodiscard]] std::optional<Refused> objection(const Author& author,
+                                                   const QueuedTransaction& queued) const;
+    void execute(const Session& session, Author& author, const QueuedTransaction& queued);
+    void refuse(const Session& session, const Transaction& transaction, const Refused& refused);
+
+    TransactionLimits limits_;
+    Wire<HistoryLine> line_;
+    Wire<const StoreCondition> store_;
+    Wire<SessionTable> sessions_;
+    Wire<Authors> authors_;
+    Wire<Prerequisites> prerequisites_;
+    Wire<Catchup> catchup_;
+    Wire<Gestures> gestures_;
+    Wire<const AccessPolicy> access_;
+    Wire<ports::Activity> activity_;
+    Wire<ProjectCounters> counters_;
+
+    ArrivingTransactions arriving_;
+    std::map<SessionId, Queue> queues_;
+    std::deque<LostSubmission> inFlight_;  ///< ordered, not durable yet; by revision
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,47 @@
+// Layers that sessions create, and files that are not served.
+#pragma once
+
+#include "Wiring.h"
+#include "access/AccessPolicy.h"
+#include "layers/FileStates.h"
+#include "layers/LayerTable.h"
+#include "sessions/SessionTable.h"
+
+namespace usdlive::server {
+
+/// Creates layers (FI6), and lists the files of the folder that are skipped (FI5).
+class NewLayers {
+public:
+    NewLayers(const StoreCondition& store, LayerTable& layers, FileStates& fileStates,
+              SessionTable& sessions, const AccessPolicy& access, const Ports& ports)
+        : store_(store),
+          layers_(layers),
+          fileStates_(fileStates),
+          sessions_(sessions),
+          access_(access),
+          files_(ports.files),
+          activity_(ports.activity) {}
+
+    void create(const Session& session, const CreateLayer& request);
+    void listSkipped(const Session& session, const ListSkipped& request);
+
+    // Answers of the port.
+    void created(SessionId session, std::uint64_t request, const LayerId& layer,
+                 const Result<void>& created);
+    void skippedListed(SessionId session, std::uint64_t request,
+                       Result<std::vector<SkippedFile>> skipped);
+
+private:
+    [[nodiscard]] std::optional<Error> objection(const Session& session,
+                                                 const LayerId& layer) const;
+
+    Wire<const StoreCondition> store_;
+    Wire<LayerTable> layers_;
+    Wire<FileStates> fileStates_;
+    Wire<SessionTable> sessions_;
+    Wire<const AccessPolicy> access_;
+    Wire<ports::Files> files_;
+    Wire<ports::Activity> activity_;
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,93 @@
+// Taking files that were changed behind the server as commits (FI3).
+#pragma once
+
+#include <deque>
+#include <map>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "Wiring.h"
+#include "access/AccessPolicy.h"
+#include "layers/FileStates.h"
+#include "layers/LayerTable.h"
+#include "sessions/SessionTable.h"
+
+namespace usdlive::server {
+
+/// Requests to reload layers from their files. Each file is read and compared beside the strand;
+/// the difference becomes a commit in the name of the user who asked. A request is answered once
+/// that is durable; when commits are taken back, their layers are read again.
+class Reloads : public LineListener, public LayerListener {
+public:
+    Reloads(HistoryLine& line, const StoreCondition& store, LayerTable& layers,
+            FileStates& fileStates, SessionTable& sessions, const AccessPolicy& access,
+            const Ports& ports)
+        : line_(line),
+          store_(store),
+          layers_(layers),
+          fileStates_(fileStates),
+          sessions_(sessions),
+          access_(access),
+          files_(ports.files),
+          activity_(ports.activity) {}
+
+    void request(Session& session, const ReloadLayers& request);
+
+    /// Does a request wait for the layer, or read its file?
+    [[nodiscard]] bool needs(const LayerId& layer) const;
+    /// Are there requests whose files are not all read?
+    [[nodiscard]] bool isReading() const { return !requests_.empty(); }
+
+    /// Answer of the port.
+    void fileRead(SessionId session, std::uint64_t request, const LayerId& layer,
+                  Result<ReloadedLayer> reloaded);
+
+    void durable(const OrderedCommit& commit) override;
+    void becameDurable(Revision upTo) override;
+    void takenBack(const Error& error, const LostCommits& lost) override;
+    void ready(const LayerId& /*layer*/, bool /*imported*/) override { advance(); }
+    void failed(const LayerId& /*layer*/, const Error& /*error*/) override { advance(); }
+
+private:
+    struct Reading {
+        Revision base = 0;  ///< the file is compared with the layer as it was then
+        int attempt = 0;
+    };
+    struct Request {
+        SessionId session = 0;
+        std::uint64_t request = 0;
+        std::set<LayerId> waiting;  ///< to be loaded
+        std::map<LayerId, Reading> reading;
+        /// Layers that were found to be like their files, at the revision.
+        std::vector<std::pair<LayerId, SavedState>> unchanged;
+        LayersReloaded outcome;
+
+        void addFailure(const LayerId& layer, const Error& error);
+    };
+    /// A commit that makes a layer like its file.
+    struct Taken {
+        LayerId layer;
+        SavedState saved;
+    };
+    void advance();
+    void readLoaded(Request& request);
+    void read(Request& request, const LayerId& layer, int attempt);
+    Result<void> take(const Session& session, const LayerId& layer, ReloadedLayer reloaded);
+    void answer(const Request& request);
+
+    Wire<HistoryLine> line_;
+    Wire<const StoreCondition> store_;
+    Wire<LayerTable> layers_;
+    Wire<FileStates> fileStates_;
+    Wire<SessionTable> sessions_;
+    Wire<const AccessPolicy> access_;
+    Wire<ports::Files> files_;
+    Wire<ports::Activity> activity_;
+
+    std::vector<Request> requests_;
+    std::deque<Request> pending_;  ///< all is read; by revision
+    std::deque<Taken> taken_;      ///< not durable yet; by revision
+};
+
+}  // namespace usdlive::server

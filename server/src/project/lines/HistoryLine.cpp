@@ -1,0 +1,222 @@
+// Orders edits: executes them, makes their commits, and keeps these until they are durable.
+#include "lines/HistoryLine.h"
+
+#include <algorithm>
+#include <iterator>
+#include <stdexcept>
+
+#include "usdlive/common/layer/LayerLock.h"
+#include "usdlive/server/project/CommitContent.h"
+
+namespace usdlive::server {
+
+HistoryLine::HistoryLine(const Limits& limits, Start start, ports::CommitLog& log,
+                         ports::Clock& clock)
+    : limits_(limits),
+      log_(log),
+      clock_(clock),
+      docs_(std::move(start.docs)),
+      namespaces_(start.oldestNamespace, start.head.revision, start.namespaceChanges),
+      epoch_(start.head.epoch),
+      first_(start.head.revision),
+      executed_(start.head.revision),
+      executedHash_(start.head.hash),
+      durable_(start.head.revision),
+      durableHash_(start.head.hash) {}
+
+const LayerDoc* HistoryLine::doc(const LayerId& layer) const {
+    const auto found = docs_.find(layer);
+    return found == docs_.end() ? nullptr : &found->second;
+}
+
+bool HistoryLine::isLayerDataInFlight(const LayerId& layer) const {
+    return std::ranges::any_of(
+        inFlight_, [&](const OrderedCommit& commit) { return commit.layerData.contains(layer); });
+}
+
+// ---- ordering
+
+/// A commit repeats its transaction with every path written out. It may be larger than a commit may
+/// be, or than its author can read.
+bool HistoryLine::mayNotFit(const Submission& submission) const {
+    constexpr std::size_t kMaxPathBytes = 16 * 1024;
+    std::uint64_t most = std::min<std::uint64_t>(limits_.commits.frame, limits_.commits.commit);
+    if (!submission.readsParts) most = std::min<std::uint64_t>(most, limits_.commits.wholeCommit);
+    return submission.bytes + (submission.transaction.edits.size() + 1) * kMaxPathBytes > most;
+}
+
+std::variant<Revision, Refused> HistoryLine::commit(const Submission& submission,
+                                                    OwnCreations& creations) {
+    const Transaction& transaction = submission.transaction;
+    LayerDocs before;  // only where what is executed may not stay
+    if (submission.check || mayNotFit(submission))
+        for (const Edit& edit : transaction.edits)
+            before.try_emplace(edit.layer, docs_.at(edit.layer));
+
+    creations.seen(transaction.base);
+    const std::uint64_t mark = namespaces_.log().mark();
+    Outcome outcome = execute(docs_, namespaces_.log(), creations, transaction, executed_ + 1);
+    if (auto* refused = std::get_if<Refused>(&outcome)) return std::move(*refused);
+    auto& executed = std::get<Executed>(outcome);
+    auto refused = submission.check ? submission.check(executed, before) : std::nullopt;
+    if (!refused) {
+        auto made =
+            make(transaction.id, submission.user, transaction.gesture, std::move(executed), mark);
+        if (made && (submission.readsParts || !isInParts(*made->second.frame)))
+            return append(std::move(made->first), std::move(made->second));
+        refused = Refused{{ErrorCode::TransactionTooLarge,
+                           "the commit would be larger than one may be, or one of its values than "
+                           "a frame"},
+                          0};
+    }
+    undo(std::move(before), mark);
+    creations.forget(transaction.id.sequence);
+    return *std::move(refused);
+}
+
+Result<Revision> HistoryLine::commitInOrder(OwnEdits own) {
+    LayerDocs before;
+    for (const Edit& edit : own.edits) before.try_emplace(edit.layer, docs_.at(edit.layer));
+    const std::uint64_t mark = namespaces_.log().mark();
+    auto executed = executeInOrder(docs_, namespaces_.log(), std::move(own.edits), executed_ + 1);
+    if (!executed) return tl::unexpected(executed.error());
+    const auto refused = own.check ? own.check(*executed, before) : std::nullopt;
+    if (refused) {
+        undo(std::move(before), mark);
+        return tl::unexpected(refused->error);
+    }
+    auto made = make({}, own.user, 0, std::move(*executed), mark);
+    if (!made) {
+        undo(std::move(before), mark);
+        return fail(ErrorCode::TransactionTooLarge, "more than one commit can hold");
+    }
+    auto& [commit, record] = *made;
+    if (own.file)
+        record.saved =
+            CommitRecord::Saved{own.file->first, {commit.revision, std::move(own.file->second)}};
+    return append(std::move(commit), std::move(record));
+}
+
+Revision HistoryLine::commitImport(Import import) {
+    OrderedCommit made;
+    CommitRecord record;
+    record.revision = made.revision = executed_ + 1;
+    made.imported = import.layer;
+    record.saved = CommitRecord::Saved{import.layer, {made.revision, std::move(import.file)}};
+    record.layers = made.layers = {import.layer};
+    made.edits = import.frame.edits;
+    made.blobs = std::move(import.blobs);
+    made.mark = namespaces_.log().mark();
+
+    CommitFrame stub;
+    stub.commit = {made.revision, epoch_, {}, {},           clock_->wallClockMs(), 0,
+                   import.layer,  {},     {}, executedHash_};
+    stampCommit(import.frame.bytes, stub.commit);
+    record.hash = made.hash = chainHash(executedHash_, withoutLength(import.frame.bytes));
+    record.frame = std::make_shared<const Bytes>(std::move(import.frame.bytes));
+    stub.hashAfter = made.hash;
+    made.broadcast = std::make_shared<const Bytes>(encodeFrame(stub));
+    return append(std::move(made), std::move(record));
+}
+
+/// The next commit, of what was executed; nothing when no frames can hold it. `mark`: of the
+/// NamespaceLog before it.
+std::optional<HistoryLine::Made> HistoryLine::make(const TransactionId& id, const UserName& user,
+                                                   std::uint64_t gesture, Executed executed,
+                                                   std::uint64_t mark) {
+    OrderedCommit made;
+    CommitRecord record;
+    record.revision = made.revision = executed_ + 1;
+    record.id = made.id = id;
+    made.user = user;
+    record.namespaceChanges = namespaceChanges(made.revision, executed.edits);
+    made.gesture = gesture;
+    made.edits = executed.edits.size();
+    made.dropped = executed.dropped.size();
+    made.mark = mark;
+
+    Commit commit{made.revision,
+                  epoch_,
+                  made.id,
+                  user,
+                  clock_->wallClockMs(),
+                  gesture,
+                  {},
+                  {},
+                  std::move(executed.dropped),
+                  executedHash_};
+    const auto addBlob = [&](const Value& blob) { made.blobs.push_back(blob.hash()); };
+    for (const DroppedEdit& dropped : commit.dropped) forEachBlob(dropped.edit.action, addBlob);
+    commit.edits.reserve(executed.edits.size());
+    for (ExecutedEdit& edit : executed.edits) {
+        made.layers.insert(edit.edit.layer);
+        if (touchesLayerData(edit.edit.action)) made.layerData.insert(edit.edit.layer);
+        forEachBlob(edit.edit.action, addBlob);
+        commit.edits.push_back(std::move(edit.edit));
+    }
+    record.layers = made.layers;
+    record.frame = encodeCommitFrames(commit, limits_.commits);
+    if (!record.frame) return std::nullopt;
+    record.hash = made.hash = chainHash(executedHash_, withoutLength(*record.frame));
+    made.broadcast = record.frame;
+    namespaces_.executed(made.revision);
+    return std::pair(std::move(made), std::move(record));
+}
+
+Revision HistoryLine::append(OrderedCommit commit, CommitRecord record) {
+    executed_ = commit.revision;
+    executedHash_ = commit.hash;
+    commit.frameBytes = record.frame->size();
+    inFlight_.push_back(std::move(commit));
+    listeners_.notify(&LineListener::ordered, inFlight_.back());
+    log_->append(std::move(record));
+    return executed_;
+}
+
+void HistoryLine::undo(LayerDocs before, std::uint64_t mark) {
+    for (auto& [layer, doc] : before) docs_[layer] = std::move(doc);
+    namespaces_.truncate(mark);
+}
+
+// ---- answers of the log
+
+void HistoryLine::appended(Revision upTo) {
+    while (!inFlight_.empty() && inFlight_.front().revision <= upTo) {
+        const OrderedCommit commit = std::move(inFlight_.front());
+        inFlight_.pop_front();
+        durable_ = commit.revision;
+        durableHash_ = commit.hash;
+        // Not by what was executed: that may be taken back, and then every base would be too old.
+        if (durable_ > limits_.namespaceRevisions)
+            namespaces_.prune(durable_ - limits_.namespaceRevisions);
+        listeners_.notify(&LineListener::durable, commit);
+    }
+    listeners_.notify(&LineListener::becameDurable, durable_);
+}
+
+void HistoryLine::appendFailed(const Error& error, const CommitStore::Head& head) {
+    appended(head.revision);
+    if (head.revision != durable_ || head.hash != durableHash_)
+        throw std::logic_error("the store's head is not a commit of this project");
+    epoch_ = std::max(epoch_, head.epoch);
+    if (!inFlight_.empty()) takeBack(error);
+}
+
+void HistoryLine::takeBack(const Error& error) {
+    LostCommits lost;
+    lost.commits.assign(std::make_move_iterator(inFlight_.begin()),
+                        std::make_move_iterator(inFlight_.end()));
+    inFlight_.clear();
+    for (const OrderedCommit& commit : lost.commits) {
+        lost.changed.insert(commit.layers.begin(), commit.layers.end());
+        if (commit.imported) lost.imported.insert(*commit.imported);
+    }
+    executed_ = durable_;
+    executedHash_ = durableHash_;
+    namespaces_.truncate(lost.commits.front().mark);
+    for (const LayerId& layer : lost.changed) docs_.erase(layer);
+    listeners_.notify(&LineListener::takenBack, error, lost);
+    listeners_.notify(&LineListener::becameDurable, durable_);
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,29 @@
+// Whether the store takes anything at the moment.
+#pragma once
+
+#include <optional>
+
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive::server {
+
+/// Whether the project's store takes anything at the moment (SE8), as far as the project was
+/// notified.
+struct StoreCondition {
+    bool hasSpace = true;
+    /// An append has failed, and only a new opening of the store tells what is in it. Until then
+    /// nothing is asked of it.
+    bool closed = false;
+
+    [[nodiscard]] std::optional<Error> whyClosed() const {
+        if (!closed) return std::nullopt;
+        return Error{ErrorCode::StorageFailed, "the store has failed and is not opened yet"};
+    }
+    [[nodiscard]] std::optional<Error> whyNotWritable() const {
+        if (closed) return whyClosed();
+        if (hasSpace) return std::nullopt;
+        return Error{ErrorCode::StorageFull, "the disk of the server is full"};
+    }
+};
+
+}  // namespace usdlive::server

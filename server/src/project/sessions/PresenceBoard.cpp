@@ -1,0 +1,65 @@
+// Receives presences and passes them on in sweeps.
+#include "sessions/PresenceBoard.h"
+
+#include <iterator>
+#include <utility>
+
+namespace usdlive::server {
+
+namespace {
+
+const std::string kPresenceFeature = "presence";
+constexpr std::size_t kMaxPresenceBytes = 64 * 1024;
+constexpr std::size_t kMatrix = 16;
+
+}  // namespace
+
+void PresenceBoard::show(Session& session, Presence presence) {
+    if (!presence.camera.empty() && presence.camera.size() != kMatrix)
+        return sessions_->close(
+            session, {ErrorCode::MalformedControl, "a camera is a matrix of 16 numbers"});
+    presence.client = session.client;
+    presence.user = session.subject.user;
+    presence.application = session.application;
+    const auto known = shown_.find(session.id);
+    if (known != shown_.end()) known->second.isFresh = true;
+    if (known != shown_.end() && known->second.presence == presence) return;
+    const std::size_t bytes = encodeControl(ShowPresence{presence}).size();
+    if (bytes > kMaxPresenceBytes)
+        return sessions_->sendError(session, {ErrorCode::TransactionTooLarge,
+                                              "a presence of " + std::to_string(bytes) + " bytes"});
+    Shown& shown = shown_[session.id];
+    shown.presence = std::move(presence);
+    shown.isPassedOn = false;
+}
+
+void PresenceBoard::sweep(std::int64_t nowMs) {
+    Presences message;
+    for (auto entry = shown_.begin(); entry != shown_.end();) {
+        Shown& shown = entry->second;
+        if (std::exchange(shown.isFresh, false)) shown.freshMs = nowMs;
+        const bool isGone = nowMs - shown.freshMs >= kPresenceTimeMs;
+        if (isGone)
+            message.gone.push_back(shown.presence.client);
+        else if (!std::exchange(shown.isPassedOn, true))
+            message.shown.push_back(shown.presence);
+        entry = isGone ? shown_.erase(entry) : std::next(entry);
+    }
+    if (message.shown.empty() && message.gone.empty()) return;
+    sessions_->tellAll(kPresenceFeature, message);
+}
+
+void PresenceBoard::sendAllTo(const Session& session) {
+    if (!session.features.contains(kPresenceFeature)) return;
+    Presences message;
+    for (const auto& [id, other] : shown_)
+        if (id != session.id) message.shown.push_back(other.presence);
+    outbox_->tellFirst(session.id, message);
+}
+
+void PresenceBoard::left(const Session& session) {
+    if (shown_.erase(session.id) == 0) return;
+    sessions_->tellAll(kPresenceFeature, Presences{{}, {session.client}});
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,265 @@
+// Broadcasts durable commits, and decides which commits a session is sent next.
+#include "stream/Catchup.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "SharedFrame.h"
+#include "usdlive/server/project/CommitContent.h"
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr Revision kPageCommits = 256;  // read from the store at once
+constexpr std::size_t kMaxLogs = 16;    // asked for by one session and not begun
+
+const std::string kConflation = "conflation";
+
+}  // namespace
+
+Catchup::Catchup(const Limits& limits, const HistoryLine& line, const HistoryStart& start,
+                 SessionTable& sessions, CommitReads& reads, const Previews& previews,
+                 ports::Outbox& outbox, ProjectCounters& counters)
+    : limits_(limits),
+      line_(line),
+      start_(start),
+      sessions_(sessions),
+      reads_(reads),
+      previews_(previews),
+      outbox_(outbox),
+      counters_(counters),
+      recent_(limits.recentBytes) {}
+
+Revision Catchup::Stream::next() const {
+    const auto* log = std::get_if<SendingLog>(&state);
+    return log ? log->next : position + 1;
+}
+
+Catchup::Stream* Catchup::find(SessionId session) {
+    const auto found = streams_.find(session);
+    return found == streams_.end() ? nullptr : &found->second;
+}
+
+void Catchup::close(const Stream& stream, const Error& error) {
+    if (Session* session = sessions_->find(stream.id)) sessions_->close(*session, error);
+}
+
+// ---- sessions
+
+void Catchup::begin(const Session& session, Revision position) {
+    Stream& stream = streams_[session.id];
+    stream.id = session.id;
+    stream.client = session.client;
+    stream.conflates = session.features.contains(kConflation);
+    stream.readsParts = session.features.contains(kPartsFeature);
+    stream.greetedAt = line_->durable();
+    stream.position = position;
+    pump(stream);
+}
+
+void Catchup::closing(SessionId session) {
+    Stream* stream = find(session);
+    if (!stream) return;
+    stream->isClosing = true;
+    stream->answers.clear();
+    stream->sending.reset();
+}
+
+void Catchup::drained(SessionId session) {
+    if (Stream* stream = find(session)) pump(*stream);
+}
+
+void Catchup::sendsLayerAsOf(SessionId session, Revision revision) {
+    Stream* stream = find(session);
+    if (stream && revision > stream->position) stream->opened.insert(revision);
+}
+
+void Catchup::sendToLive(const SharedBytes& frame, const ClientId& except) {
+    for (const auto& [id, stream] : streams_)
+        if (stream.isLive() && stream.client != except) outbox_->send(id, frame);
+}
+
+Revision Catchup::greetedAt(SessionId session) const {
+    const auto found = streams_.find(session);
+    return found == streams_.end() ? 0 : found->second.greetedAt;
+}
+
+std::optional<Hash> Catchup::hashAt(Revision revision) const {
+    if (revision == start_->base().revision) return start_->base().hash;
+    if (revision == line_->durable()) return line_->durableHash();
+    const auto* recent = recent_.find(revision);
+    return recent ? std::optional(recent->hash) : std::nullopt;
+}
+
+Revision Catchup::oldestNeeded(Revision newest) const {
+    for (const auto& [id, stream] : streams_) {
+        if (stream.isClosing) continue;
+        newest = std::min({newest, stream.position, stream.next() - 1});
+        for (const RequestLog& log : stream.logs) newest = std::min(newest, log.from - 1);
+    }
+    return newest;
+}
+
+// ---- commits that became durable
+
+void Catchup::durable(const OrderedCommit& commit) {
+    recent_.add({commit.revision, commit.broadcast, commit.hash});
+    ++counters_->commits;
+    counters_->edits += commit.edits;
+    counters_->dropped += commit.dropped;
+    if (isInParts(*commit.broadcast))
+        broadcastInParts(commit);
+    else
+        broadcast(commit);
+}
+
+void Catchup::broadcast(const OrderedCommit& commit) {
+    std::vector<SessionId> live;
+    for (auto& [id, stream] : streams_) {
+        if (!stream.isLive()) continue;
+        if (outbox_->lags(id))
+            stream.state = CatchingUp{};  // FR6
+        else
+            live.push_back(id);
+    }
+    outbox_->sendCommit(live, commit.broadcast, commit.revision);
+    counters_->delivered += live.size();
+    for (auto& [id, stream] : streams_) {
+        if (!stream.isLive()) continue;
+        stream.position = commit.revision;
+        releaseAnswers(stream);
+    }
+}
+
+/// Each session gets it as one of the past, part by part as its connection takes it.
+void Catchup::broadcastInParts(const OrderedCommit& commit) {
+    recent_.shareInParts(commit.revision, commit.broadcast);
+    outbox_->sendCommit({}, commit.broadcast, commit.revision);
+    for (auto& [id, stream] : streams_) {
+        if (!stream.isLive()) continue;
+        stream.isAhead = outbox_->holdCommits(id);
+        stream.state = CatchingUp{};
+        pump(stream);
+    }
+}
+
+void Catchup::becameDurable(Revision /*upTo*/) {
+    for (auto& [id, stream] : streams_) pump(stream);
+}
+
+// ---- commits of the past
+
+void Catchup::pump(Stream& stream) {
+    while (!stream.isClosing && !stream.isLive() &&
+           !reads_->isReading(stream.id, ReadPurpose::Stream) && !outbox_->congested(stream.id)) {
+        if (stream.sending) {
+            sendPart(stream);
+            continue;
+        }
+        const auto* log = std::get_if<SendingLog>(&stream.state);
+        const Revision next = stream.next();
+        const Revision last = log ? log->to : line_->durable();
+        if (next > last)
+            log ? endLog(stream) : becomeLive(stream);
+        else if (!log && next + limits_.maxBehind < last)
+            return close(stream, {ErrorCode::SlowReader, "too many commits behind"});
+        else if (!sendRecent(stream, last))
+            reads_->request(stream.id,
+                            {ReadPurpose::Stream, next, std::min(last, next + kPageCommits - 1)});
+    }
+}
+
+void Catchup::commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits) {
+    Stream* stream = find(session);
+    if (!stream || stream->isClosing) return;
+    if (!commits) return close(*stream, commits.error());
+    for (StoredCommit& commit : *commits) {
+        if (isInParts(*commit.frame)) {
+            if (const SharedBytes shared = recent_.findInParts(commit.revision))
+                commit.frame = shared;
+            continue;
+        }
+        auto stub = importStub(withoutLength(*commit.frame), commit.hash);
+        if (!stub) return close(*stream, stub.error());
+        if (*stub) commit.frame = std::make_shared<const Bytes>(std::move(**stub));
+    }
+    sendRun(*stream, *commits);
+    pump(*stream);
+}
+
+void Catchup::becomeLive(Stream& stream) {
+    if (!stream.logs.empty()) return beginLog(stream);
+    stream.state = Live{};
+    stream.isAhead = false;
+    outbox_->releaseCommits(stream.id, stream.position + 1);
+    previews_->forEach([&](const ClientId& author, const Previews::Preview& preview) {
+        if (author != stream.client) outbox_->send(stream.id, preview.frame);
+    });
+}
+
+// ---- the log
+
+void Catchup::sendLog(Session& session, const RequestLog& request) {
+    const Revision newest = line_->durable();
+    const Revision to = request.to == 0 ? newest : request.to;
+    if (to > newest || request.from > newest)
+        return sessions_->sendError(
+            session,
+            {ErrorCode::FutureRevision, "the newest revision is " + std::to_string(newest)},
+            request.request);
+    const Revision oldest = start_->oldest();
+    const Revision from = request.from == 0 ? oldest + 1 : request.from;
+    if (from <= oldest)
+        return sessions_->sendError(session, historyReplaced(from, oldest).value(),
+                                    request.request);
+    Stream& stream = *find(session.id);
+    if (stream.logs.size() >= kMaxLogs)
+        return sessions_->close(session,
+                                {ErrorCode::MalformedControl, "too many requests at once"});
+    stream.logs.push_back({request.request, from, to});
+    if (stream.isLive()) beginLog(stream);
+    pump(stream);
+}
+
+void Catchup::beginLog(Stream& stream) {
+    const RequestLog request = stream.logs.front();
+    stream.logs.pop_front();
+    if (stream.isLive()) stream.isAhead = outbox_->holdCommits(stream.id);
+    stream.state = SendingLog{request.request, request.from, request.to};
+    outbox_->send(stream.id, sharedFrame(LogBegin{request.request}));
+}
+
+void Catchup::endLog(Stream& stream) {
+    outbox_->send(stream.id, sharedFrame(LogEnd{std::get<SendingLog>(stream.state).request}));
+    stream.state = CatchingUp{};
+}
+
+// ---- answers
+
+void Catchup::answer(SessionId session, Answer answer) {
+    Stream* stream = find(session);
+    if (!stream || stream->isClosing) return;
+    stream->answers.add(std::move(answer));
+    releaseAnswers(*stream);
+}
+
+void Catchup::refuse(const std::vector<LostSubmission>& lost, const Error& error) {
+    for (auto& [id, stream] : streams_) {
+        if (stream.isClosing) continue;
+        stream.answers.takeBack(id, lost, line_->durable(), error);
+        releaseAnswers(stream);
+    }
+}
+
+void Catchup::releaseAnswers(Stream& stream) {
+    while (!stream.isClosing) {
+        const auto answer = stream.answers.next(stream.position);
+        if (!answer) return;
+        outbox_->send(stream.id, answer->frame);
+        if (!answer->closes) continue;
+        if (Session* session = sessions_->find(stream.id)) sessions_->end(*session);
+    }
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,78 @@
+// Reads of commits from the store, one at a time for each session.
+#pragma once
+
+#include <algorithm>
+#include <deque>
+#include <map>
+#include <optional>
+#include <vector>
+
+#include "Wiring.h"
+#include "sessions/Session.h"
+#include "usdlive/server/project/ports/History.h"
+
+namespace usdlive::server {
+
+/// The purpose of a read.
+enum class ReadPurpose { ResumeCheck, Stream, Creations };
+struct CommitRead {
+    ReadPurpose purpose{};
+    Revision from = 0, to = 0;
+    std::uint64_t sequence = 0;  ///< of Creations
+};
+
+/// Queues each session's reads, and says what an answer of the store is for.
+class CommitReads : public SessionListener {
+public:
+    explicit CommitReads(ports::History& history) : history_(history) {}
+
+    void request(SessionId session, const CommitRead& read) {
+        auto& reads = reads_[session];
+        reads.push_back(read);
+        if (reads.size() == 1) history_->readCommits(session, read.from, read.to);
+    }
+
+    struct Answer {
+        CommitRead read;
+        Result<std::vector<StoredCommit>> commits;  ///< the first is read.from
+    };
+    /// An answer of the port. Nothing: the session is gone.
+    [[nodiscard]] std::optional<Answer> answered(SessionId session,
+                                                 Result<std::vector<StoredCommit>> commits) {
+        const auto found = reads_.find(session);
+        if (found == reads_.end()) return std::nullopt;
+        auto& reads = found->second;
+        const CommitRead read = reads.front();
+        reads.pop_front();
+        if (reads.empty())
+            reads_.erase(found);
+        else
+            history_->readCommits(session, reads.front().from, reads.front().to);
+        if (commits && (commits->empty() || commits->front().revision != read.from))
+            commits = fail(ErrorCode::StorageCorrupt,
+                           "revision " + std::to_string(read.from) + " is not in the store");
+        return Answer{read, std::move(commits)};
+    }
+
+    [[nodiscard]] bool isReading(SessionId session, ReadPurpose purpose) const {
+        const auto found = reads_.find(session);
+        return found != reads_.end() &&
+               std::ranges::any_of(found->second, [purpose](const CommitRead& read) {
+                   return read.purpose == purpose;
+               });
+    }
+    /// The oldest revision whose commit is asked for or follows one that is; `newest` if none is.
+    [[nodiscard]] Revision oldestNeeded(Revision newest) const {
+        for (const auto& [session, reads] : reads_)
+            for (const CommitRead& read : reads) newest = std::min(newest, read.from - 1);
+        return newest;
+    }
+
+    void left(const Session& session) override { reads_.erase(session.id); }
+
+private:
+    Wire<ports::History> history_;
+    std::map<SessionId, std::deque<CommitRead>> reads_;  ///< not empty; the first is under way
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,48 @@
+// Previews of gestures under way (M11).
+#pragma once
+
+#include "Wiring.h"
+#include "access/AccessPolicy.h"
+#include "lines/HistoryLine.h"
+#include "sessions/SessionTable.h"
+#include "stream/Catchup.h"
+#include "stream/Previews.h"
+
+namespace usdlive::server {
+
+/// Passes previews on at once, and keeps the newest one of a gesture until the gesture ends.
+class Gestures : public LineListener, public SessionListener {
+public:
+    Gestures(Previews& previews, const HistoryLine& line, SessionTable& sessions, Catchup& catchup,
+             const AccessPolicy& access, ports::Outbox& outbox, ProjectCounters& counters)
+        : previews_(previews),
+          line_(line),
+          sessions_(sessions),
+          catchup_(catchup),
+          access_(access),
+          outbox_(outbox),
+          counters_(counters) {}
+
+    void receive(Session& session, PreviewFrame preview, std::size_t bytes);
+    /// The gesture's transaction was refused. Others that were sent a preview are sent that it is
+    /// withdrawn.
+    void refused(const ClientId& author, std::uint64_t gesture);
+    void withdrawAll(const ClientId& author);
+
+    void durable(const OrderedCommit& commit) override;
+    void takenBack(const Error& error, const LostCommits& lost) override;
+    void left(const Session& session) override;
+
+private:
+    void withdraw(const ClientId& author, std::uint64_t gesture);
+
+    Wire<Previews> previews_;
+    Wire<const HistoryLine> line_;
+    Wire<SessionTable> sessions_;
+    Wire<Catchup> catchup_;
+    Wire<const AccessPolicy> access_;
+    Wire<ports::Outbox> outbox_;
+    Wire<ProjectCounters> counters_;
+};
+
+}  // namespace usdlive::server

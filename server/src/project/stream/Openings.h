@@ -1,0 +1,79 @@
+// Layers that sessions open, as they are and as they were.
+#pragma once
+
+#include <deque>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "Wiring.h"
+#include "layers/LayerTable.h"
+#include "lines/HistoryStart.h"
+#include "sessions/SessionTable.h"
+#include "stream/Catchup.h"
+
+namespace usdlive::server {
+
+/// Sends snapshots of layers to sessions. A snapshot of the present is of what was executed, and is
+/// sent once that is durable.
+class Openings : public LineListener, public LayerListener, public SessionListener {
+public:
+    Openings(const HistoryLine& line, const HistoryStart& start, LayerTable& layers,
+             SessionTable& sessions, Catchup& catchup, const Ports& ports)
+        : line_(line),
+          start_(start),
+          layers_(layers),
+          sessions_(sessions),
+          catchup_(catchup),
+          outbox_(ports.outbox),
+          history_(ports.history),
+          files_(ports.files),
+          activity_(ports.activity) {}
+
+    void open(Session& session, const OpenLayer& request);
+    /// The oldest revision as of which a layer is being read; `newest` if none is.
+    [[nodiscard]] Revision oldestNeeded(Revision newest) const;
+
+    // Answers of the ports.
+    void historyRead(SessionId session, std::uint64_t request, Result<LayerDoc> doc);
+    void historyNotStored(SessionId session, std::uint64_t request);
+    void beingImported(const LayerId& layer);
+
+    void becameDurable(Revision upTo) override;
+    void takenBack(const Error& error, const LostCommits& lost) override;
+    void ready(const LayerId& layer, bool imported) override;
+    void failed(const LayerId& layer, const Error& error) override;
+    void left(const Session& session) override;
+
+private:
+    struct Request {
+        SessionId session = 0;
+        std::uint64_t request = 0;
+    };
+    /// A copy of a layer that is sent once everything in it is durable.
+    struct Snapshot {
+        Request request;
+        LayerId layer;
+        LayerDoc doc;
+        Revision revision = 0;
+    };
+    void openPast(Session& session, const OpenLayer& request);
+    void openLoaded(const Request& request, const LayerId& layer);
+    void send(const Snapshot& snapshot);
+
+    Wire<const HistoryLine> line_;
+    Wire<const HistoryStart> start_;
+    Wire<LayerTable> layers_;
+    Wire<SessionTable> sessions_;
+    Wire<Catchup> catchup_;
+    Wire<ports::Outbox> outbox_;
+    Wire<ports::History> history_;
+    Wire<ports::Files> files_;
+    Wire<ports::Activity> activity_;
+
+    std::map<LayerId, std::vector<Request>> waiting_;  ///< for the layer to be loaded
+    std::deque<Snapshot> pending_;                     ///< by revision
+    std::map<SessionId, std::map<std::uint64_t, OpenLayer>> pastReads_;  ///< by request
+};
+
+}  // namespace usdlive::server

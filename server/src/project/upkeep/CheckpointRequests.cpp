@@ -1,0 +1,88 @@
+// Has checkpoints stored, and lists them.
+#include "upkeep/CheckpointRequests.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace usdlive::server {
+
+namespace {
+
+constexpr std::size_t kMaxNameBytes = 200;
+constexpr std::size_t kMaxWaiting = 1'000;  // for their revision to be durable, of all sessions
+
+bool isName(const std::string& name) {
+    const auto isControl = [](unsigned char byte) { return byte < 0x20 || byte == 0x7f; };
+    return !name.empty() && name.size() <= kMaxNameBytes && std::ranges::none_of(name, isControl);
+}
+
+}  // namespace
+
+std::optional<Error> CheckpointRequests::objection(const Session& session,
+                                                   const std::string& name) const {
+    if (!isName(name))
+        return Error{ErrorCode::InvalidArgument, "a checkpoint's name is 1 to " +
+                                                     std::to_string(kMaxNameBytes) +
+                                                     " bytes without control characters"};
+    if (auto denied = access_->toCheckpoint(session.subject, name)) return denied;
+    if (line_->executed() == 0)
+        return Error{ErrorCode::InvalidArgument,
+                     "there is nothing to name yet: nobody has opened a layer"};
+    return std::nullopt;
+}
+
+void CheckpointRequests::create(Session& session, const CreateCheckpoint& request) {
+    if (pending_.size() >= kMaxWaiting)
+        return sessions_->close(session,
+                                {ErrorCode::MalformedControl, "too many requests at once"});
+    if (const auto error = objection(session, request.name))
+        return sessions_->sendError(session, *error, request.request);
+    const auto now = std::uint64_t(std::max<std::int64_t>(clock_->wallClockMs(), 0));
+    pending_.push_back({session.id,
+                        request.request,
+                        {request.name, line_->executed(), session.subject.user, now}});
+    becameDurable(line_->durable());
+}
+
+void CheckpointRequests::list(const Session& session, const ListCheckpoints& request) {
+    history_->readCheckpoints(session.id, request.request);
+}
+
+void CheckpointRequests::becameDurable(Revision upTo) {
+    while (!pending_.empty() && pending_.front().checkpoint.revision <= upTo) {
+        const Pending pending = std::move(pending_.front());
+        pending_.pop_front();
+        history_->addCheckpoint(pending.session, pending.request, pending.checkpoint);
+    }
+}
+
+void CheckpointRequests::takenBack(const Error& error, const LostCommits& /*lost*/) {
+    becameDurable(line_->durable());
+    for (const Pending& lost : std::exchange(pending_, {}))
+        if (const Session* session = sessions_->greeted(lost.session))
+            sessions_->sendError(*session, error, lost.request);
+}
+
+void CheckpointRequests::added(SessionId id, std::uint64_t request,
+                               const Result<Checkpoint>& added) {
+    if (added) activity_->happened({"checkpoint made", added->user, {}, added->name});
+    const Session* session = sessions_->greeted(id);
+    if (!session) return;
+    if (added)
+        sessions_->send(*session, CheckpointCreated{request, *added});
+    else
+        sessions_->sendError(*session, added.error(), request);
+}
+
+void CheckpointRequests::listed(SessionId id, std::uint64_t request,
+                                Result<std::vector<Checkpoint>> read) {
+    const Session* session = sessions_->greeted(id);
+    if (!session) return;
+    if (!read) return sessions_->sendError(*session, read.error(), request);
+    std::ranges::sort(*read, {}, [](const Checkpoint& one) {
+        return std::pair<Revision, const std::string&>(one.revision, one.name);
+    });
+    sessions_->send(*session, Checkpoints{request, std::move(*read)});
+}
+
+}  // namespace usdlive::server

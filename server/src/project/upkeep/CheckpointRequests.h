@@ -1,0 +1,53 @@
+// Named revisions (CP1, CP2).
+#pragma once
+
+#include <deque>
+
+#include "Wiring.h"
+#include "access/AccessPolicy.h"
+#include "lines/HistoryLine.h"
+#include "sessions/SessionTable.h"
+
+namespace usdlive::server {
+
+/// Names the revision that is executed when it is asked for, once that is durable.
+class CheckpointRequests : public LineListener {
+public:
+    CheckpointRequests(const HistoryLine& line, SessionTable& sessions, const AccessPolicy& access,
+                       const Ports& ports)
+        : line_(line),
+          sessions_(sessions),
+          access_(access),
+          history_(ports.history),
+          clock_(ports.clock),
+          activity_(ports.activity) {}
+
+    void create(Session& session, const CreateCheckpoint& request);
+    void list(const Session& session, const ListCheckpoints& request);
+
+    // Answers of the port.
+    void added(SessionId session, std::uint64_t request, const Result<Checkpoint>& added);
+    void listed(SessionId session, std::uint64_t request, Result<std::vector<Checkpoint>> read);
+
+    void becameDurable(Revision upTo) override;
+    void takenBack(const Error& error, const LostCommits& lost) override;
+
+private:
+    struct Pending {
+        SessionId session = 0;
+        std::uint64_t request = 0;
+        Checkpoint checkpoint;
+    };
+    [[nodiscard]] std::optional<Error> objection(const Session& session,
+                                                 const std::string& name) const;
+
+    Wire<const HistoryLine> line_;
+    Wire<SessionTable> sessions_;
+    Wire<const AccessPolicy> access_;
+    Wire<ports::History> history_;
+    Wire<ports::Clock> clock_;
+    Wire<ports::Activity> activity_;
+    std::deque<Pending> pending_;  ///< by revision
+};
+
+}  // namespace usdlive::server

@@ -1,0 +1,75 @@
+// History that is bounded: commits of long ago are replaced by a base (CH4).
+#pragma once
+
+#include <deque>
+#include <optional>
+#include <string>
+
+#include "Wiring.h"
+#include "access/AccessPolicy.h"
+#include "clients/Greeting.h"
+#include "lines/HistoryLine.h"
+#include "lines/HistoryStart.h"
+#include "sessions/SessionTable.h"
+#include "stream/Catchup.h"
+#include "stream/CommitReads.h"
+#include "stream/Openings.h"
+
+namespace usdlive::server {
+
+/// Has the oldest commits replaced, on request or as the server was started, as far as no
+/// checkpoint and no session needs them. One request at a time. Says what the store takes.
+class Compaction {
+public:
+    struct Parts {
+        const HistoryLine& line;
+        HistoryStart& start;
+        SessionTable& sessions;
+        const AccessPolicy& access;
+        // Those that read the history:
+        const Greeting& greeting;
+        const CommitReads& reads;
+        const Catchup& catchup;
+        const Openings& openings;
+    };
+    Compaction(std::optional<std::uint64_t> historyDays, const Parts& parts, const Ports& ports);
+
+    void request(Session& session, const CompactHistory& request);
+    /// Has commits replaced that are older than --history-days.
+    void boundHistory();
+    void measure(const Session& session, const RequestStorage& request);
+
+    // Answers of the port.
+    void baseFound(Result<BaseLimit> limit);
+    void compacted(const Result<CompactOutcome>& outcome);
+    void measured(SessionId session, std::uint64_t request, Result<Storage> storage);
+
+private:
+    struct Request {
+        std::optional<SessionId> session;  ///< nothing: boundHistory()
+        std::uint64_t request = 0;
+        std::int64_t beforeMs = 0;
+        // Once the base is found:
+        Revision from = 0;    ///< the base before
+        std::string keptFor;  ///< why not more is replaced
+    };
+    void add(const std::optional<SessionId>& session, std::uint64_t request, std::uint64_t days);
+    void findNextBase();
+    void finish(const Result<CompactOutcome>& outcome);
+    [[nodiscard]] Revision oldestNeeded() const;
+
+    std::optional<std::uint64_t> historyDays_;
+    Wire<const HistoryLine> line_;
+    Wire<HistoryStart> start_;
+    Wire<SessionTable> sessions_;
+    Wire<const AccessPolicy> access_;
+    Wire<const Greeting> greeting_;
+    Wire<const CommitReads> reads_;
+    Wire<const Catchup> catchup_;
+    Wire<const Openings> openings_;
+    Wire<ports::History> history_;
+    Wire<ports::Clock> clock_;
+    std::deque<Request> requests_;  ///< the first is under way
+};
+
+}  // namespace usdlive::server
