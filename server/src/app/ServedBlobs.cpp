@@ -7,19 +7,17 @@
 #include <memory>
 #include <utility>
 
+#include "usdlive/server/project/SharedFrame.h"
+
 namespace usdlive::server {
 
 namespace asio = boost::asio;
 
 namespace {
 
-SharedBytes encoded(const Frame& frame) {
-    return std::make_shared<const Bytes>(encodeFrame(frame));
-}
-
 SharedBytes blobError(const Hash& hash, const Error& error) {
-    return encoded(ControlFrame{encodeControl(
-        ErrorMessage{std::string(errorName(error.code)), error.message, false, {}, hash})});
+    return sharedFrame(
+        ErrorMessage{std::string(errorName(error.code)), error.message, false, {}, hash});
 }
 
 /// Returns the parts of a big value, one per call.
@@ -36,8 +34,8 @@ public:
         if (!part) return failed(part.error());
         done_ = part->empty() || offset_ + part->size() >= *size;
         if (part->empty()) return nullptr;
-        return encoded(BlobFrame{hash_, *size, std::exchange(offset_, offset_ + part->size()),
-                                 std::uint32_t(part->size()), deflate(*part)});
+        return sharedFrame(BlobFrame{hash_, *size, std::exchange(offset_, offset_ + part->size()),
+                                     std::uint32_t(part->size()), deflate(*part)});
     }
 
 private:

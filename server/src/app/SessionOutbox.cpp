@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "usdlive/common/protocol/Snapshot.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 
@@ -66,7 +67,7 @@ void SessionOutbox::sendSnapshot(SessionId session, std::uint64_t request, Layer
     auto encoder = std::make_shared<SnapshotEncoder>(std::move(doc), request);
     transports_.of(session).sendBeside(session, [encoder]() -> SharedBytes {
         const auto frame = encoder->next();
-        return frame ? std::make_shared<const Bytes>(encodeFrame(*frame)) : nullptr;
+        return frame ? sharedFrame(*frame) : nullptr;
     });
 }
 

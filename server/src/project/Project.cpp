@@ -2,8 +2,8 @@
 #include "usdlive/server/project/Project.h"
 
 #include "ProjectImpl.h"
-#include "SharedFrame.h"
 #include "usdlive/common/core/Overloaded.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

@@ -1,14 +1,13 @@
 #pragma once
 
-#include "usdlive/common/protocol/Control.h"
-#include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 
 /// Returns the last frame of a session that ends with an error.
 [[nodiscard]] inline SharedBytes errorFrame(const Error& error) {
-    ErrorMessage message{std::string(errorName(error.code)), error.message, true, {}, {}};
-    return std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)}));
+    return sharedFrame(
+        ErrorMessage{std::string(errorName(error.code)), error.message, true, {}, {}});
 }
 
 /// Returns the error that clients get for a bug of the server.

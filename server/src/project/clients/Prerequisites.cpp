@@ -89,13 +89,15 @@ std::variant<bool, Refused> Prerequisites::layersReady(const Transaction& transa
         const LayerId& layer = transaction.edits[index].layer;
         if (previous && *previous == layer) continue;
         previous = &layer;
-        if (!layers_->has(layer))
+        const LayerLoading* loading = layers_->loading(layer);
+        if (!loading)
             return Refused{{ErrorCode::LayerNotFound, "the project has no layer " + layer.value},
                            std::uint32_t(index)};
-        if (const auto* failed = std::get_if<LoadFailed>(&layers_->loading(layer)))
+        if (const auto* failed = std::get_if<LoadFailed>(loading))
             return Refused{failed->error, std::uint32_t(index)};
+        if (std::holds_alternative<Loaded>(*loading)) continue;
         layers_->require(layer);
-        ready = ready && layers_->isLoaded(layer);
+        ready = false;
     }
     return ready;
 }

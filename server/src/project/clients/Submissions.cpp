@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "SharedFrame.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

@@ -58,7 +58,7 @@ void Reloads::advance() {
 void Reloads::readLoaded(Request& request) {
     const Session& session = *sessions_->find(request.session);
     std::erase_if(request.waiting, [&](const LayerId& layer) {
-        const LayerLoading& loading = layers_->loading(layer);
+        const LayerLoading& loading = *layers_->loading(layer);
         if (const auto* problem = std::get_if<LoadFailed>(&loading)) {
             request.addFailure(layer, problem->error);
             return true;

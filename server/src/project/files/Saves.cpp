@@ -40,7 +40,7 @@ void Saves::advance() {
 /// True when all its layers are loaded, and it waits for their revision only.
 bool Saves::collect(Request& request) {
     for (auto layer = request.layers.begin(); layer != request.layers.end();) {
-        const LayerLoading& loading = layers_->loading(*layer);
+        const LayerLoading& loading = *layers_->loading(*layer);
         const auto* failed = std::get_if<LoadFailed>(&loading);
         if (!failed && !std::holds_alternative<Loaded>(loading)) return false;
         if (failed)

@@ -57,8 +57,9 @@ std::vector<LayerInfo> LayerTable::infos() const {
     return infos;
 }
 
-const LayerLoading& LayerTable::loading(const LayerId& layer) const {
-    return layers_.at(layer).loading;
+const LayerLoading* LayerTable::loading(const LayerId& layer) const {
+    const auto found = layers_.find(layer);
+    return found == layers_.end() ? nullptr : &found->second.loading;
 }
 
 bool LayerTable::isLoaded(const LayerId& layer) const {

@@ -47,8 +47,8 @@ public:
     [[nodiscard]] std::vector<LayerId> all() const;
     /// The list that `welcome` and `projectLayers` (SE9) contain.
     [[nodiscard]] std::vector<LayerInfo> infos() const;
-    /// Precondition: the layer is there.
-    [[nodiscard]] const LayerLoading& loading(const LayerId& layer) const;
+    /// nullptr: there is no such layer.
+    [[nodiscard]] const LayerLoading* loading(const LayerId& layer) const;
     [[nodiscard]] bool isLoaded(const LayerId& layer) const;
     /// The newest commit since the start that changed it, durable or not; 0 none.
     [[nodiscard]] Revision changed(const LayerId& layer) const;

@@ -10,10 +10,10 @@ std::size_t Snapshots::storedBytes(const LayerId& layer) const {
     return found == layers_.end() ? 0 : found->second.bytes + found->second.replayCost;
 }
 
-void Snapshots::takeIfDue(const LayerId& layer) {
-    Entry& entry = layers_[layer];
+void Snapshots::takeIfDue(const LayerId& layer, Entry& entry) {
+    if (entry.isTaken || entry.replayCost < limits_.leastReplay) return;
     const LayerDoc* doc = line_->doc(layer);
-    if (!doc || entry.isTaken) return;
+    if (!doc) return;
     if (entry.replayCost < snapshotDue(*doc, entry.bytes, limits_.leastReplay)) return;
     const std::int64_t now = clock_->wallClockMs();
     if (entry.takenMs && std::abs(now - *entry.takenMs) < limits_.intervalMs) return;
@@ -36,14 +36,15 @@ void Snapshots::loaded(const LayerId& layer, const LoadedLayer& loaded) {
 }
 
 void Snapshots::ready(const LayerId& layer, bool /*imported*/) {
-    takeIfDue(layer);
+    takeIfDue(layer, layers_[layer]);
     becameDurable(line_->durable());
 }
 
 void Snapshots::ordered(const OrderedCommit& commit) {
     for (const LayerId& layer : commit.layers) {
-        layers_[layer].replayCost += replayCost(commit.frameBytes, commit.edits);
-        takeIfDue(layer);
+        Entry& entry = layers_[layer];
+        entry.replayCost += replayCost(commit.frameBytes, commit.edits);
+        takeIfDue(layer, entry);
     }
 }
 

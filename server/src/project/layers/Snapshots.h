@@ -50,7 +50,7 @@ private:
         Revision revision = 0;
         Hash hash;  ///< chain hash at the revision
     };
-    void takeIfDue(const LayerId& layer);
+    void takeIfDue(const LayerId& layer, Entry& entry);
 
     Limits limits_;
     Wire<const HistoryLine> line_;

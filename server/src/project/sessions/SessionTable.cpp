@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "SharedFrame.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

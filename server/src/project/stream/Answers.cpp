@@ -5,7 +5,7 @@
 #include <set>
 #include <utility>
 
-#include "SharedFrame.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

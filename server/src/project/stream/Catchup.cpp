@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "SharedFrame.h"
 #include "usdlive/server/project/CommitContent.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 

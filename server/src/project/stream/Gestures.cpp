@@ -1,7 +1,7 @@
 // Receives previews, passes them on, and withdraws them.
 #include "stream/Gestures.h"
 
-#include "SharedFrame.h"
+#include "usdlive/server/project/SharedFrame.h"
 
 namespace usdlive::server {
 
