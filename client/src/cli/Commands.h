@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "ComposedCommands.h"
 #include "Target.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
@@ -25,6 +26,10 @@ struct ListOptions : Common {
 struct CatOptions : Common {
     Revision revision = 0;
     std::string checkpoint;  ///< used instead of a revision
+};
+struct TreeOptions : CatOptions {
+    bool composed = false;  ///< of a file, without a server
+    ComposedOptions file;
 };
 struct LogOptions : Common {
     Revision from = 0;  ///< 0: the latest commits

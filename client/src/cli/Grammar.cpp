@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "Commands.h"
+#include "ComposedCommands.h"
 #include "Target.h"
 #include "usdlive/common/core/LayerPath.h"
 
@@ -57,7 +58,8 @@ public:
         addPlain("who", "List the connected users with selection, edit target and time", "[URL]",
                  kNone, who);
         addCat("cat", "Print a layer as text", cat);
-        addCat("tree", "Print the prims of a layer with their types", tree);
+        addTree();
+        addDump();
         addLog();
         addPlain("watch", "Print new commits until interrupted", "[URL] [LAYER]", kOptional, watch);
         addSave();
@@ -144,6 +146,63 @@ private:
         cat->add_option("-c,--checkpoint", options->checkpoint,
                         "Print the layer at this checkpoint")
             ->excludes(revision);
+    }
+
+    void addTree() {
+        auto options = std::make_shared<TreeOptions>();
+        const auto read = [](const Words& words, TreeOptions& into) {
+            if (into.composed) {
+                if (words.size() != 1) usageError("name one file: usdlive tree --composed FILE");
+                into.file.root = words.front();
+                into.file.json = into.json;
+                return;
+            }
+            into.target = orUsageError(parseTarget(words));
+            if (into.target.layers.size() != 1)
+                usageError("name a layer: usdlive tree [URL] LAYER; `usdlive ls` lists the layers");
+        };
+        auto* tree = add(
+            "tree", "Print the prims of a layer with their types, or the composed prims of a file",
+            "[URL] LAYER | --composed FILE", options, read, [](const TreeOptions& chosen) {
+                return chosen.composed ? treeComposed(chosen.file) : cli::tree(chosen);
+            });
+        tree->add_flag("--composed", options->composed,
+                       "Compose the stage of this file, without a server");
+        tree->add_option("--session", options->file.session, "With --composed: the session layer")
+            ->type_name("FILE");
+        auto* revision =
+            tree->add_option("-r,--revision", options->revision, "As it was then; 0 is now")
+                ->capture_default_str();
+        tree->add_option("-c,--checkpoint", options->checkpoint, "As it was at this checkpoint")
+            ->excludes(revision);
+    }
+
+    void addDump() {
+        auto options = std::make_shared<ComposedOptions>();
+        auto composed = std::make_shared<bool>(false);
+        CLI::App* verb = app_.add_subcommand(
+            "dump", "Print everything that the composed stage of a file shows, as JSON");
+        verb->formatter(std::make_shared<VerbFormatter>("--composed FILE | --batch LIST"));
+        verb->add_option("FILE", options->root)->type_name("");
+        verb->add_flag("--composed", *composed, "Compose the stage of the file");
+        verb->add_option("--session", options->session, "The session layer")->type_name("FILE");
+        verb->add_option("--base", options->base,
+                         "Paths of files are relative to it; else to the folder of the file")
+            ->type_name("DIR");
+        verb->add_option("--fold", options->fold,
+                         "Of arrays with more elements only their number and a hash")
+            ->capture_default_str();
+        verb->add_option("--out", options->out, "Write to this file")->type_name("FILE");
+        verb->add_option("--batch", options->batch,
+                         "Many stages: each line of the file has ROOT, SESSION, DIR and OUT, with "
+                         "tabs between them")
+            ->type_name("LIST");
+        verb->callback([&chosen = chosen_, options, composed] {
+            if (options->root.empty() == options->batch.empty() ||
+                (options->batch.empty() && !*composed))
+                usageError("name a file: usdlive dump --composed FILE");
+            chosen = [options] { return dumpComposed(*options); };
+        });
     }
 
     void addLog() {

@@ -2,11 +2,12 @@
 #include "usdlive/client/usd/stage/Composition.h"
 
 #include <pxr/usd/ar/resolver.h>
-#include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/primIndex.h>
 
 #include <algorithm>
+#include <atomic>
+#include <utility>
 
 namespace usdlive::stage {
 
@@ -20,14 +21,23 @@ pxr::ArResolverContext contextOf(const pxr::SdfLayerHandle& root) {
     return pxr::ArGetResolver().CreateDefaultContextForAsset(root->GetIdentifier());
 }
 
+Composition::Scope everything(Composition::Payloads payloads) {
+    return {[](const pxr::PcpPrimIndex&, pxr::TfTokenVector*) { return true; },
+            [payloads](const SdfPath&) { return payloads == Composition::Payloads::All; }};
+}
+
 }  // namespace
 
 Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                          const std::vector<std::string>& muted, Payloads payloads)
+    : Composition(root, session, muted, everything(payloads)) {}
+
+Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                         const std::vector<std::string>& muted, Scope scope)
     : cache_(std::make_unique<pxr::PcpCache>(
           pxr::PcpLayerStackIdentifier(root, session, contextOf(root)), "usd", true)),
       muted_(muted),
-      payloads_(payloads) {
+      scope_(std::move(scope)) {
     cache_->RequestLayerMuting(muted, {});
     pxr::PcpErrorVector errors;
     (void)cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
@@ -40,16 +50,20 @@ void Composition::follow(const pxr::SdfLayerChangeListVec& changes) {
 }
 
 void Composition::setMuted(const std::vector<std::string>& muted) {
+    pxr::PcpChanges changes;
+    setMuted(muted, changes);
+    apply(changes);
+}
+
+void Composition::setMuted(const std::vector<std::string>& muted, pxr::PcpChanges& changes) {
     const auto without = [](const auto& all, const auto& others) {
         std::vector<std::string> left;
         for (const auto& one : all)
             if (std::ranges::find(others, one) == others.end()) left.push_back(one);
         return left;
     };
-    pxr::PcpChanges changes;
     cache_->RequestLayerMuting(without(muted, muted_), without(muted_, muted), &changes);
     muted_ = muted;
-    apply(changes);
 }
 
 void Composition::apply(const pxr::PcpChanges& changes) {
@@ -75,8 +89,8 @@ const pxr::PcpPrimIndex* Composition::compose(const SdfPath& prim) {
     pxr::PcpErrorVector errors;
     const auto* index = &cache_->ComputePrimIndex(prim, &errors);
     ++primsComposed_;
-    const bool loads = payloads_ == Payloads::All && index->HasAnyPayloads();
-    if (!loads || cache_->IsPayloadIncluded(prim)) return index;
+    if (!index->HasAnyPayloads() || cache_->IsPayloadIncluded(prim) || !scope_.payloads(prim))
+        return index;
     cache_->RequestPayloads({prim}, {});
     ++primsComposed_;
     return &cache_->ComputePrimIndex(prim, &errors);
@@ -95,19 +109,28 @@ pxr::TfTokenVector Composition::propertyNames(const SdfPath& prim) {
     return names;
 }
 
+void Composition::composeInParallel(const pxr::SdfPathVector& roots) {
+    std::atomic<std::size_t> visited = 0;
+    pxr::PcpErrorVector errors;
+    cache_->ComputePrimIndexesInParallel(
+        roots, &errors,
+        [&](const pxr::PcpPrimIndex& index, pxr::TfTokenVector* names) {
+            ++visited;
+            return scope_.children(index, names);
+        },
+        scope_.payloads);
+    primsComposed_ += visited;
+}
+
 void Composition::composeAll() {
     const auto count = [&] {
         std::size_t prims = 0;
         cache_->ForEachPrimIndex([&](const pxr::PcpPrimIndex&) { ++prims; });
         return prims;
     };
-    const std::size_t before = count();
-    pxr::PcpErrorVector errors;
-    cache_->ComputePrimIndexesInParallel(
-        SdfPath::AbsoluteRootPath(), &errors,
-        [](const pxr::PcpPrimIndex&, pxr::TfTokenVector*) { return true; },
-        [&](const SdfPath&) { return payloads_ == Payloads::All; });
-    primsComposed_ += count() - before;
+    const std::size_t before = count(), composed = primsComposed_;
+    composeInParallel({SdfPath::AbsoluteRootPath()});
+    primsComposed_ = composed + count() - before;
     complete_ = true;
 }
 

@@ -1,12 +1,14 @@
 #pragma once
 
 #include <pxr/usd/pcp/cache.h>
+#include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -21,10 +23,19 @@ class Composition {
 public:
     /// Which payloads prims are composed with.
     enum class Payloads { None, All };
+    /// Which prims are composed when all are. Both functions are called by several threads at once.
+    struct Scope {
+        /// Whether the children of a prim are composed; `names` may be filled with the only ones.
+        std::function<bool(const pxr::PcpPrimIndex&, pxr::TfTokenVector* names)> children;
+        /// Whether the payloads of the prim at a path are.
+        std::function<bool(const pxr::SdfPath&)> payloads;
+    };
 
     /// `session` may be null. `muted`: identifiers of layers that are left out.
     Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                 const std::vector<std::string>& muted, Payloads payloads);
+    Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                const std::vector<std::string>& muted, Scope scope);
     Composition(const Composition&) = delete;
     Composition& operator=(const Composition&) = delete;
 
@@ -32,6 +43,15 @@ public:
     void follow(const pxr::SdfLayerChangeListVec& changes);
     /// Leaves out these layers and no others.
     void setMuted(const std::vector<std::string>& muted);
+    /// Does the same, and adds what changes to `changes`, which the caller applies.
+    void setMuted(const std::vector<std::string>& muted, pxr::PcpChanges& changes);
+    /// Called by an owner that works out changes of the cache itself, instead of follow().
+    void apply(const pxr::PcpChanges& changes);
+    /// Composes the prims at `roots` and below, as far as the scope goes, on all cores.
+    void composeInParallel(const pxr::SdfPathVector& roots);
+    /// For what reads or plans over all that is composed.
+    [[nodiscard]] pxr::PcpCache& cache() { return *cache_; }
+    [[nodiscard]] const pxr::PcpCache& cache() const { return *cache_; }
 
     [[nodiscard]] const pxr::PcpLayerStack& localLayers() const;
     /// Another number whenever the local layers, or their offsets, have changed.
@@ -50,13 +70,12 @@ public:
     [[nodiscard]] std::size_t primsComposed() const { return primsComposed_; }
 
 private:
-    void apply(const pxr::PcpChanges& changes);
     const pxr::PcpPrimIndex* compose(const pxr::SdfPath& prim);
     void composeAll();
 
     std::unique_ptr<pxr::PcpCache> cache_;
     std::vector<std::string> muted_;
-    const Payloads payloads_;
+    const Scope scope_;
     bool complete_ = false;  // all prims are composed
     std::uint64_t localRevision_ = 1;
     std::size_t primsComposed_ = 0;

@@ -1,0 +1,123 @@
+#include "ComposedCommands.h"
+
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <vector>
+
+#include "StageDump.h"
+#include "usdlive/client/usd/stage/Stage.h"
+
+namespace usdlive::cli {
+
+using nlohmann::json;
+using stage::PrimFlag;
+
+namespace {
+
+Result<pxr::SdfLayerRefPtr> openLayer(const std::string& file) {
+    if (auto layer = pxr::SdfLayer::FindOrOpen(file)) return layer;
+    return fail(ErrorCode::LayerUnreadable, "cannot open the layer '" + file + "'");
+}
+
+Result<std::unique_ptr<stage::Stage>> openStage(const ComposedOptions& options) {
+    const auto root = openLayer(options.root);
+    if (!root) return tl::unexpected(root.error());
+    if (options.session.empty()) return std::make_unique<stage::Stage>(*root);
+    const auto session = openLayer(options.session);
+    if (!session) return tl::unexpected(session.error());
+    return std::make_unique<stage::Stage>(*root, *session);
+}
+
+Result<void> writeText(const std::string& text, const std::string& out) {
+    if (out.empty()) {
+        std::cout << text;
+        return {};
+    }
+    std::ofstream stream(out, std::ios::binary);
+    if (!(stream << text << std::flush))
+        return fail(ErrorCode::StorageFailed, "cannot write the file '" + out + "'");
+    return {};
+}
+
+Result<void> dumpOne(ComposedOptions options) {
+    auto opened = openStage(options);
+    if (!opened) return tl::unexpected(opened.error());
+    if (options.base.empty())
+        options.base = std::filesystem::absolute(options.root).parent_path().string();
+    const auto dump = dumpStage(**opened, {options.base, options.fold});
+    return writeText(dump.dump(1, ' ', false, json::error_handler_t::replace) + "\n", options.out);
+}
+
+// Each line: root, session, base and output file, with tabs between them. A stage that cannot be
+// opened is reported; the others are written.
+Result<void> dumpBatch(const ComposedOptions& options) {
+    std::ifstream list(options.batch);
+    if (!list)
+        return fail(ErrorCode::LayerUnreadable, "cannot read the file '" + options.batch + "'");
+    std::size_t failures = 0;
+    for (std::string line; std::getline(list, line);) {
+        if (line.empty()) continue;
+        ComposedOptions one;
+        one.fold = options.fold;
+        std::istringstream words(line);
+        for (auto* word : {&one.root, &one.session, &one.base, &one.out})
+            std::getline(words, *word, '\t');
+        if (const auto done = dumpOne(one); !done) {
+            std::cerr << done.error().message << "\n";
+            ++failures;
+        }
+    }
+    if (failures)
+        return fail(ErrorCode::LayerUnreadable,
+                    std::to_string(failures) + " stages of '" + options.batch + "' failed");
+    return {};
+}
+
+json treeOf(const stage::Prim& prim) {
+    json children = json::array();
+    for (const auto& child : prim.children(stage::PrimPredicate::all().throughInstances()))
+        children.push_back(treeOf(child));
+    return {{"name", prim.name().GetString()},      {"path", prim.path().GetAsString()},
+            {"type", prim.typeName().GetString()},  {"active", prim.has(PrimFlag::Active)},
+            {"loaded", prim.has(PrimFlag::Loaded)}, {"defined", prim.has(PrimFlag::Defined)},
+            {"instance", prim.isInstance()},        {"children", std::move(children)}};
+}
+
+void printTree(const stage::Prim& prim, std::size_t depth) {
+    std::string notes;
+    if (!prim.has(PrimFlag::Active)) notes += "  inactive";
+    if (prim.has(PrimFlag::HasPayload) && !prim.has(PrimFlag::Loaded)) notes += "  unloaded";
+    if (!prim.has(PrimFlag::HasDefiningSpecifier)) notes += "  over";
+    if (prim.isInstance()) notes += "  instance";
+    const std::string type = prim.typeName().GetString();
+    std::cout << std::string(2 * depth, ' ') << prim.name().GetString()
+              << (type.empty() ? "" : "  " + type) << notes << "\n";
+    for (const auto& child : prim.children(stage::PrimPredicate::all().throughInstances()))
+        printTree(child, depth + 1);
+}
+
+}  // namespace
+
+Result<void> dumpComposed(const ComposedOptions& options) {
+    return options.batch.empty() ? dumpOne(options) : dumpBatch(options);
+}
+
+Result<void> treeComposed(const ComposedOptions& options) {
+    auto opened = openStage(options);
+    if (!opened) return tl::unexpected(opened.error());
+    const auto root = (*opened)->pseudoRoot();
+    if (options.json) {
+        std::cout << treeOf(root)["children"].dump(-1, ' ', false, json::error_handler_t::replace)
+                  << "\n";
+    } else {
+        for (const auto& child : root.children(stage::PrimPredicate::all())) printTree(child, 0);
+    }
+    for (const auto& error : (*opened)->errors()) std::cerr << error.message << "\n";
+    return {};
+}
+
+}  // namespace usdlive::cli

@@ -1,0 +1,26 @@
+// Verbs that compose a stage from files, without a server.
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive::cli {
+
+struct ComposedOptions {
+    std::string root;     ///< a file
+    std::string session;  ///< a file; empty: an anonymous layer
+    std::string base;     ///< paths of files are relative to it; empty: the folder of the root
+    std::string out;      ///< empty: standard output
+    std::string batch;    ///< a file that lists stages, instead of a root
+    std::size_t fold = 64;
+    bool json = false;
+};
+
+/// Prints everything that a stage shows as JSON.
+Result<void> dumpComposed(const ComposedOptions& options);
+/// Prints the prims of a stage with their types.
+Result<void> treeComposed(const ComposedOptions& options);
+
+}  // namespace usdlive::cli

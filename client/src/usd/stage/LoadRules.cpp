@@ -1,0 +1,41 @@
+#include "usdlive/client/usd/stage/LoadRules.h"
+
+namespace usdlive::stage {
+
+using pxr::SdfPath;
+
+LoadRules LoadRules::none() {
+    LoadRules rules;
+    rules.set(SdfPath::AbsoluteRootPath(), Rule::None);
+    return rules;
+}
+
+void LoadRules::set(const SdfPath& prim, Rule rule) {
+    auto at = rules_.lower_bound(prim);
+    while (at != rules_.end() && at->first.HasPrefix(prim)) at = rules_.erase(at);
+    rules_[prim] = rule;
+}
+
+LoadRules::Rule LoadRules::ruleOf(const SdfPath& prim) const {
+    if (rules_.empty()) return Rule::All;
+    auto nearest = rules_.end();
+    for (SdfPath at = prim; nearest == rules_.end() && !at.IsEmpty(); at = at.GetParentPath())
+        nearest = rules_.find(at);
+    if (nearest == rules_.end() || nearest->second == Rule::All) return Rule::All;
+    if (nearest->second == Rule::Only && nearest->first == prim) return Rule::Only;
+    for (auto at = rules_.upper_bound(prim); at != rules_.end() && at->first.HasPrefix(prim); ++at)
+        if (at->second != Rule::None) return Rule::Only;
+    return Rule::None;
+}
+
+LoadRules LoadRules::below(const SdfPath& prim) const {
+    LoadRules rules;
+    const auto& root = SdfPath::AbsoluteRootPath();
+    for (auto at = rules_.lower_bound(prim); at != rules_.end() && at->first.HasPrefix(prim); ++at)
+        rules.rules_.emplace(at->first.ReplacePrefix(prim, root), at->second);
+    if (!rules.rules_.contains(root) && ruleOf(prim) != Rule::All)
+        rules.rules_.emplace(root, Rule::None);
+    return rules;
+}
+
+}  // namespace usdlive::stage

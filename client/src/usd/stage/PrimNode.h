@@ -1,0 +1,52 @@
+// A prim in the tree of a stage.
+#pragma once
+
+#include <pxr/base/tf/delegatedCountPtr.h>
+#include <pxr/usd/pcp/primIndex.h>
+#include <pxr/usd/sdf/path.h>
+
+#include <atomic>
+#include <cstdint>
+#include <vector>
+
+#include "usdlive/client/usd/stage/Prim.h"
+
+namespace usdlive::stage {
+
+class StageState;
+struct Prototype;
+
+using PrimNodePtr = pxr::TfDelegatedCountPtr<PrimNode>;
+
+/// Owned by its parent, the stage (root, prototypes) and the handles of it. It leaves the tree for
+/// good: a prim that comes back later is another one.
+class PrimNode {
+public:
+    PrimNode(StageState* owner, pxr::SdfPath where, PrimNode* above)
+        : stage(owner), path(std::move(where)), parent(above) {}
+
+    [[nodiscard]] bool has(PrimFlag flag) const { return flags & std::uint16_t(flag); }
+    [[nodiscard]] PrimNode* child(const pxr::TfToken& name) const {
+        for (const auto& one : children)
+            if (one->path.GetNameToken() == name) return one.get();
+        return nullptr;
+    }
+
+    StageState* stage;        // null: no longer in the tree, and all but the path is void
+    const pxr::SdfPath path;  // prims of a prototype: "/__Prototype_1/child"
+    PrimNode* parent;         // null for roots
+    const pxr::PcpPrimIndex* index = nullptr;  // in a prototype: of its source
+    std::vector<PrimNodePtr> children;
+    pxr::TfToken typeName;
+    pxr::TfTokenVector apiSchemas;  // as authored
+    const schema::PrimDefinition* definition = nullptr;
+    const Prototype* prototype = nullptr;  // of an instance
+    std::uint16_t flags = 0;
+
+private:
+    friend void TfDelegatedCountIncrement(PrimNode* node) noexcept;
+    friend void TfDelegatedCountDecrement(PrimNode* node) noexcept;
+    std::atomic<std::uint32_t> count_ = 0;
+};
+
+}  // namespace usdlive::stage

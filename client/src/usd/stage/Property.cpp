@@ -1,0 +1,126 @@
+#include "usdlive/client/usd/stage/Property.h"
+
+#include <pxr/usd/pcp/propertyIndex.h>
+#include <pxr/usd/pcp/targetIndex.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include "Opinions.h"
+#include "StageState.h"
+#include "usdlive/client/usd/schema/PrimDefinition.h"
+
+namespace usdlive::stage {
+
+using pxr::SdfFieldKeys;
+using pxr::SdfPath;
+using pxr::TfToken;
+using pxr::VtValue;
+
+const schema::PropertyDefinition* Property::definition() const {
+    return prim_.definition().property(name_);
+}
+
+bool Property::isKnown() const { return !name_.IsEmpty() && (definition() || isAuthored()); }
+
+bool Property::isAuthored() const {
+    return !forEachSite(prim_.primIndex(), name_,
+                        [](const Site& site) { return !site.layer->HasSpec(site.path); });
+}
+
+pxr::SdfSpecType Property::specType() const {
+    if (const auto* known = definition())
+        return known->isAttribute ? pxr::SdfSpecTypeAttribute : pxr::SdfSpecTypeRelationship;
+    auto type = pxr::SdfSpecTypeUnknown;
+    forEachSite(prim_.primIndex(), name_, [&](const Site& site) {
+        type = site.layer->GetSpecType(site.path);
+        return type == pxr::SdfSpecTypeUnknown;
+    });
+    return type;
+}
+
+bool Property::isAttribute() const { return specType() == pxr::SdfSpecTypeAttribute; }
+
+bool Property::isCustom() const {
+    if (definition()) return false;
+    return !forEachSite(prim_.primIndex(), name_, [](const Site& site) {
+        bool custom = false;
+        return !site.layer->HasField(site.path, SdfFieldKeys->Custom, &custom) || !custom;
+    });
+}
+
+TfToken Property::typeName() const {
+    if (const auto* known = definition()) return known->typeName;
+    TfToken type;
+    forEachSite(prim_.primIndex(), name_, [&](const Site& site) {
+        return !site.layer->HasField(site.path, SdfFieldKeys->TypeName, &type);
+    });
+    return type;
+}
+
+// The weakest opinion decides: what varies below stays varying.
+pxr::SdfVariability Property::variability() const {
+    if (const auto* known = definition()) return known->variability;
+    auto variability = pxr::SdfVariabilityVarying;
+    forEachSite(prim_.primIndex(), name_, [&](const Site& site) {
+        auto one = pxr::SdfVariabilityVarying;
+        if (site.layer->HasField(site.path, SdfFieldKeys->Variability, &one)) variability = one;
+        return true;
+    });
+    return variability;
+}
+
+AttributeQuery Property::query() const { return {prim_.primIndex(), name_, definition()}; }
+
+VtValue Property::value(std::optional<double> time) const { return value(query(), time); }
+
+VtValue Property::value(const AttributeQuery& query, std::optional<double> time) const {
+    auto value = time ? query.get(*time) : query.getDefault();
+    if (const auto map = prim_.mapper()) mapPaths(value, map);
+    return value;
+}
+
+pxr::SdfPathVector Property::targets() const {
+    const auto& index = prim_.primIndex();
+    if (!index.IsValid()) return {};
+    const auto& cache = prim_.stage().composition().cache();
+    const pxr::PcpSite site(cache.GetLayerStackIdentifier(), path());
+    pxr::PcpPropertyIndex properties;
+    pxr::PcpTargetIndex found;
+    pxr::PcpErrorVector errors;
+    pxr::PcpBuildPrimPropertyIndex(site.path, cache, index, &properties, &errors);
+    pxr::PcpBuildTargetIndex(site, properties, specType(), &found, &errors);
+    if (const auto map = prim_.mapper())
+        for (auto& target : found.paths) target = map(target);
+    std::erase_if(found.paths, [](const SdfPath& target) { return target.IsEmpty(); });
+    return std::move(found.paths);
+}
+
+bool Property::hasAuthoredTargets() const {
+    const auto& field = isAttribute() ? SdfFieldKeys->ConnectionPaths : SdfFieldKeys->TargetPaths;
+    return !forEachSite(prim_.primIndex(), name_,
+                        [&](const Site& site) { return !site.layer->HasField(site.path, field); });
+}
+
+VtValue Property::metadata(const TfToken& field) const {
+    if (field == SdfFieldKeys->Custom) return VtValue(isCustom());
+    if (isAttribute()) {
+        if (field == SdfFieldKeys->TypeName) return VtValue(typeName());
+        if (field == SdfFieldKeys->Variability) return VtValue(variability());
+    }
+    return composeField(prim_.primIndex(), name_, field, prim_.mapper());
+}
+
+Metadata Property::authoredMetadata() const {
+    Metadata fields;
+    forEachSite(prim_.primIndex(), name_, [&](const Site& site) {
+        for (const auto& field : site.layer->ListFields(site.path))
+            if (!isPrivateField(field)) fields.try_emplace(field);
+        return true;
+    });
+    for (const auto& field : {SdfFieldKeys->Custom, SdfFieldKeys->Variability})
+        fields.try_emplace(field);
+    if (isAttribute()) fields.try_emplace(SdfFieldKeys->TypeName);
+    for (auto& [field, value] : fields) value = metadata(field);
+    return fields;
+}
+
+}  // namespace usdlive::stage

@@ -1,0 +1,96 @@
+// What a stage is made of: composition, prim tree, prototypes, and how they follow the layers.
+#pragma once
+
+#include <pxr/base/tf/notice.h>
+#include <pxr/base/tf/weakBase.h>
+#include <pxr/usd/sdf/notice.h>
+
+#include <functional>
+#include <mutex>
+#include <set>
+#include <thread>
+#include <unordered_map>
+#include <vector>
+
+#include "Kinds.h"
+#include "PrimNode.h"
+#include "Prototypes.h"
+#include "usdlive/client/usd/stage/Composition.h"
+#include "usdlive/client/usd/stage/Stage.h"
+
+namespace usdlive::stage {
+
+class StageState final : public pxr::TfWeakBase {
+public:
+    /// Arcs may lead deeper and deeper: below this nothing is composed, and errors() says so.
+    static constexpr std::size_t kDeepest = 512;
+
+    StageState(Stage& owner, pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr session,
+               StageOptions options);
+    ~StageState();
+
+    /// Of a prim of the stage or of a prototype; null: none, or an instance proxy.
+    [[nodiscard]] PrimNode* find(const pxr::SdfPath& path) const;
+    [[nodiscard]] Prim prim(const pxr::SdfPath& path) const;
+    /// Null: the stage leaves it out.
+    [[nodiscard]] pxr::SdfLayerHandle unmutedSession() const;
+
+    void setLoadRules(const LoadRules& rules);
+    void setMask(const PopulationMask& mask);
+    void setMuted(const std::vector<std::string>& muted);
+    [[nodiscard]] Stage::Subscription subscribe(Stage::Listener listener);
+
+    Stage& stage;
+    const pxr::SdfLayerRefPtr rootLayer, sessionLayer;
+    const std::shared_ptr<const schema::SchemaRegistry> schemas;
+    const Kinds kinds;
+    LoadRules load;
+    PopulationMask mask;
+    std::vector<std::string> muted;
+    EditTarget target;
+    Prototypes prototypes;
+    Composition composition;
+    PrimNodePtr root;
+    std::size_t primsUpdated = 0;
+
+private:
+    using Paths = std::set<pxr::SdfPath>;
+
+    // Composing (StageState.cpp)
+    bool composesChildren(const pxr::PcpPrimIndex& index, pxr::TfTokenVector* names);
+    void composeIndexes(pxr::SdfPathVector roots, std::set<Prototype*>& changed);
+    void composeType(PrimNode& node);
+    void composeFlags(PrimNode& node);
+    void compose(PrimNode& node);
+    void composeChildren(PrimNode& node, const Paths* only);
+    void composePrototype(Prototype& prototype);
+    [[nodiscard]] pxr::TfTokenVector childNames(const PrimNode& node) const;
+    void retire(PrimNodePtr node);
+    void bury(PrimNode& node);
+    void enter(PrimNode& node);
+    void readFallbackTypes();
+
+    // Following (StageUpdates.cpp)
+    struct Gathered;
+    void onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice);
+    void gather(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
+                const pxr::SdfChangeList::Entry& entry, Gathered& into) const;
+    void follow(const pxr::PcpChanges& changes, Gathered& gathered);
+    void becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose);
+    void recompose(Paths& resynced);
+    [[nodiscard]] bool isComposed(const pxr::SdfPath& path) const;
+    [[nodiscard]] PrimNode* shownBy(const pxr::SdfPath& index) const;
+    void reorder(Gathered& gathered);
+    void moveToPrototypes(Gathered& gathered) const;
+    void notify(const StageChanges& changes);
+
+    const std::thread::id thread_ = std::this_thread::get_id();
+    std::unordered_map<pxr::SdfPath, PrimNode*, pxr::SdfPath::Hash> nodes_;
+    std::mutex retiredMutex_;  // guards retired_ while prims are composed
+    std::vector<PrimNodePtr> retired_;
+    pxr::VtDictionary fallbackTypes_;
+    std::vector<std::weak_ptr<Stage::Listener>> listeners_;
+    pxr::TfNotice::Key changedKey_;
+};
+
+}  // namespace usdlive::stage

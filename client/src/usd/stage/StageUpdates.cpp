@@ -1,0 +1,353 @@
+// How a stage follows changes of its layers, of what it loads, and of what it leaves out.
+#include <pxr/usd/ar/resolverScopedCache.h>
+#include <pxr/usd/pcp/changes.h>
+#include <pxr/usd/pcp/dependency.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "StageState.h"
+
+namespace usdlive::stage {
+
+using pxr::SdfFieldKeys;
+using pxr::SdfPath;
+using pxr::TfToken;
+using Paths = std::set<SdfPath>;
+
+namespace {
+
+// What has the path of one of `prefixes`, or one below.
+bool isBelowAny(const Paths& prefixes, const SdfPath& path) {
+    if (prefixes.empty()) return false;
+    for (SdfPath at = path; !at.IsEmpty(); at = at.GetParentPath())
+        if (prefixes.contains(at)) return true;
+    return false;
+}
+
+void dropDescendants(Paths& paths) {
+    for (auto at = paths.begin(); at != paths.end();) {
+        const SdfPath& prefix = *at++;
+        while (at != paths.end() && at->HasPrefix(prefix)) at = paths.erase(at);
+    }
+}
+
+bool isClipField(const TfToken& field) {
+    return field == SdfFieldKeys->Clips || field == SdfFieldKeys->ClipSets;
+}
+
+// The paths of the stage that a spec contributes to.
+template <class Add>
+void forAffected(const pxr::PcpCache& cache, const pxr::SdfLayerHandle& layer, const SdfPath& path,
+                 Add&& add) {
+    if (cache.GetLayerStack()->HasLayer(layer)) add(path.StripAllVariantSelections());
+    const auto dependencies = cache.FindSiteDependencies(
+        layer, path,
+        pxr::PcpDependencyTypeDirect | pxr::PcpDependencyTypeAncestral |
+            pxr::PcpDependencyTypeNonVirtual | pxr::PcpDependencyTypeVirtual,
+        true, false, false);
+    for (const auto& dependency : dependencies) add(dependency.indexPath);
+}
+
+}  // namespace
+
+struct StageState::Gathered {
+    Paths recompose;             // whole subtrees
+    Paths types;                 // only type and API schemas
+    Paths properties;            // came or went
+    Paths assets;                // asset paths below may resolve to something else
+    std::set<SdfPath> activity;  // Pcp does not look at "active"
+    std::map<SdfPath, StageChanges::Fields> info;
+    Paths parents;  // of specs that came or went: their children may have another order
+};
+
+void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) {
+    if (std::this_thread::get_id() != thread_) return;
+    auto& cache = composition.cache();
+    Gathered gathered;
+    bool concerned = false;
+    for (const auto& [layer, changes] : notice.GetChangeListVec()) {
+        if (!layer || cache.FindAllLayerStacksUsingLayer(layer).empty()) continue;
+        concerned = true;
+        for (const auto& [path, entry] : changes.GetEntryList())
+            if (!path.IsTargetPath()) gather(layer, path, entry, gathered);
+    }
+    if (!concerned) return;
+    pxr::PcpChanges changes;
+    changes.DidChange(&cache, notice.GetChangeListVec());
+    for (const auto& path : gathered.activity) changes.DidChangeSignificantly(&cache, path);
+    for (const auto& [stack, change] : changes.GetLayerStackChanges()) {
+        if (!change.didChangeExpressionVariables) continue;
+        for (const auto& dependency : cache.FindSiteDependencies(
+                 stack, SdfPath::AbsoluteRootPath(), pxr::PcpDependencyTypeAnyIncludingVirtual,
+                 true, false, false))
+            gathered.assets.insert(dependency.indexPath);
+    }
+    follow(changes, gathered);
+}
+
+void StageState::gather(const pxr::SdfLayerHandle& layer, const SdfPath& path,
+                        const pxr::SdfChangeList::Entry& entry, Gathered& into) const {
+    const auto& cache = composition.cache();
+    const auto add = [&](Paths& paths) {
+        forAffected(cache, layer, path, [&](const SdfPath& one) { paths.insert(one); });
+    };
+    const auto changed = [&](auto&&... fields) {
+        return std::ranges::any_of(entry.infoChanged, [&](const auto& change) {
+            return ((change.first == fields) || ...);
+        });
+    };
+    static const TfToken schemas("apiSchemas"), fallbacks("fallbackPrimTypes");
+    const auto& flags = entry.flags;
+    if (path.IsPrimPath() && (flags.didAddInertPrim || flags.didAddNonInertPrim ||
+                              flags.didRemoveInertPrim || flags.didRemoveNonInertPrim))
+        forAffected(cache, layer, path,
+                    [&](const SdfPath& one) { into.parents.insert(one.GetParentPath()); });
+    if (path == SdfPath::AbsoluteRootPath() || path.IsPrimOrPrimVariantSelectionPath()) {
+        const bool activity = changed(SdfFieldKeys->Active);
+        const pxr::SdfLayerRefPtr kept(layer);
+        const bool ofStage = path == SdfPath::AbsoluteRootPath() &&
+                             (kept == rootLayer || kept == sessionLayer) && changed(fallbacks);
+        const bool recomposes = activity || entry.flags.didReorderChildren || ofStage ||
+                                changed(SdfFieldKeys->Kind, SdfFieldKeys->Specifier) ||
+                                std::ranges::any_of(entry.infoChanged, [](const auto& change) {
+                                    return isClipField(change.first);
+                                });
+        if (activity) add(into.activity);
+        if (recomposes) return add(into.recompose);
+        if (changed(SdfFieldKeys->TypeName, schemas)) add(into.types);
+    } else if (path.IsPropertyPath() &&
+               (entry.flags.didAddPropertyWithOnlyRequiredFields || entry.flags.didAddProperty ||
+                entry.flags.didRemovePropertyWithOnlyRequiredFields ||
+                entry.flags.didRemoveProperty)) {
+        return add(into.properties);
+    }
+    StageChanges::Fields fields;
+    for (const auto& change : entry.infoChanged) fields.insert(change.first);
+    if (entry.flags.didChangeAttributeTimeSamples) fields.insert(SdfFieldKeys->TimeSamples);
+    if (entry.flags.didChangeAttributeConnection) fields.insert(SdfFieldKeys->ConnectionPaths);
+    if (entry.flags.didChangeRelationshipTargets) fields.insert(SdfFieldKeys->TargetPaths);
+    forAffected(cache, layer, path,
+                [&](const SdfPath& one) { into.info[one].insert(fields.begin(), fields.end()); });
+}
+
+void StageState::follow(const pxr::PcpChanges& changes, Gathered& gathered) {
+    composition.apply(changes);
+    for (const auto& [cache, change] : changes.GetCacheChanges()) {
+        if (cache != &composition.cache()) continue;
+        gathered.recompose.insert(change.didChangeSignificantly.begin(),
+                                  change.didChangeSignificantly.end());
+        gathered.recompose.insert(change.didChangePrims.begin(), change.didChangePrims.end());
+        becomeInstances(change.didChangeSpecs, gathered.recompose);
+    }
+    recompose(gathered.recompose);
+    reorder(gathered);
+    moveToPrototypes(gathered);
+
+    StageChanges told;
+    std::erase_if(gathered.types,
+                  [&](const SdfPath& one) { return isBelowAny(gathered.recompose, one); });
+    for (const auto& path : gathered.types)
+        if (auto* node = find(path); node && node->parent) composeType(*node);
+    told.resynced = std::move(gathered.recompose);
+    told.resynced.merge(gathered.types);
+    told.resynced.merge(gathered.properties);
+    dropDescendants(told.resynced);
+    for (auto& [path, fields] : gathered.info)
+        if (!isBelowAny(told.resynced, path)) told.changedInfo.emplace(path, std::move(fields));
+    dropDescendants(gathered.assets);
+    for (const auto& path : gathered.assets)
+        if (!isBelowAny(told.resynced, path)) told.assetPathsResynced.insert(path);
+    if (!told.isEmpty()) notify(told);
+}
+
+// A spec that comes at the end of an arc can make a prim an instance, and when it goes the prim is
+// none. For Pcp that changes specs only, but what is below an instance is composed in another way.
+void StageState::becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose) {
+    pxr::PcpChanges changes;
+    for (const auto& path : withOtherSpecs) {
+        const auto* node = path.IsPrimPath() ? shownBy(path) : nullptr;
+        if (!node || !node->index || isBelowAny(recompose, path)) continue;
+        const bool instance = node->has(PrimFlag::Active) && node->index->IsInstanceable();
+        if (instance == node->has(PrimFlag::Instance)) continue;
+        changes.DidChangeSignificantly(&composition.cache(), path);
+        recompose.insert(path);
+    }
+    composition.apply(changes);
+}
+
+bool StageState::isComposed(const SdfPath& path) const {
+    if (!path.IsAbsoluteRootOrPrimPath() || path.ContainsPrimVariantSelection()) return false;
+    if (!mask.includes(path)) return false;
+    const auto* around = prototypes.around(path);
+    return !around || path.HasPrefix(around->source);
+}
+
+PrimNode* StageState::shownBy(const SdfPath& index) const {
+    const auto* around = prototypes.around(index);
+    if (!around) return find(index);
+    if (around->source.IsEmpty() || !index.HasPrefix(around->source)) return nullptr;
+    return find(index.ReplacePrefix(around->source, around->path));
+}
+
+// `resynced`: paths of prim indexes. Afterwards also those of prims of prototypes that were
+// composed again.
+void StageState::recompose(Paths& resynced) {
+    if (resynced.empty()) return;
+    dropDescendants(resynced);
+    pxr::SdfPathVector roots;
+    std::set<Prototype*> changed;
+    for (const auto& path : resynced)
+        if (isComposed(path)) roots.push_back(path);
+    for (const auto& path : roots) {
+        for (auto* prototype : prototypes.sourcedUnder(path)) changed.insert(prototype);
+        prototypes.forget(path);
+    }
+    // Without roots too: settle() must give new sources.
+    composeIndexes(roots, changed);
+    const auto unused = prototypes.takeUnused();
+    for (const auto& prototype : unused) changed.erase(prototype.get());
+
+    // Siblings together, so that their parent's children are listed once.
+    std::map<PrimNode*, Paths> below;
+    for (const auto& path : roots) {
+        if (path == SdfPath::AbsoluteRootPath()) {
+            compose(*root);
+            enter(*root);
+        } else if (changed.contains(prototypes.around(path))) {
+            continue;  // the whole prototype is composed again below
+        } else if (auto* parent = shownBy(path.GetParentPath()); parent) {
+            // An instance's own children are not its; its prototype's are.
+            if (parent->has(PrimFlag::Instance)) {
+                if (!parent->prototype || parent->prototype->source != path.GetParentPath())
+                    continue;
+                parent = parent->prototype->root.get();
+            }
+            if (parent) below[parent].insert(path);
+        }
+    }
+    for (const auto& [parent, paths] : below) {
+        // Pcp may have moved the parent's index.
+        parent->index = composition.cache().FindPrimIndex(paths.begin()->GetParentPath());
+        if (!parent->stage || !parent->index) continue;
+        composeChildren(*parent, &paths);
+        for (const auto& child : parent->children)
+            if (paths.contains(child->index->GetPath()) || !nodes_.contains(child->path)) {
+                enter(*child);
+                resynced.insert(child->path);
+            }
+    }
+    for (auto* prototype : changed) {
+        composePrototype(*prototype);
+        enter(*prototype->root);
+        resynced.insert(prototype->path);
+    }
+    for (const auto& prototype : unused) {
+        resynced.insert(prototype->path);
+        if (prototype->root) bury(*prototype->root);
+    }
+    for (const auto& node : std::exchange(retired_, {})) bury(*node);
+    dropDescendants(resynced);
+}
+
+// A spec without arcs and content composes nothing again, but its place among its siblings counts.
+void StageState::reorder(Gathered& gathered) {
+    for (const auto& path : gathered.parents) {
+        if (isBelowAny(gathered.recompose, path)) continue;
+        auto* node = shownBy(path);
+        if (auto* prototype = prototypes.of(path); prototype && prototype->source == path)
+            node = prototype->root.get();
+        if (!node) continue;
+        node->index = composition.cache().FindPrimIndex(path);
+        if (!node->index) continue;
+        const auto names = childNames(*node);
+        const bool same =
+            std::ranges::equal(names, node->children, {}, {},
+                               [](const PrimNodePtr& child) { return child->path.GetNameToken(); });
+        if (same) continue;
+        const Paths none;
+        composeChildren(*node, &none);
+        for (const auto& child : node->children)
+            if (!nodes_.contains(child->path)) enter(*child);
+        gathered.info[path].insert(pxr::SdfChildrenKeys->PrimChildren);
+    }
+    for (const auto& node : std::exchange(retired_, {})) bury(*node);
+}
+
+// What is inside an instance is not there: the prims of its prototype are.
+void StageState::moveToPrototypes(Gathered& gathered) const {
+    if (prototypes.all().empty()) return;
+    const auto moved = [this](const SdfPath& path) -> std::optional<SdfPath> {
+        const SdfPath prim = path.GetAbsoluteRootOrPrimPath();
+        const auto* around = prototypes.around(prim);
+        if (!around) return path;
+        if (!prim.HasPrefix(around->source)) return std::nullopt;
+        return path.ReplacePrefix(around->source, around->path);
+    };
+    for (auto* paths :
+         {&gathered.recompose, &gathered.types, &gathered.properties, &gathered.assets}) {
+        Paths result;
+        for (const auto& path : *paths)
+            if (const auto at = moved(path)) result.insert(*at);
+        *paths = std::move(result);
+    }
+    std::map<SdfPath, StageChanges::Fields> info;
+    for (auto& [path, fields] : gathered.info)
+        if (const auto at = moved(path)) info[*at].merge(fields);
+    gathered.info = std::move(info);
+}
+
+void StageState::setLoadRules(const LoadRules& rules) {
+    if (rules == load) return;
+    load = rules;
+    auto& cache = composition.cache();
+    pxr::SdfPathSet include, exclude;
+    cache.ForEachPrimIndex([&](const pxr::PcpPrimIndex& index) {
+        if (!index.HasAnyPayloads()) return;
+        const bool loads = load.isLoaded(index.GetPath());
+        if (loads != cache.IsPayloadIncluded(index.GetPath()))
+            (loads ? include : exclude).insert(index.GetPath());
+    });
+    pxr::PcpChanges changes;
+    cache.RequestPayloads(include, exclude, &changes);
+    Gathered gathered;
+    // Which prims may share a prototype depends on the rules.
+    for (const auto& prototype : prototypes.all())
+        for (const auto& instance : prototype->instances)
+            if (!(prototype->key.load == load.below(instance))) gathered.recompose.insert(instance);
+    follow(changes, gathered);
+}
+
+void StageState::setMask(const PopulationMask& wanted) {
+    if (wanted == mask) return;
+    mask = wanted;
+    Gathered gathered;
+    gathered.recompose.insert(SdfPath::AbsoluteRootPath());
+    follow(pxr::PcpChanges(), gathered);
+}
+
+void StageState::setMuted(const std::vector<std::string>& identifiers) {
+    pxr::PcpChanges changes;
+    composition.setMuted(identifiers, changes);
+    muted = identifiers;
+    Gathered gathered;
+    follow(changes, gathered);
+}
+
+Stage::Subscription StageState::subscribe(Stage::Listener listener) {
+    auto kept = std::make_shared<Stage::Listener>(std::move(listener));
+    std::erase_if(listeners_, [](const auto& one) { return one.expired(); });
+    listeners_.push_back(kept);
+    return kept;
+}
+
+void StageState::notify(const StageChanges& changes) {
+    // A listener may subscribe others, which hear of the next change.
+    for (const auto& listener : std::vector(listeners_))
+        if (const auto kept = listener.lock()) (*kept)(changes);
+}
+
+}  // namespace usdlive::stage
