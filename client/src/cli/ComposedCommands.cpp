@@ -9,7 +9,9 @@
 #include <vector>
 
 #include "StageDump.h"
+#include "usdlive/client/usd/stage/Flatten.h"
 #include "usdlive/client/usd/stage/Stage.h"
+#include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::cli {
 
@@ -118,6 +120,22 @@ Result<void> treeComposed(const ComposedOptions& options) {
     }
     for (const auto& error : (*opened)->errors()) std::cerr << error.message << "\n";
     return {};
+}
+
+Result<void> flattenComposed(const ComposedOptions& options) {
+    auto opened = openStage(options);
+    if (!opened) return tl::unexpected(opened.error());
+    const auto layer = stage::flatten(**opened);
+    for (const auto& error : (*opened)->errors()) std::cerr << error.message << "\n";
+    if (options.out.empty()) {
+        std::string text;
+        layer->ExportToString(&text);
+        return writeText(text, options.out);
+    }
+    const usd::TfComplaints complaints;
+    if (layer->Export(options.out)) return {};
+    return fail(ErrorCode::StorageFailed, "cannot write the file '" + options.out +
+                                              "': " + complaints.text("no format has this name"));
 }
 
 }  // namespace usdlive::cli

@@ -22,5 +22,7 @@ struct ComposedOptions {
 Result<void> dumpComposed(const ComposedOptions& options);
 /// Prints the prims of a stage with their types.
 Result<void> treeComposed(const ComposedOptions& options);
+/// Writes a stage as one layer, in the format that the name of the file says; prints it as text.
+Result<void> flattenComposed(const ComposedOptions& options);
 
 }  // namespace usdlive::cli

@@ -60,6 +60,7 @@ public:
         addCat("cat", "Print a layer as text", cat);
         addTree();
         addDump();
+        addFlatten();
         addLog();
         addPlain("watch", "Print new commits until interrupted", "[URL] [LAYER]", kOptional, watch);
         addSave();
@@ -202,6 +203,21 @@ private:
                 (options->batch.empty() && !*composed))
                 usageError("name a file: usdlive dump --composed FILE");
             chosen = [options] { return dumpComposed(*options); };
+        });
+    }
+
+    void addFlatten() {
+        auto options = std::make_shared<ComposedOptions>();
+        CLI::App* verb = app_.add_subcommand(
+            "flatten", "Write what the stage of a file shows as one layer, without a server");
+        verb->formatter(std::make_shared<VerbFormatter>("FILE"));
+        verb->add_option("FILE", options->root)->type_name("");
+        verb->add_option("--session", options->session, "The session layer")->type_name("FILE");
+        verb->add_option("--out", options->out, "Write to this file (.usda, .usdc); else as text")
+            ->type_name("FILE");
+        verb->callback([&chosen = chosen_, options] {
+            if (options->root.empty()) usageError("name a file: usdlive flatten FILE");
+            chosen = [options] { return flattenComposed(*options); };
         });
     }
 

@@ -152,20 +152,22 @@ bool isPrivateField(const TfToken& field) {
     return definition && (definition->IsReadOnly() || definition->HoldsChildren());
 }
 
-bool addWeaker(VtValue& result, const Site& site, const TfToken& field, const PathMapper& mapPath) {
+bool addWeaker(VtValue& result, const Site& site, const TfToken& field, const PathMapper& mapPath,
+               AssetPaths assetPaths) {
     VtValue value;
     if (!site.layer->HasField(site.path, field, &value)) return true;
-    value = toStage(value, {site.node, site.layerIndex, site.path});
+    value = toStage(value, {site.node, site.layerIndex, site.path}, assetPaths);
     if (mapPath) mapPaths(value, mapPath);
     result = result.IsEmpty() ? std::move(value) : over(std::move(result), value);
     return mergesWeaker(result);
 }
 
 VtValue composeField(const PcpPrimIndex& index, const TfToken& property, const TfToken& field,
-                     const PathMapper& mapPath) {
+                     const PathMapper& mapPath, AssetPaths assetPaths) {
     VtValue result;
-    forEachSite(index, property,
-                [&](const Site& site) { return addWeaker(result, site, field, mapPath); });
+    forEachSite(index, property, [&](const Site& site) {
+        return addWeaker(result, site, field, mapPath, assetPaths);
+    });
     applyListOps<pxr::SdfIntListOp, pxr::SdfInt64ListOp, pxr::SdfUIntListOp, pxr::SdfUInt64ListOp,
                  pxr::SdfStringListOp, pxr::SdfTokenListOp>(result, index, property, field);
     return result;

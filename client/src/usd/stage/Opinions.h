@@ -9,6 +9,8 @@
 
 #include <functional>
 
+#include "usdlive/client/usd/stage/ValueSite.h"
+
 namespace usdlive::stage {
 
 /// A place where a prim or property may have a spec.
@@ -47,13 +49,13 @@ void mapPaths(pxr::VtValue& value, const PathMapper& mapPath);
 /// Adds the opinion of a weaker site to `result`, which is empty before the strongest. Returns
 /// whether weaker ones can still add to it.
 bool addWeaker(pxr::VtValue& result, const Site& site, const pxr::TfToken& field,
-               const PathMapper& mapPath);
+               const PathMapper& mapPath, AssetPaths assetPaths);
 
 /// One field, composed: dictionaries and path expressions of all sites are merged, list operations
 /// applied, and of all else the strongest counts. Empty: no site has it.
 [[nodiscard]] pxr::VtValue composeField(const pxr::PcpPrimIndex& index,
                                         const pxr::TfToken& property, const pxr::TfToken& field,
-                                        const PathMapper& mapPath);
+                                        const PathMapper& mapPath, AssetPaths assetPaths);
 
 /// The specifier of a prim: "def", else "class", else "over"; a class that is inherited makes no
 /// class.

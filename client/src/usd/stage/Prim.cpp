@@ -177,28 +177,28 @@ Property Prim::property(const TfToken& name) const {
     return property.isKnown() ? property : Property();
 }
 
-VtValue Prim::metadata(const TfToken& field) const {
-    if (isPseudoRoot()) return metadataOfStage(field);
+VtValue Prim::metadata(const TfToken& field, AssetPaths assetPaths) const {
+    if (isPseudoRoot()) return metadataOfStage(field, assetPaths);
     if (field == SdfFieldKeys->Specifier) return VtValue(specifier());
     if (field == SdfFieldKeys->TypeName)
         return typeName().IsEmpty() ? VtValue() : VtValue(typeName());
-    return composeField(primIndex(), TfToken(), field, mapper());
+    return composeField(primIndex(), TfToken(), field, mapper(), assetPaths);
 }
 
 // The stage's metadata is that of its session layer and its root layer; other local layers have
 // none.
-VtValue Prim::metadataOfStage(const TfToken& field) const {
+VtValue Prim::metadataOfStage(const TfToken& field, AssetPaths assetPaths) const {
     const auto& state = *node_->stage;
     const pxr::SdfLayerRefPtr session(state.unmutedSession());
     VtValue result;
     forEachSite(primIndex(), TfToken(), [&](const Site& site) {
         if (site.layer != session && site.layer != state.rootLayer) return true;
-        return addWeaker(result, site, field, {});
+        return addWeaker(result, site, field, {}, assetPaths);
     });
     return result;
 }
 
-Metadata Prim::authoredMetadata() const {
+Metadata Prim::authoredMetadata(AssetPaths assetPaths) const {
     Metadata fields;
     const auto list = [&](const pxr::SdfLayer& layer, const SdfPath& path) {
         for (const auto& field : layer.ListFields(path))
@@ -214,7 +214,7 @@ Metadata Prim::authoredMetadata() const {
         });
         fields.try_emplace(SdfFieldKeys->Specifier);
     }
-    for (auto& [field, value] : fields) value = metadata(field);
+    for (auto& [field, value] : fields) value = metadata(field, assetPaths);
     return fields;
 }
 

@@ -68,7 +68,9 @@ pxr::SdfVariability Property::variability() const {
     return variability;
 }
 
-AttributeQuery Property::query() const { return {prim_.primIndex(), name_, definition()}; }
+AttributeQuery Property::query(AssetPaths assetPaths) const {
+    return {prim_.primIndex(), name_, definition(), Interpolation::Linear, assetPaths};
+}
 
 VtValue Property::value(std::optional<double> time) const { return value(query(), time); }
 
@@ -100,16 +102,16 @@ bool Property::hasAuthoredTargets() const {
                         [&](const Site& site) { return !site.layer->HasField(site.path, field); });
 }
 
-VtValue Property::metadata(const TfToken& field) const {
+VtValue Property::metadata(const TfToken& field, AssetPaths assetPaths) const {
     if (field == SdfFieldKeys->Custom) return VtValue(isCustom());
     if (isAttribute()) {
         if (field == SdfFieldKeys->TypeName) return VtValue(typeName());
         if (field == SdfFieldKeys->Variability) return VtValue(variability());
     }
-    return composeField(prim_.primIndex(), name_, field, prim_.mapper());
+    return composeField(prim_.primIndex(), name_, field, prim_.mapper(), assetPaths);
 }
 
-Metadata Property::authoredMetadata() const {
+Metadata Property::authoredMetadata(AssetPaths assetPaths) const {
     Metadata fields;
     forEachSite(prim_.primIndex(), name_, [&](const Site& site) {
         for (const auto& field : site.layer->ListFields(site.path))
@@ -119,7 +121,7 @@ Metadata Property::authoredMetadata() const {
     for (const auto& field : {SdfFieldKeys->Custom, SdfFieldKeys->Variability})
         fields.try_emplace(field);
     if (isAttribute()) fields.try_emplace(SdfFieldKeys->TypeName);
-    for (auto& [field, value] : fields) value = metadata(field);
+    for (auto& [field, value] : fields) value = metadata(field, assetPaths);
     return fields;
 }
 

@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "usdlive/client/usd/stage/ValueSite.h"
+
 namespace usdlive::schema {
 class PrimDefinition;
 }
@@ -134,9 +136,10 @@ public:
     [[nodiscard]] Property property(const pxr::TfToken& name) const;
 
     /// One field, composed; empty: no layer has it. The pseudo-root has the stage's metadata.
-    [[nodiscard]] pxr::VtValue metadata(const pxr::TfToken& field) const;
+    [[nodiscard]] pxr::VtValue metadata(const pxr::TfToken& field,
+                                        AssetPaths assetPaths = AssetPaths::Resolved) const;
     /// All fields that the layers have. A field that composes to nothing has an empty value.
-    [[nodiscard]] Metadata authoredMetadata() const;
+    [[nodiscard]] Metadata authoredMetadata(AssetPaths assetPaths = AssetPaths::Resolved) const;
 
     /// How the prim is composed: of an instance proxy, how the prim of its prototype is. Valid
     /// until the stage changes. A prototype's own has no opinions: its properties belong to the
@@ -152,7 +155,8 @@ private:
     Prim(PrimNode* node, pxr::SdfPath proxyPath);
     [[nodiscard]] pxr::TfTokenVector ordered(pxr::TfTokenVector names) const;
     [[nodiscard]] bool isInsideItself() const;
-    [[nodiscard]] pxr::VtValue metadataOfStage(const pxr::TfToken& field) const;
+    [[nodiscard]] pxr::VtValue metadataOfStage(const pxr::TfToken& field,
+                                               AssetPaths assetPaths) const;
     [[nodiscard]] std::function<pxr::SdfPath(const pxr::SdfPath&)> mapper() const;
     [[nodiscard]] std::vector<std::pair<pxr::SdfPath, pxr::SdfPath>> sources() const;
 

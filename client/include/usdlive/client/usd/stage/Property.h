@@ -35,7 +35,7 @@ public:
     [[nodiscard]] pxr::TfToken typeName() const;
     [[nodiscard]] pxr::SdfVariability variability() const;
     /// Of an attribute, for reading at many times. Valid until the stage changes.
-    [[nodiscard]] AttributeQuery query() const;
+    [[nodiscard]] AttributeQuery query(AssetPaths assetPaths = AssetPaths::Resolved) const;
     /// Of an attribute: at the default time, or at a time of the stage. Empty: it has none there.
     [[nodiscard]] pxr::VtValue value(std::optional<double> time = {}) const;
     /// The same, of query().
@@ -46,8 +46,9 @@ public:
     [[nodiscard]] pxr::SdfPathVector targets() const;
     [[nodiscard]] bool hasAuthoredTargets() const;
 
-    [[nodiscard]] pxr::VtValue metadata(const pxr::TfToken& field) const;
-    [[nodiscard]] Metadata authoredMetadata() const;
+    [[nodiscard]] pxr::VtValue metadata(const pxr::TfToken& field,
+                                        AssetPaths assetPaths = AssetPaths::Resolved) const;
+    [[nodiscard]] Metadata authoredMetadata(AssetPaths assetPaths = AssetPaths::Resolved) const;
 
     bool operator==(const Property&) const = default;
 
