@@ -10,7 +10,7 @@ import re
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
-# The folders whose files are one target (see the CMakeLists.txt of common, client and server). Those files
+# The folders whose files are one target (see the CMakeLists.txt of common, client, server and tests). Those files
 # also list the sources that CMake excludes from unity builds (SKIP_UNITY_BUILD_INCLUSION).
 TARGETS = [
     ["common/src/core", "common/src/layer", "common/src/protocol"],
@@ -24,6 +24,13 @@ TARGETS = [
     ["server/src/transport"],
     ["server/src/files"],
     ["server/src/app"],
+    ["tests/unit/common/core", "tests/unit/common/dds", "tests/unit/common/layer", "tests/unit/common/protocol"],
+    ["tests/unit/common/usd"],
+    ["tests/unit/client"],
+    ["tests/unit/server"],
+    ["tests/unit/bombs"],
+    ["tests/simulation"],
+    ["tests/model"],
 ]
 
 NAMED = re.compile(
@@ -37,7 +44,7 @@ ALONE = re.compile(r"([\w./]+\.cpp)[^)]*SKIP_UNITY_BUILD_INCLUSION")
 
 
 def compiled_alone():
-    lists = [ROOT / end / "CMakeLists.txt" for end in ("common", "client", "server")]
+    lists = [ROOT / end / "CMakeLists.txt" for end in ("common", "client", "server", "tests")]
     return {(path.parent / name).resolve() for path in lists for name in ALONE.findall(path.read_text("utf-8"))}
 
 

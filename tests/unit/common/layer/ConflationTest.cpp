@@ -8,17 +8,18 @@
 namespace usdlive {
 namespace {
 
-const LayerId kLayer{"a.usda"}, kOther{"b.usda"};
+const LayerId kConflatedLayer{"a.usda"}, kOther{"b.usda"};
 
-Edit set(const std::string& path, double value, const LayerId& layer = kLayer) {
+Edit set(const std::string& path, double value, const LayerId& layer = kConflatedLayer) {
     return {layer, {path, {}}, SetField{"default", {}, doubleValue(value), {}}};
 }
 Edit sample(double time, double value) {
-    return {
-        kLayer, {"/A.x", {}}, SetField{"timeSamples", SampleTime{time}, doubleValue(value), {}}};
+    return {kConflatedLayer,
+            {"/A.x", {}},
+            SetField{"timeSamples", SampleTime{time}, doubleValue(value), {}}};
 }
 Edit key(std::vector<std::string> path, double value) {
-    return {kLayer,
+    return {kConflatedLayer,
             {"/A", {}},
             SetField{"customData", DictionaryKey{std::move(path)}, doubleValue(value), {}}};
 }
@@ -35,17 +36,17 @@ TEST(Conflation, CF1KeepsTheLastOfEachRegister) {
 }
 
 TEST(Conflation, CF1AWholeFieldCoversItsParts) {
-    const Edit whole{kLayer, {"/A", {}}, EraseField{"customData", {}}};
+    const Edit whole{kConflatedLayer, {"/A", {}}, EraseField{"customData", {}}};
     EXPECT_EQ(conflated({key({"a"}, 1), whole}), (Edits{whole}));
     EXPECT_EQ(conflated({whole, key({"a"}, 1)}), (Edits{whole, key({"a"}, 1)}));
     // Erasing a part does not change a field of another form. Therefore the edit that gave the
     // field this form must stay.
-    const Edit part{kLayer, {"/A", {}}, EraseField{"customData", DictionaryKey{{"a"}}}};
+    const Edit part{kConflatedLayer, {"/A", {}}, EraseField{"customData", DictionaryKey{{"a"}}}};
     EXPECT_EQ(conflated({key({"a"}, 1), part}), (Edits{key({"a"}, 1), part}));
 }
 
 TEST(Conflation, CF1NothingIsDroppedAcrossNamespaceEdits) {
-    const Edit move{kLayer, {"/A", {}}, MoveSpec{{"/", {}}, "B"}};
+    const Edit move{kConflatedLayer, {"/A", {}}, MoveSpec{{"/", {}}, "B"}};
     EXPECT_EQ(conflated({set("/A.x", 1), move, set("/A.x", 2)}).size(), 3u);
     EXPECT_EQ(conflated({set("/A.x", 1, kOther), move, set("/A.x", 2, kOther)}).size(), 2u)
         << "of another layer";
@@ -70,7 +71,8 @@ TEST(Conflation, CF1LeadsToTheSameLayer) {
             const bool isField = std::holds_alternative<SetField>(action) ||
                                  std::holds_alternative<EraseField>(action);
             if (!isField && !random.chance(20)) continue;
-            if (doc.apply(path, action)) edits.push_back({kLayer, {path, {}}, std::move(action)});
+            if (doc.apply(path, action))
+                edits.push_back({kConflatedLayer, {path, {}}, std::move(action)});
         }
         all += edits.size();
         edits = conflated(std::move(edits));

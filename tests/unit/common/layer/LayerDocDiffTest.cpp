@@ -11,7 +11,7 @@ using namespace usdlive;
 
 namespace {
 
-using Edits = std::vector<std::pair<std::string, EditAction>>;
+using DiffEdits = std::vector<std::pair<std::string, EditAction>>;
 
 LayerDoc docWith(const std::vector<std::string>& prims) {
     LayerDoc doc;
@@ -21,7 +21,7 @@ LayerDoc docWith(const std::vector<std::string>& prims) {
 
 // Returns the difference, and checks that its edits apply without errors and result in `to`, order
 // included.
-Edits checkedDifference(const LayerDoc& from, const LayerDoc& to) {
+DiffEdits checkedDifference(const LayerDoc& from, const LayerDoc& to) {
     const auto edits = difference(from, to);
     LayerDoc trial = from;
     for (const auto& [path, action] : edits) {
@@ -34,7 +34,7 @@ Edits checkedDifference(const LayerDoc& from, const LayerDoc& to) {
 }
 
 template <class Action>
-std::size_t countOf(const Edits& edits) {
+std::size_t countOf(const DiffEdits& edits) {
     return static_cast<std::size_t>(std::count_if(edits.begin(), edits.end(), [](const auto& e) {
         return std::holds_alternative<Action>(e.second);
     }));

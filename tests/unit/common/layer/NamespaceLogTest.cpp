@@ -10,78 +10,78 @@ using namespace usdlive;
 
 namespace {
 
-const LayerId kLayer{"a.usda"}, kOther{"b.usda"};
+const LayerId kMovedLayer{"a.usda"}, kOther{"b.usda"};
 
 }  // namespace
 
 TEST(NamespaceLog, M3FollowsMovesOfTheSpecAndItsAncestors) {
     NamespaceLog log;
-    log.recordMove(1, kLayer, "/A", "/B");
-    log.recordMove(2, kLayer, "/B/x", "/C/y");
-    EXPECT_EQ(log.translate(kLayer, "/A", 0), "/B");
-    EXPECT_EQ(log.translate(kLayer, "/A/x.p", 0), "/C/y.p");
-    EXPECT_EQ(log.translate(kLayer, "/B/x.p", 1), "/C/y.p");
-    EXPECT_EQ(log.translate(kLayer, "/A/xx", 0), "/B/xx");
-    EXPECT_EQ(log.translate(kLayer, "/A", 1), "/A");  // another A, created since
+    log.recordMove(1, kMovedLayer, "/A", "/B");
+    log.recordMove(2, kMovedLayer, "/B/x", "/C/y");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A", 0), "/B");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A/x.p", 0), "/C/y.p");
+    EXPECT_EQ(log.translate(kMovedLayer, "/B/x.p", 1), "/C/y.p");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A/xx", 0), "/B/xx");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A", 1), "/A");  // another A, created since
     EXPECT_EQ(log.translate(kOther, "/A", 0), "/A");
-    EXPECT_EQ(log.translate(kLayer, "/", 0), "/");
+    EXPECT_EQ(log.translate(kMovedLayer, "/", 0), "/");
 }
 
 TEST(NamespaceLog, M3FollowsVariants) {
     NamespaceLog log;
-    log.recordMove(1, kLayer, "/A{v=}", "/B{w=}");
-    log.recordMove(2, kLayer, "/B{w=one}", "/B{w=two}");
-    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C.x", 0), "/B{w=two}C.x");
-    EXPECT_EQ(log.translate(kLayer, "/A{v=three}", 0), "/B{w=three}");
-    EXPECT_EQ(log.translate(kLayer, "/A{v=}", 0), "/B{w=}");
+    log.recordMove(1, kMovedLayer, "/A{v=}", "/B{w=}");
+    log.recordMove(2, kMovedLayer, "/B{w=one}", "/B{w=two}");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A{v=one}C.x", 0), "/B{w=two}C.x");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A{v=three}", 0), "/B{w=three}");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A{v=}", 0), "/B{w=}");
 }
 
 TEST(NamespaceLog, M4ReportsADeletedSpec) {
     NamespaceLog log;
-    log.recordDelete(3, kLayer, "/A{v=}");
-    log.recordMove(4, kLayer, "/A", "/B");
-    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C", 2), std::nullopt);
-    EXPECT_EQ(log.translate(kLayer, "/A{v=one}C", 3), "/B{v=one}C");  // created again
-    EXPECT_EQ(log.translate(kLayer, "/A.v", 2), "/B.v");
+    log.recordDelete(3, kMovedLayer, "/A{v=}");
+    log.recordMove(4, kMovedLayer, "/A", "/B");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A{v=one}C", 2), std::nullopt);
+    EXPECT_EQ(log.translate(kMovedLayer, "/A{v=one}C", 3), "/B{v=one}C");  // created again
+    EXPECT_EQ(log.translate(kMovedLayer, "/A.v", 2), "/B.v");
 }
 
 TEST(NamespaceLog, M3TranslatesFromAMark) {
     NamespaceLog log;
-    log.recordMove(1, kLayer, "/A", "/B");
+    log.recordMove(1, kMovedLayer, "/A", "/B");
     const auto mark = log.mark();
-    log.recordMove(1, kLayer, "/B", "/C");
-    EXPECT_EQ(log.translateFrom(kLayer, "/A", mark), "/A");
-    EXPECT_EQ(log.translateFrom(kLayer, "/B", mark), "/C");
-    EXPECT_EQ(log.translateFrom(kLayer, "/A", mark - 1), "/C");
+    log.recordMove(1, kMovedLayer, "/B", "/C");
+    EXPECT_EQ(log.translateFrom(kMovedLayer, "/A", mark), "/A");
+    EXPECT_EQ(log.translateFrom(kMovedLayer, "/B", mark), "/C");
+    EXPECT_EQ(log.translateFrom(kMovedLayer, "/A", mark - 1), "/C");
 }
 
 TEST(NamespaceLog, TruncateRemovesEntriesAfterTheMark) {
     NamespaceLog log;
-    log.recordMove(1, kLayer, "/A", "/B");
+    log.recordMove(1, kMovedLayer, "/A", "/B");
     const auto mark = log.mark();
-    log.recordDelete(2, kLayer, "/B");
+    log.recordDelete(2, kMovedLayer, "/B");
     log.truncate(mark);
     EXPECT_EQ(log.mark(), mark);
-    EXPECT_EQ(log.translate(kLayer, "/A", 0), "/B");
+    EXPECT_EQ(log.translate(kMovedLayer, "/A", 0), "/B");
 }
 
 TEST(NamespaceLog, PruneForgetsAndKeepsTheNumbers) {
     NamespaceLog log;
-    log.recordMove(1, kLayer, "/A", "/B");
-    log.recordMove(2, kLayer, "/B", "/C");
+    log.recordMove(1, kMovedLayer, "/A", "/B");
+    log.recordMove(2, kMovedLayer, "/B", "/C");
     const auto mark = log.mark();
-    log.recordMove(3, kLayer, "/C", "/D");
+    log.recordMove(3, kMovedLayer, "/C", "/D");
     log.prune(2);
     EXPECT_EQ(log.oldest(), 2U);
-    EXPECT_EQ(log.translate(kLayer, "/C", 2), "/D");
-    EXPECT_EQ(log.translateFrom(kLayer, "/C", mark), "/D");
+    EXPECT_EQ(log.translate(kMovedLayer, "/C", 2), "/D");
+    EXPECT_EQ(log.translateFrom(kMovedLayer, "/C", mark), "/D");
     EXPECT_EQ(log.mark(), mark + 1);
     log.prune(9);
     EXPECT_EQ(log.oldest(), 9U);
     EXPECT_EQ(log.mark(), mark + 1);
-    log.recordMove(10, kLayer, "/D", "/E");
-    EXPECT_EQ(log.translate(kLayer, "/D", 9), "/E");
-    EXPECT_EQ(log.translateFrom(kLayer, "/D", mark + 1), "/E");
+    log.recordMove(10, kMovedLayer, "/D", "/E");
+    EXPECT_EQ(log.translate(kMovedLayer, "/D", 9), "/E");
+    EXPECT_EQ(log.translateFrom(kMovedLayer, "/D", mark + 1), "/E");
     log.prune(1);
     EXPECT_EQ(log.oldest(), 9U);
 }
@@ -115,12 +115,12 @@ TEST(NamespaceLog, M3FollowsThroughManyEntries) {
                     specpath::child(parent, specpath::last(model.back().from).list, random.name());
             }
             if (model.back().to)
-                log.recordMove(revision, kLayer, model.back().from, *model.back().to);
+                log.recordMove(revision, kMovedLayer, model.back().from, *model.back().to);
             else
-                log.recordDelete(revision, kLayer, model.back().from);
+                log.recordDelete(revision, kMovedLayer, model.back().from);
             if (random.chance(20)) {  // reverted
                 const auto mark = log.mark();
-                for (int i = 0; i < 5; ++i) log.recordDelete(revision, kLayer, path());
+                for (int i = 0; i < 5; ++i) log.recordDelete(revision, kMovedLayer, path());
                 log.truncate(mark);
             }
         }
@@ -136,29 +136,29 @@ TEST(NamespaceLog, M3FollowsThroughManyEntries) {
                     move.to ? std::optional(specpath::replacePrefix(*expected, move.from, *move.to))
                             : std::nullopt;
             }
-            ASSERT_EQ(log.translate(kLayer, start, since), expected) << start << " " << since;
+            ASSERT_EQ(log.translate(kMovedLayer, start, since), expected) << start << " " << since;
         }
     }
 }
 
 TEST(NamespaceLog, ALogAboveAnotherFollowsIt) {
     NamespaceLog confirmed;
-    confirmed.recordMove(1, kLayer, "/A", "/B");
+    confirmed.recordMove(1, kMovedLayer, "/A", "/B");
     NamespaceLog predicted(&confirmed);
-    predicted.recordMove(2, kLayer, "/B", "/C");
+    predicted.recordMove(2, kMovedLayer, "/B", "/C");
     const std::uint64_t first = predicted.mark();
-    predicted.recordMove(2, kLayer, "/C", "/A");
-    EXPECT_EQ(predicted.translate(kLayer, "/A.x", 0), "/A.x");
-    EXPECT_EQ(predicted.translateFrom(kLayer, "/B", confirmed.mark()), "/A");
-    EXPECT_EQ(predicted.translateFrom(kLayer, "/C", first), "/A");
+    predicted.recordMove(2, kMovedLayer, "/C", "/A");
+    EXPECT_EQ(predicted.translate(kMovedLayer, "/A.x", 0), "/A.x");
+    EXPECT_EQ(predicted.translateFrom(kMovedLayer, "/B", confirmed.mark()), "/A");
+    EXPECT_EQ(predicted.translateFrom(kMovedLayer, "/C", first), "/A");
     // The first move is confirmed: from now on it is in the log below.
-    confirmed.recordMove(2, kLayer, "/B", "/C");
+    confirmed.recordMove(2, kMovedLayer, "/B", "/C");
     predicted.pruneBefore(first);
-    EXPECT_EQ(predicted.translate(kLayer, "/A.x", 0), "/A.x");
-    EXPECT_EQ(predicted.translate(kLayer, "/B", 1), "/A");
-    EXPECT_EQ(predicted.translate(kLayer, "/B", 2), "/B");
-    confirmed.recordDelete(3, kLayer, "/C");
-    EXPECT_EQ(predicted.translate(kLayer, "/A", 0), std::nullopt);
+    EXPECT_EQ(predicted.translate(kMovedLayer, "/A.x", 0), "/A.x");
+    EXPECT_EQ(predicted.translate(kMovedLayer, "/B", 1), "/A");
+    EXPECT_EQ(predicted.translate(kMovedLayer, "/B", 2), "/B");
+    confirmed.recordDelete(3, kMovedLayer, "/C");
+    EXPECT_EQ(predicted.translate(kMovedLayer, "/A", 0), std::nullopt);
     confirmed.prune(2);
     EXPECT_EQ(predicted.oldest(), 2u);
 }
@@ -166,17 +166,17 @@ TEST(NamespaceLog, ALogAboveAnotherFollowsIt) {
 TEST(OwnCreations, M3ConfirmedCreationsPrecedePredictedOnes) {
     OwnCreations confirmed;
     OwnCreations predicted(&confirmed);
-    predicted.record({1, 0}, {kLayer, "/A", 0}, 5);
+    predicted.record({1, 0}, {kMovedLayer, "/A", 0}, 5);
     EXPECT_EQ(predicted.find({1, 0})->path, "/A");
-    confirmed.record({1, 0}, {kLayer, "/B", 0}, 5);
+    confirmed.record({1, 0}, {kMovedLayer, "/B", 0}, 5);
     EXPECT_EQ(predicted.find({1, 0})->path, "/B");
 }
 
 TEST(OwnCreations, M3KeepsThemUntilTheAuthorHasSeenThem) {
     OwnCreations creations;
-    creations.record({1, 0}, {kLayer, "/A", 0}, 5);
-    creations.record({1, 1}, {kLayer, "/B", 0}, 5);
-    creations.record({2, 0}, {kLayer, "/C", 1}, 6);
+    creations.record({1, 0}, {kMovedLayer, "/A", 0}, 5);
+    creations.record({1, 1}, {kMovedLayer, "/B", 0}, 5);
+    creations.record({2, 0}, {kMovedLayer, "/C", 1}, 6);
     EXPECT_EQ(creations.find({1, 1})->path, "/B");
     EXPECT_EQ(creations.find({3, 0}), nullptr);
     creations.seen(5);

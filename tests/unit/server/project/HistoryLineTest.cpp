@@ -8,7 +8,7 @@
 namespace usdlive::server::linetest {
 namespace {
 
-const LayerId kLayer{"a.usda"};
+const LayerId kLineLayer{"a.usda"};
 const ClientId kClient{"client"};
 
 class Log : public ports::CommitLog {
@@ -46,8 +46,10 @@ LayerDoc sample() {
     return doc;
 }
 
-Edit create(const std::string& path) { return {kLayer, {path, {}}, CreateSpec{SpecKind::Prim}}; }
-Edit erase(const std::string& path) { return {kLayer, {path, {}}, DeleteSpec{}}; }
+Edit create(const std::string& path) {
+    return {kLineLayer, {path, {}}, CreateSpec{SpecKind::Prim}};
+}
+Edit erase(const std::string& path) { return {kLineLayer, {path, {}}, DeleteSpec{}}; }
 
 class HistoryLineTest : public ::testing::Test {
 protected:
@@ -62,7 +64,7 @@ protected:
         return std::get<Revision>(submit(to, std::move(edits)));
     }
     [[nodiscard]] static bool has(const HistoryLine& line, const std::string& path) {
-        return line.doc(kLayer)->has(path);
+        return line.doc(kLineLayer)->has(path);
     }
 
     Log log, branchLog;
@@ -71,7 +73,7 @@ protected:
     OwnCreations creations;
     std::uint64_t sequence = 0;
     Follower follower;
-    HistoryLine line{{}, {{0, {}, 1}, 0, {}, {{kLayer, sample()}}}, log, clock};
+    HistoryLine line{{}, {{0, {}, 1}, 0, {}, {{kLineLayer, sample()}}}, log, clock};
 };
 
 TEST_F(HistoryLineTest, OrdersCommitsAndNotifiesWhenTheyAreDurable) {
@@ -91,7 +93,7 @@ TEST_F(HistoryLineTest, WhatItsCheckRefusesChangesNothing) {
     const auto refused =
         submit(line, {erase("/A")}, [](const Executed& executed, const LayerDocs& before) {
             EXPECT_EQ(executed.edits.size(), 1u);
-            EXPECT_TRUE(before.at(kLayer).has("/A"));
+            EXPECT_TRUE(before.at(kLineLayer).has("/A"));
             return std::optional(Refused{{ErrorCode::Locked, "locked"}});
         });
     EXPECT_EQ(std::get<Refused>(refused).error.code, ErrorCode::Locked);
@@ -112,16 +114,16 @@ TEST_F(HistoryLineTest, TakesBackWhatTheLogCouldNotAppend) {
     line.appendFailed({ErrorCode::StorageFull, "lost"}, kept);
     EXPECT_EQ(follower.events,
               (std::vector<std::string>{"durable 1", "up to 1", "lost 2", "lost 3", "up to 1"}));
-    EXPECT_EQ(follower.changed, std::set{kLayer});
+    EXPECT_EQ(follower.changed, std::set{kLineLayer});
     EXPECT_EQ(line.executed(), 1u);
     EXPECT_EQ(line.executedHash(), kept.hash);
     EXPECT_EQ(line.epoch(), 2u);
-    EXPECT_EQ(line.doc(kLayer), nullptr) << "it is to be loaded again";
+    EXPECT_EQ(line.doc(kLineLayer), nullptr) << "it is to be loaded again";
 
     // The deletion that was taken back carries no address away, either.
     LayerDoc again = sample();
     EXPECT_TRUE(again.apply("/B", CreateSpec{SpecKind::Prim}));
-    line.put(kLayer, again);
+    line.put(kLineLayer, again);
     EXPECT_EQ(commit(line, {create("/A/D")}), 2u);
     EXPECT_TRUE(has(line, "/A/D"));
 }

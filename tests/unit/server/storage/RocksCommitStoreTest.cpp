@@ -25,10 +25,10 @@ using test::RandomEdits;
 using test::TestCommits;
 using test::TestFolder;
 
-const LayerId kLayer{"a.usda"};
+const LayerId kStoredLayer{"a.usda"};
 constexpr std::uint64_t kMib = 1024 * 1024;
 
-RocksCommitStoreOptions options() {
+RocksCommitStoreOptions storeOptions() {
     RocksCommitStoreOptions options;
     options.minFreeBytes = 0;
     options.reserveBytes = 0;
@@ -36,7 +36,7 @@ RocksCommitStoreOptions options() {
 }
 
 std::unique_ptr<CommitStore> open(const fs::path& folder) {
-    auto store = createRocksCommitStore(folder, options());
+    auto store = createRocksCommitStore(folder, storeOptions());
     if (!store) throw std::runtime_error(store.error().message);
     return std::move(*store);
 }
@@ -45,7 +45,7 @@ std::vector<CommitRecord> someCommits(TestCommits& commits, int count, unsigned 
     RandomEdits random(seed);
     std::vector<CommitRecord> all;
     for (int number = 0; number < count; ++number)
-        all.push_back(commits.next(random.next(kLayer, commits.layers[kLayer])));
+        all.push_back(commits.next(random.next(kStoredLayer, commits.layers[kStoredLayer])));
     return all;
 }
 
@@ -59,8 +59,8 @@ void append(CommitStore& store, std::span<const CommitRecord> commits) {
 bool always() { return true; }
 
 bool keep(CommitStore& store, const TestCommits& commits) {
-    return bool(store.keepSnapshot(kLayer, commits.layers.at(kLayer), commits.head.revision,
-                                   commits.head.hash));
+    return bool(store.keepSnapshot(kStoredLayer, commits.layers.at(kStoredLayer),
+                                   commits.head.revision, commits.head.hash));
 }
 
 /// Copies the store's folder in the state that a killed process or a fault leaves.
@@ -83,7 +83,7 @@ fs::path newestLog(const fs::path& folder) { return filesOf(folder, ".log").back
 
 /// Opens a damaged copy. It must either be complete or report the damage.
 testing::AssertionResult openIsEqualOrCorrupt(const fs::path& folder, const TestCommits& commits) {
-    const auto store = createRocksCommitStore(folder, options());
+    const auto store = createRocksCommitStore(folder, storeOptions());
     const auto corrupt = [](const Error& error) {
         return error.code == ErrorCode::StorageCorrupt
                    ? testing::AssertionSuccess()
@@ -101,9 +101,9 @@ testing::AssertionResult openIsEqualOrCorrupt(const fs::path& folder, const Test
     if (!read) return corrupt(read.error());
     if (visited != head.revision - (*store)->base().revision)
         return testing::AssertionFailure() << visited << " commits";
-    const auto doc = (*store)->loadLayer(kLayer);
+    const auto doc = (*store)->loadLayer(kStoredLayer);
     if (!doc) return corrupt(doc.error());
-    if (!*doc || (*doc)->dump() != commits.layers.at(kLayer).dump())
+    if (!*doc || (*doc)->dump() != commits.layers.at(kStoredLayer).dump())
         return testing::AssertionFailure() << "the layer differs";
     return testing::AssertionSuccess();
 }
@@ -143,11 +143,11 @@ TEST(RocksCommitStore, ATornAppendHasNoEffect) {
         copyFolder(torn, copy.path / "b");
         fs::copy_file(log, newestLog(copy.path / "b"), fs::copy_options::overwrite_existing);
         fs::resize_file(newestLog(copy.path / "b"), cut);
-        const auto opened = createRocksCommitStore(copy.path / "b", options());
+        const auto opened = createRocksCommitStore(copy.path / "b", storeOptions());
         ASSERT_TRUE(opened) << opened.error().message;
         EXPECT_EQ((*opened)->head().revision, acknowledged.head.revision);
-        EXPECT_EQ((*opened)->loadLayer(kLayer).value()->dump(),
-                  acknowledged.layers.at(kLayer).dump());
+        EXPECT_EQ((*opened)->loadLayer(kStoredLayer).value()->dump(),
+                  acknowledged.layers.at(kStoredLayer).dump());
     }
 }
 
@@ -160,7 +160,7 @@ TEST(RocksCommitStore, NeverServesAShortenedHistory) {
     for (const std::uint64_t cut : {1, 10, 100, 1'000}) {
         copyFolder(folder.path / "a", folder.path / "b");
         fs::resize_file(newestLog(folder.path / "b"), size - cut);
-        const auto opened = createRocksCommitStore(folder.path / "b", options());
+        const auto opened = createRocksCommitStore(folder.path / "b", storeOptions());
         ASSERT_FALSE(opened) << cut;
         EXPECT_EQ(opened.error().code, ErrorCode::StorageCorrupt);
         EXPECT_NE(opened.error().message.find("commit 30"), std::string::npos)
@@ -282,7 +282,8 @@ TEST(RocksCommitStore, ASnapshotThatCannotBeReadIsReplacedByTheLog) {
         ASSERT_TRUE(keep(*store, commits));
         append(*store, someCommits(commits, 3));
         damage();
-        EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+        EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(),
+                  commits.layers[kStoredLayer].dump());
     };
     check([&] { fs::copy_file(kept, other); });
     check([&] { fs::remove(kept); });
@@ -309,9 +310,10 @@ TEST(RocksCommitStore, ASnapshotOfAnotherHistoryIsNotUsed) {
     fs::copy(folder.path / "b" / "snapshots", folder.path / "a" / "snapshots",
              fs::copy_options::recursive);
     const auto store = open(folder.path / "a");
-    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump()) << "ahead";
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump())
+        << "ahead";
     append(*store, someCommits(commits, 10, 3));
-    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
 }
 
 TEST(RocksCommitStore, ABaseThatIsDamagedIsFound) {
@@ -325,7 +327,7 @@ TEST(RocksCommitStore, ABaseThatIsDamagedIsFound) {
     const fs::path base = folder.path / "base" / "1-20", other = folder.path / "other";
     fs::copy_file(base, other);
     const auto expectDamaged = [&] {
-        const auto loaded = open(folder.path)->loadLayer(kLayer);
+        const auto loaded = open(folder.path)->loadLayer(kStoredLayer);
         ASSERT_FALSE(loaded);
         EXPECT_EQ(loaded.error().code, ErrorCode::StorageCorrupt);
         EXPECT_NE(loaded.error().message.find(base.string()), std::string::npos)
@@ -345,7 +347,8 @@ TEST(RocksCommitStore, ABaseThatIsDamagedIsFound) {
         fs::copy_file(elsewhere.path / "base" / "1-20", base, fs::copy_options::overwrite_existing);
     }
     expectDamaged();
-    EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(open(folder.path)->loadLayer(kStoredLayer).value()->dump(),
+              commits.layers[kStoredLayer].dump());
 }
 
 // Simulates a crash of the machine: the mark is not synced.
@@ -361,7 +364,8 @@ TEST(RocksCommitStore, AMarkThatIsOlderThanTheBaseDoesNoHarm) {
         ASSERT_TRUE(store->compact(20, always));
     }
     fs::copy_file(old, mark, fs::copy_options::overwrite_existing);
-    EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(open(folder.path)->loadLayer(kStoredLayer).value()->dump(),
+              commits.layers[kStoredLayer].dump());
 }
 
 TEST(RocksCommitStore, CommitsThatABaseReplacedAreRemoved) {
@@ -402,7 +406,7 @@ TEST(RocksCommitStore, CommitsThatABaseReplacedAreRemoved) {
     }
     store = open(folder.path);
     EXPECT_FALSE(fs::exists(folder.path / "base" / "1-9999"));
-    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
     EXPECT_EQ(store->loadLayer(other).value()->dump(), commits.layers[other].dump());
     store.reset();
     EXPECT_EQ(RawRecords(folder.path).keys(RawRecords::Commits).size(), 1u);
@@ -414,19 +418,19 @@ TEST(RocksCommitStore, AnOldRevisionBeginsWithTheNearestSnapshot) {
     auto store = open(folder.path);
     const auto costAt = [&](Revision revision) {
         Replayed replayed;
-        EXPECT_TRUE(store->layerAt(kLayer, revision, &replayed));
+        EXPECT_TRUE(store->layerAt(kStoredLayer, revision, &replayed));
         return replayed.cost;
     };
     std::map<Revision, std::string> contents;
     for (int part = 0; part < 40; ++part) {
         append(*store, someCommits(commits, 20, unsigned(part)));
-        contents[commits.head.revision] = commits.layers[kLayer].dump();
+        contents[commits.head.revision] = commits.layers[kStoredLayer].dump();
         ASSERT_TRUE(keep(*store, commits));
     }
     const auto checkAll = [&](Revision from) {
         for (const auto& [revision, dump] : contents) {
             if (revision < from) continue;
-            EXPECT_EQ(store->layerAt(kLayer, revision).value()->dump(), dump);
+            EXPECT_EQ(store->layerAt(kStoredLayer, revision).value()->dump(), dump);
             // Seven snapshots of 800 commits; executing a commit costs some 500.
             EXPECT_LT(costAt(revision), 250 * 600u) << revision;
         }
@@ -448,10 +452,10 @@ TEST(RocksCommitStore, AnOldRevisionBeginsWithTheNearestSnapshot) {
 TEST(RocksCommitStore, ABaseIsMadeWhileOtherCallsRun) {
     TestFolder folder;
     TestCommits commits;
-    auto quick = options();
+    auto quick = storeOptions();
     quick.durability = Durability::OperatingSystem;
     const auto store = std::move(*createRocksCommitStore(folder.path, quick));
-    append(*store, std::vector{commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})});
+    append(*store, std::vector{commits.next(kStoredLayer, "/A", CreateSpec{SpecKind::Prim})});
     std::atomic<bool> done = false;
     std::vector<std::thread> others;
     const auto mayBeReplaced = [](const auto& result) {
@@ -467,16 +471,16 @@ TEST(RocksCommitStore, ABaseIsMadeWhileOtherCallsRun) {
             const auto head = store->head();
             EXPECT_TRUE(mayBeReplaced(
                 store->read(0, head.revision, [](const StoredCommit&) { return true; })));
-            EXPECT_TRUE(mayBeReplaced(store->layerAt(kLayer, head.revision)));
-            EXPECT_TRUE(store->loadLayer(kLayer));
+            EXPECT_TRUE(mayBeReplaced(store->layerAt(kStoredLayer, head.revision)));
+            EXPECT_TRUE(store->loadLayer(kStoredLayer));
             EXPECT_TRUE(mayBeReplaced(store->hashAt(head.revision)));
-            EXPECT_TRUE(store->setSaved(kLayer, {head.revision, test::kFile}));
+            EXPECT_TRUE(store->setSaved(kStoredLayer, {head.revision, test::kFile}));
         }
     });
     append(*store, someCommits(commits, 300));
     done = true;
     for (auto& other : others) other.join();
-    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
     EXPECT_GT(store->base().revision, 0u);
 }
 
@@ -487,7 +491,8 @@ TEST(RocksCommitStore, SupportedOlderFormatsAreUpgraded) {
     writeFormat(folder.path, 2);
     EXPECT_EQ(open(folder.path)->head().hash, commits.head.hash);
     writeFormat(folder.path, 3);  // and compress no commit
-    EXPECT_EQ(open(folder.path)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(open(folder.path)->loadLayer(kStoredLayer).value()->dump(),
+              commits.layers[kStoredLayer].dump());
 }
 
 TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
@@ -496,7 +501,7 @@ TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
     LayerDoc big;
     for (int i = 0; i < 20'000; ++i)
         ASSERT_TRUE(big.apply("/P" + std::to_string(i), CreateSpec{SpecKind::Prim}));
-    const CommitRecord import = commits.import(kLayer, big);
+    const CommitRecord import = commits.import(kStoredLayer, big);
     append(*open(folder.path), std::vector{import});
     {
         const RawRecords raw(folder.path);
@@ -506,7 +511,7 @@ TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
     }
     {
         const auto store = open(folder.path);
-        EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), big.dump());
+        EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), big.dump());
         Bytes found;
         ASSERT_TRUE(store->read(1, 1, [&](const StoredCommit& commit) {
             found = *commit.frame;
@@ -521,7 +526,7 @@ TEST(RocksCommitStore, BigCommitsAreStoredCompressed) {
         record[sizeof(Hash::bytes) + 4] ^= 1;  // the size of the content
         raw.put(RawRecords::Commits, key, record);
     }
-    const auto damaged = createRocksCommitStore(folder.path, options());
+    const auto damaged = createRocksCommitStore(folder.path, storeOptions());
     ASSERT_FALSE(damaged);
     EXPECT_EQ(damaged.error().code, ErrorCode::StorageCorrupt);
 }
@@ -533,7 +538,7 @@ TEST(RocksCommitStore, AnUnknownFormatIsNotTouched) {
         TestFolder folder;
         (void)open(folder.path);
         writeFormat(folder.path, format);
-        const auto opened = createRocksCommitStore(folder.path, options());
+        const auto opened = createRocksCommitStore(folder.path, storeOptions());
         ASSERT_FALSE(opened);
         EXPECT_EQ(opened.error().code, code);
     }
@@ -568,7 +573,7 @@ TEST(RocksCommitStore, NothingIsAcknowledgedAfterTheFolderWasRemoved) {
 TEST(RocksCommitStore, OnlyOneProcessHasItOpen) {
     TestFolder folder;
     auto store = open(folder.path);
-    const auto second = createRocksCommitStore(folder.path, options());
+    const auto second = createRocksCommitStore(folder.path, storeOptions());
     ASSERT_FALSE(second);
     EXPECT_EQ(second.error().code, ErrorCode::StorageLocked);
     EXPECT_TRUE(store->append({}));
@@ -577,7 +582,7 @@ TEST(RocksCommitStore, OnlyOneProcessHasItOpen) {
 }
 
 TEST(RocksCommitStore, AFolderThatCannotBeMadeFails) {
-    const auto opened = createRocksCommitStore("/proc/usdlive", options());
+    const auto opened = createRocksCommitStore("/proc/usdlive", storeOptions());
     ASSERT_FALSE(opened);
     EXPECT_EQ(opened.error().code, ErrorCode::StorageFailed);
     EXPECT_NE(opened.error().message.find("/proc/usdlive"), std::string::npos);
@@ -585,7 +590,7 @@ TEST(RocksCommitStore, AFolderThatCannotBeMadeFails) {
 
 TEST(RocksCommitStore, RefusesEditsBelowTheLeastFreeSpace) {
     TestFolder folder;
-    auto tight = options();
+    auto tight = storeOptions();
     tight.minFreeBytes = std::uint64_t(1) << 60;
     const auto store = createRocksCommitStore(folder.path, tight);
     ASSERT_TRUE(store) << store.error().message;
@@ -598,26 +603,27 @@ TEST(RocksCommitStore, ASampleOfManyIsASmallWrite) {
     const auto store = open(folder.path);
     TimeSamples many;
     for (int time = 0; time < 100'000; ++time) many.samples.emplace_back(time, doubleValue(time));
-    append(*store, std::vector{commits.next(kLayer, "/", SetField{"timeSamples", {}, many})});
+    append(*store, std::vector{commits.next(kStoredLayer, "/", SetField{"timeSamples", {}, many})});
     const auto written = [&] {
         std::uintmax_t bytes = 0;
         for (const auto& log : filesOf(folder.path, ".log")) bytes += fs::file_size(log);
         return bytes;
     };
     const auto before = written();
-    append(*store, std::vector{commits.next(
-                       kLayer, "/", SetField{"timeSamples", SampleTime{500}, doubleValue(-1)})});
+    append(*store,
+           std::vector{commits.next(kStoredLayer, "/",
+                                    SetField{"timeSamples", SampleTime{500}, doubleValue(-1)})});
     EXPECT_LT(written() - before, 2'000u);
-    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
 }
 
 TEST(RocksCommitStore, ReadersWorkWhileItAppends) {
     TestFolder folder;
     TestCommits commits;
-    auto quick = options();
+    auto quick = storeOptions();
     quick.durability = Durability::OperatingSystem;
     const auto store = std::move(*createRocksCommitStore(folder.path, quick));
-    append(*store, std::vector{commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})});
+    append(*store, std::vector{commits.next(kStoredLayer, "/A", CreateSpec{SpecKind::Prim})});
     std::atomic<bool> done = false;
     std::vector<std::thread> readers;
     for (int reader = 0; reader < 2; ++reader)
@@ -626,8 +632,8 @@ TEST(RocksCommitStore, ReadersWorkWhileItAppends) {
                 const auto head = store->head();
                 EXPECT_TRUE(
                     store->read(1, head.revision, [](const StoredCommit&) { return true; }));
-                EXPECT_TRUE(store->loadLayer(kLayer));
-                EXPECT_TRUE(store->setSaved(kLayer, {head.revision, test::kFile}));
+                EXPECT_TRUE(store->loadLayer(kStoredLayer));
+                EXPECT_TRUE(store->setSaved(kStoredLayer, {head.revision, test::kFile}));
                 EXPECT_TRUE(store->unsavedLayers());
                 EXPECT_TRUE(store->hasSpace());
             }
@@ -635,7 +641,7 @@ TEST(RocksCommitStore, ReadersWorkWhileItAppends) {
     append(*store, someCommits(commits, 300));
     done = true;
     for (auto& reader : readers) reader.join();
-    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
 }
 
 /// A small separate disk; needs root.
@@ -722,27 +728,27 @@ TEST(RocksCommitStore, AFailedWriteIsNotTriedAgain) {
     TestFolder folder;
     TestCommits commits;
     auto store = open(folder.path);
-    append(*store, std::vector{commits.next(kLayer, "/A", CreateSpec{SpecKind::Prim})});
-    const auto commit =
-        commits.next(kLayer, "/", SetField{"comment", {}, stringValue(std::string(50'000, 'x'))});
+    append(*store, std::vector{commits.next(kStoredLayer, "/A", CreateSpec{SpecKind::Prim})});
+    const auto commit = commits.next(
+        kStoredLayer, "/", SetField{"comment", {}, stringValue(std::string(50'000, 'x'))});
     {
         const FileLimit limit(20'000);
         EXPECT_EQ(store->append({&commit, 1}).error().code, ErrorCode::StorageFailed);
     }
     EXPECT_EQ(store->append({&commit, 1}).error().code, ErrorCode::StorageFailed);
-    EXPECT_EQ(store->setSaved(kLayer, {1, {}}).error().code, ErrorCode::StorageFailed);
+    EXPECT_EQ(store->setSaved(kStoredLayer, {1, {}}).error().code, ErrorCode::StorageFailed);
     EXPECT_EQ(store->head().revision, 1u);
     store.reset();
     store = open(folder.path);
     EXPECT_EQ(store->head().revision, 1u);
     append(*store, std::vector{commit});
-    EXPECT_EQ(store->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
 }
 
 CommitRecord bigCommit(TestCommits& commits, std::mt19937& random, std::size_t bytes) {
     std::string text(bytes, ' ');
     for (char& letter : text) letter = char('0' + random() % 64);
-    return commits.next(kLayer, "/", SetField{"comment", {}, stringValue(text)});
+    return commits.next(kStoredLayer, "/", SetField{"comment", {}, stringValue(text)});
 }
 
 // D1: RocksDB as built by Debian ends the process when a write finds the disk full.
@@ -784,7 +790,7 @@ TEST(RocksCommitStore, AFullDiskRefusesAndRecovers) {
         }
         EXPECT_FALSE(store->hasSpace());
         EXPECT_EQ(store->append({}).has_value(), true);
-        EXPECT_TRUE(store->loadLayer(kLayer)) << "reading continues";
+        EXPECT_TRUE(store->loadLayer(kStoredLayer)) << "reading continues";
 
         if (round % 2) {
             store.reset();  // closing the store needs no space
@@ -826,7 +832,8 @@ TEST(RocksCommitStore, FillsADiskToItsLimit) {
             commits = before;
             break;
         }
-        EXPECT_EQ((*opened)->loadLayer(kLayer).value()->dump(), commits.layers[kLayer].dump());
+        EXPECT_EQ((*opened)->loadLayer(kStoredLayer).value()->dump(),
+                  commits.layers[kStoredLayer].dump());
         fs::remove(ballast);
     }
     EXPECT_GT(commits.head.revision, 300u) << "most of the disk was used";

@@ -37,7 +37,7 @@ using testing::StartsWith;
 
 namespace {
 
-class NoLog final : public Log {
+class SilentLog final : public Log {
     void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
 };
 
@@ -215,7 +215,7 @@ protected:
         return client;
     }
 
-    NoLog log_;
+    SilentLog log_;
     Recorder recorder_;
     asio::io_context io_{1}, clientIo_;
     asio::executor_work_guard<asio::io_context::executor_type> work_{io_.get_executor()};

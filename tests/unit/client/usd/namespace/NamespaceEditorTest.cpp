@@ -50,7 +50,7 @@ SdfLayerRefPtr layerOfText(const std::string& text) {
     return layer;
 }
 
-std::string textOf(const SdfLayerRefPtr& layer) {
+std::string layerText(const SdfLayerRefPtr& layer) {
     std::string text;
     layer->ExportToString(&text);
     return text;
@@ -61,12 +61,12 @@ std::unique_ptr<NamespaceEditor> editorOf(const SdfLayerRefPtr& root,
     return std::make_unique<NamespaceEditor>(std::make_unique<PlainStage>(root), options);
 }
 
-const char* const kScene =
+const char* const kEditedScene =
     "def \"A\" {\n    def \"X\" {\n        double x = 1\n    }\n}\ndef \"B\" {\n    rel r = "
     "[</A/X>, </A>]\n}\n";
 
 TEST(NamespaceEditor, AMoveAndWhatTargetsIt) {
-    const auto root = layerOfText(kScene);
+    const auto root = layerOfText(kEditedScene);
     const auto editor = editorOf(root);
     EXPECT_TRUE(editor->MovePrimAtPath(SdfPath("/A/X"), SdfPath("/B/Y")));
     EXPECT_TRUE(editor->CanApplyEdits());
@@ -79,7 +79,7 @@ TEST(NamespaceEditor, AMoveAndWhatTargetsIt) {
 }
 
 TEST(NamespaceEditor, ABatchSeesWhatItHasDoneAndComesToTheLeast) {
-    const auto root = layerOfText(kScene);
+    const auto root = layerOfText(kEditedScene);
     const auto editor = editorOf(root);
     editor->MovePrimAtPath(SdfPath("/A"), SdfPath("/T"));
     editor->MovePrimAtPath(SdfPath("/B"), SdfPath("/A"));
@@ -93,44 +93,45 @@ TEST(NamespaceEditor, ABatchSeesWhatItHasDoneAndComesToTheLeast) {
 }
 
 TEST(NamespaceEditor, ABatchThatComesToNothingChangesNothing) {
-    const auto root = layerOfText(kScene);
-    const auto before = textOf(root);
+    const auto root = layerOfText(kEditedScene);
+    const auto before = layerText(root);
     const auto editor = editorOf(root);
     editor->MovePrimAtPath(SdfPath("/A"), SdfPath("/T"));
     editor->MovePrimAtPath(SdfPath("/T"), SdfPath("/A"));
     EXPECT_TRUE(editor->ApplyEdits());
-    EXPECT_EQ(textOf(root), before);
+    EXPECT_EQ(layerText(root), before);
 }
 
 TEST(NamespaceEditor, ABatchIsRefusedAsAWhole) {
-    const auto root = layerOfText(kScene);
-    const auto before = textOf(root);
+    const auto root = layerOfText(kEditedScene);
+    const auto before = layerText(root);
     const auto editor = editorOf(root);
     editor->MovePrimAtPath(SdfPath("/A"), SdfPath("/T"));
     editor->MovePrimAtPath(SdfPath("/A/X"), SdfPath("/T/Y"));  // no longer there
     const auto result = editor->ApplyEdits();
     EXPECT_EQ(result.whyNot(),
               "Edit 2 of 2, </A/X> to </T/Y>: The prim to edit is not a valid prim");
-    EXPECT_EQ(textOf(root), before);
+    EXPECT_EQ(layerText(root), before);
 }
 
 TEST(NamespaceEditor, ALockedLayerThatOnlyATargetIsInRefusesTheEdit) {
-    const auto root = layerOfText(kScene), sub = layerOfText("over \"B\" {\n rel s = </A>\n}\n");
+    const auto root = layerOfText(kEditedScene),
+               sub = layerOfText("over \"B\" {\n rel s = </A>\n}\n");
     root->InsertSubLayerPath(sub->GetIdentifier());
     sub->SetPermissionToEdit(false);
-    const auto before = textOf(root);
+    const auto before = layerText(root);
     const auto editor = editorOf(root);
     editor->MovePrimAtPath(SdfPath("/A"), SdfPath("/T"));
     EXPECT_EQ(editor->CanApplyEdits().whyNot(),
               "The field targetPaths of @" + sub->GetIdentifier() +
                   "@</B.s> cannot be edited because the layer is not editable");
     EXPECT_FALSE(editor->ApplyEdits());
-    EXPECT_EQ(textOf(root), before);
+    EXPECT_EQ(layerText(root), before);
 }
 
 TEST(NamespaceEditor, UndoBringsBackAllOfIt) {
-    const auto root = layerOfText(kScene);
-    const auto before = textOf(root);
+    const auto root = layerOfText(kEditedScene);
+    const auto before = layerText(root);
     const auto editor = editorOf(root);
     editor->MovePrimAtPath(SdfPath("/A/X"), SdfPath("/B/Y"));
     editor->DeletePrimAtPath(SdfPath("/A"));
@@ -140,11 +141,11 @@ TEST(NamespaceEditor, UndoBringsBackAllOfIt) {
     EXPECT_TRUE(root->HasSpec(SdfPath("/C/Y.x")));
     EXPECT_FALSE(root->HasSpec(SdfPath("/A")));
     EXPECT_TRUE(editor->GetRecord().undo([](const auto&) { return false; }).empty());
-    EXPECT_EQ(textOf(root), before);
+    EXPECT_EQ(layerText(root), before);
 }
 
 TEST(NamespaceEditor, UndoInASharedLayerKeepsWhatOthersWrote) {
-    const auto root = layerOfText(kScene);
+    const auto root = layerOfText(kEditedScene);
     const auto editor = editorOf(root);
     editor->MovePrimAtPath(SdfPath("/A"), SdfPath("/T"));
     ASSERT_TRUE(editor->ApplyEdits());
@@ -191,7 +192,7 @@ TEST(NamespaceEditor, VariantsAreEditedInPlaceAsAnOption) {
 }
 
 TEST(NamespaceEditor, InvalidPathsAreNoEdits) {
-    const auto root = layerOfText(kScene);
+    const auto root = layerOfText(kEditedScene);
     const auto editor = editorOf(root);
     for (const char* path : {"A", "/", "/A.x", "/Set{look=a}Chair", ""}) {
         EXPECT_FALSE(editor->DeletePrimAtPath(SdfPath(std::string(path)))) << path;
@@ -205,7 +206,7 @@ TEST(NamespaceEditor, InvalidPathsAreNoEdits) {
 }
 
 TEST(NamespaceEditor, AnotherThreadIsTurnedAway) {
-    const auto root = layerOfText(kScene);
+    const auto root = layerOfText(kEditedScene);
     const auto editor = editorOf(root);
     bool turnedAway = false;
     std::thread([&] {
@@ -301,7 +302,7 @@ TEST(NamespaceEditor, EditorsWhoEditTheNamespaceAtOnceConverge) {
     for (unsigned seed = 0; seed < seeds; ++seed) {
         SCOPED_TRACE(seed);
         std::mt19937 random(seed);
-        MemoryServer server({{id, docOfText(kScene)}});
+        MemoryServer server({{id, docOfText(kEditedScene)}});
         std::vector<std::unique_ptr<Client>> clients;
         std::vector<SdfLayerRefPtr> layers;
         std::vector<std::unique_ptr<RandomNamespace>> editors;
@@ -321,7 +322,7 @@ TEST(NamespaceEditor, EditorsWhoEditTheNamespaceAtOnceConverge) {
         server.setReachable(true);
         for (int round = 0; round < 3; ++round)
             for (const auto& client : clients) ASSERT_TRUE(client->flush(5000));
-        for (const auto& layer : layers) EXPECT_EQ(textOf(layer), textOf(layers[0]));
+        for (const auto& layer : layers) EXPECT_EQ(layerText(layer), layerText(layers[0]));
         if (testing::Test::HasFailure()) return;
     }
 }
