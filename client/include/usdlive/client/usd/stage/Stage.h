@@ -28,11 +28,11 @@ class StageState;
 
 /// How a stage is opened.
 struct StageOptions {
-    LoadRules load;
-    PopulationMask mask;
-    std::vector<std::string> muted;  ///< identifiers of layers
+    LoadRules load = {};
+    PopulationMask mask = {};
+    std::vector<std::string> muted = {};  ///< identifiers of layers
     /// Schemas of the prims. Null: of the plug-ins of this process, read once for all stages.
-    std::shared_ptr<const schema::SchemaRegistry> schemas;
+    std::shared_ptr<const schema::SchemaRegistry> schemas = {};
 };
 
 /// One problem of composition: an arc to nothing, a cycle, a layer that is not there.
