@@ -381,3 +381,13 @@ def test_a_progress_bar_on_a_terminal_only(project, serve):
     server.start()
     ran = subprocess.run([os.environ["USDLIVE_BIN"], "tree", server.url, "big.usda"], capture_output=True, text=True)
     assert ran.returncode == 0 and "\x1b" not in ran.stdout and ran.stderr == ""
+
+
+def test_colours_on_a_terminal_only(served, monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert "\x1b[" in on_a_terminal("tree", served.url, "root.usda")
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b[" not in on_a_terminal("tree", served.url, "root.usda")
+    monkeypatch.delenv("NO_COLOR")
+    assert "\x1b[" not in usdlive("tree", served.url, "root.usda")

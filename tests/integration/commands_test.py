@@ -474,7 +474,7 @@ def test_create_a_sublayer(ctx, stage, layer, folder, caplog):
                 new_layer_path=path, **arguments)
     refused(caplog, "CreateSublayer", "has", layer_identifier=layer("deep/below").identifier,
             sublayer_position=0, new_layer_path=layer("weak").identifier, **arguments)
-    refused(caplog, "CreateSublayer", "no layer of this stage",
+    refused(caplog, "CreateSublayer", "is not a layer of this stage",
             layer_identifier=layer("props/prop").identifier, sublayer_position=0, new_layer_path="",
             transfer_root_content=False, create_or_insert=True)
     with Undone(stage):
@@ -886,7 +886,7 @@ def test_lock_a_layer(ctx, stage, layer, layers, caplog):
     assert layers.locked == {strong.identifier} and stage.GetEditTarget().GetLayer() == layer("root")
     assert undo.undo("test") and not layers.locked and stage.GetEditTarget().GetLayer() == strong
     refused(caplog, "LockLayer", "cannot be locked", layer_identifier=layer("root").identifier, locked=True)
-    refused(caplog, "LockLayer", "no layer of this stage", layer_identifier=layer("props/prop").identifier,
+    refused(caplog, "LockLayer", "is not a layer of this stage", layer_identifier=layer("props/prop").identifier,
             locked=True)
 
 

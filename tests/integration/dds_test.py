@@ -197,7 +197,7 @@ def test_commits_are_sent_once_for_all(server, join):
     (["--dds-interface", "nope0"], "no network interface 'nope0'"),
     (["--dds-interface", 'lo"/>'], "no network interface 'lo\"/>'"),
     (["--dds-config", "missing.xml"], "missing.xml cannot be read"),
-    (["--dds-config", "cut.xml"], "cut.xml is no configuration of Cyclone DDS"),
+    (["--dds-config", "cut.xml"], "cut.xml is not a configuration of Cyclone DDS"),
     (["--dds-config", "wrong.xml"], "wrong.xml: nope0: does not match an available interface"),
     (["--dds-config", "unknown.xml"], "unknown element"),
 ])
