@@ -12,8 +12,8 @@
 #include <utility>
 
 #include "ListMerge.h"
-#include "usdlive/client/usd/content/LayerEdits.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usd/content/LayerEdits.h"
+#include "usd/content/SpecEdits.h"
 
 namespace usdlive::content {
 
