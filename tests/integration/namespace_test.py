@@ -478,7 +478,7 @@ def two(project, serve, editor):
     return server, editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
 
 
-def settle(server, *editors):
+def synced(server, *editors):
     revision = max(one.flush() for one in editors)
     for one in editors:
         one.catch_up(revision)
@@ -493,11 +493,11 @@ def test_a_batch_is_one_transaction_over_all_layers(two):
     ada.run(EDIT + "e.MovePrimAtPath('/World/Chair', '/World/Stool')\n"
             "e.MovePrimAtPath('/World/Stool', '/World/Table/Stool')\nassert e.ApplyEdits()")
     assert ada.flush() == before + 1
-    root, sub = settle(server, ada, bo)
+    root, sub = synced(server, ada, bo)
     assert "</World/Table/Stool>" in root and '"Chair"' not in root and '"Chair"' not in sub and "y = 1" in sub
     ada.run("assert e.Undo() == []")
     assert ada.flush() == before + 2
-    root, sub = settle(server, ada, bo)
+    root, sub = synced(server, ada, bo)
     assert "</World/Chair>" in root and '"Stool"' not in root + sub and "y = 1" in sub
 
 
@@ -507,7 +507,7 @@ def test_edits_that_did_not_know_of_a_batch_arrive_at_the_new_paths(two):
             "assert e.ApplyEdits()")
     bo.run("stage.GetPrimAtPath('/World/Chair').GetAttribute('x').Set(5.0)")
     ada.flush()
-    root, _ = settle(server, ada, bo)
+    root, _ = synced(server, ada, bo)
     assert '"Stool"' in root and "x = 5" in root and '"Desk"' in root and "</World/Stool>" in root
 
 
@@ -524,4 +524,4 @@ def test_editors_who_did_not_know_of_each_other_end_with_the_same(two, ours, the
     for one, edits in ((ada, ours), (bo, theirs)):
         one.run(EDIT + "\n".join(edits) + "\nassert e.ApplyEdits(), e.GetResult().whyNot")
     ada.flush()
-    settle(server, ada, bo)
+    synced(server, ada, bo)
