@@ -33,6 +33,7 @@ ALLOWED = {
     "client/cli": ["common/", "client/"],
     "client/python": ["common/", "client/"],
     "client/examples": ["common/", "client/"],
+    "plugins/schemaTools": ["common/", "client/", "plugins/"],
 }
 
 # A third-party header, and the folders that may include it: prefixes of the path in the tree.
@@ -52,6 +53,7 @@ EDGES = {
         "tests/simulation",
         "tests/demo",
         "tests/probe",
+        "tests/schemas",
         "tests/fuzz",
         "bench",
     ],

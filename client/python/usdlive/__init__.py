@@ -31,12 +31,14 @@ _check_usd()
 
 from pxr import Sdf as _Sdf  # loads usd-core's library, which the extension uses
 
-from . import events  # noqa: E402
+from . import events, plugins  # noqa: E402
 from ._usdlive import __version__  # noqa: E402
 from ._error_code import ErrorCode  # noqa: E402
 from ._errors import Error  # noqa: E402
 from ._live import Live, UnsentWork, connect  # noqa: E402
 from ._namespace import NamespaceEditor  # noqa: E402
 
+plugins.register()
+
 __all__ = ["__version__", "Error", "ErrorCode", "Live", "NamespaceEditor", "UnsentWork", "connect",
-           "events"]
+           "events", "plugins"]

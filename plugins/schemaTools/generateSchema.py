@@ -1,0 +1,138 @@
+"""Makes a schema library of OpenUSD from one schema.usda: plugInfo.json and generatedSchema.usda with OpenUSD's own
+usdGenSchema, and from the same file classes that read and write the schemas, in C++ over usdlive::stage::Prim and
+in Python over pxr.Usd.Prim.
+
+usage: generateSchema.py schema.usda FOLDER [--cpp HEADER] [--python MODULE]
+
+Needs usd-core and Jinja2. Writes a file only if its content changes.
+"""
+
+import argparse
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).resolve().parent
+
+
+def run_usd_gen_schema(schema, folder):
+    """usdGenSchema merges into files that exist, so it gets an empty folder."""
+    made = subprocess.run([sys.executable, "-m", "pxr.Usd.usdGenSchema", str(schema), str(folder), "--quiet"],
+                          capture_output=True, text=True)
+    # It exits with 0 after some of its errors.
+    if made.returncode or not (folder / "generatedSchema.usda").exists():
+        sys.exit(f"{schema}: usdGenSchema failed:\n{made.stderr.strip() or made.stdout.strip()}")
+
+
+def plug_info(text):
+    """Fills in the placeholders: all files are in one folder, and no library has to be loaded."""
+    info = json.loads("".join(line for line in text.splitlines(True) if not line.startswith("#")))
+    for plugin in info["Plugins"]:
+        plugin.update(Type="resource", Root=".", LibraryPath="", ResourcePath=".")
+    return json.dumps(info, indent=4, sort_keys=True) + "\n"
+
+
+# --- accessors -----------------------------------------------------------------------------------------
+
+
+class Property:
+    def __init__(self, spec, namespace):
+        from pxr import Sdf
+        self.name = f"{namespace}:__INSTANCE_NAME__:{spec.name}" if namespace else spec.name
+        self.accessor = spec.name.split(":")[-1]
+        self.setter = "set" + self.accessor[0].upper() + self.accessor[1:]
+        self.snake = re.sub(r"(?<=[a-z0-9])([A-Z])", lambda found: "_" + found[1].lower(), self.accessor)
+        self.doc = one_line(spec.documentation)
+        self.is_relationship = isinstance(spec, Sdf.RelationshipSpec)
+        self.is_uniform = spec.variability == Sdf.VariabilityUniform
+        if self.is_relationship:
+            return
+        self.cpp = re.sub(r"\b(?=(Tf|Gf|Vt|Sdf)[A-Z])", "pxr::", spec.typeName.cppTypeName)
+        self.cpp = self.cpp.replace("string", "std::string") if self.cpp == "string" else self.cpp
+        tokens = spec.GetInfo("allowedTokens")
+        if tokens:
+            self.doc += " One of " + ", ".join(f'"{token}"' for token in tokens) + "."
+
+
+class Schema:
+    def __init__(self, prim):
+        self.identifier = prim.name
+        self.name = prim.customData["className"]
+        self.doc = one_line(prim.documentation)
+        parent = prim.inheritPathList.GetAddedOrExplicitItems()[0].name
+        self.is_api = parent == "APISchemaBase"
+        self.is_multiple = prim.customData.get("apiSchemaType") == "multipleApply"
+        self.is_abstract = not self.is_api and not prim.typeName
+        # A schema of another library is no base class here.
+        inherited = prim.layer.GetPrimAtPath("/" + parent)
+        self.base = inherited.customData["className"] if inherited else None
+        known = {spec.name for base in ancestors(inherited) for spec in base.properties}
+        self.properties = [Property(spec, prim.customData.get("propertyNamespacePrefix"))
+                           for spec in prim.properties if spec.name not in known]
+        twice = [one.accessor for at, one in enumerate(self.properties)
+                 if any(other.accessor == one.accessor for other in self.properties[:at])]
+        if twice:
+            sys.exit(f"{prim.layer.identifier}: two properties of '{self.identifier}' end with '{twice[0]}', "
+                     f"and would get the same accessor")
+
+
+def ancestors(prim):
+    """The schema and those of the same library that it inherits from."""
+    while prim:
+        yield prim
+        parents = prim.inheritPathList.GetAddedOrExplicitItems()
+        prim = prim.layer.GetPrimAtPath(parents[0]) if parents else None
+
+
+def one_line(text):
+    return " ".join(text.split())
+
+
+def accessors(schema, template):
+    """Renders a template with all schemas of the file, each after the one that it inherits from."""
+    import jinja2
+    from pxr import Sdf
+    layer = Sdf.Layer.FindOrOpen(str(schema))
+    library = layer.GetPrimAtPath("/GLOBAL").customData["libraryName"]
+    schemas = [Schema(prim) for prim in layer.rootPrims if prim.specifier == Sdf.SpecifierClass]
+    environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), trim_blocks=True, lstrip_blocks=True,
+                                     keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
+    types = {kind for one in schemas for member in one.properties if not member.is_relationship
+             for kind in re.findall(r"pxr::Gf(\w+)", member.cpp)}
+    headers = sorted(f"pxr/base/gf/{kind[0].lower()}{kind[1:]}.h" for kind in types)
+    return environment.get_template(template).render(library=library, source=pathlib.Path(schema).name,
+                                                     schemas=schemas, headers=headers)
+
+
+def write(path, text):
+    path = pathlib.Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Makes a schema library of OpenUSD from one schema.usda.")
+    parser.add_argument("schema", type=pathlib.Path)
+    parser.add_argument("folder", type=pathlib.Path, help="where plugInfo.json and generatedSchema.usda go")
+    parser.add_argument("--cpp", metavar="HEADER", help="writes C++ classes over usdlive::stage::Prim")
+    parser.add_argument("--python", metavar="MODULE", help="writes Python classes over pxr.Usd.Prim")
+    options = parser.parse_args()
+    if not options.schema.is_file():
+        sys.exit(f"{options.schema}: there is no such file")
+    with tempfile.TemporaryDirectory() as temporary:
+        made = pathlib.Path(temporary)
+        run_usd_gen_schema(options.schema.resolve(), made)
+        write(options.folder / "plugInfo.json", plug_info((made / "plugInfo.json").read_text(encoding="utf-8")))
+        write(options.folder / "generatedSchema.usda", (made / "generatedSchema.usda").read_text(encoding="utf-8"))
+    if options.cpp:
+        write(options.cpp, accessors(options.schema, "accessors.h.jinja"))
+    if options.python:
+        write(options.python, accessors(options.schema, "accessors.py.jinja"))
+
+
+if __name__ == "__main__":
+    main()
