@@ -57,8 +57,7 @@ def values(project):
 def named_by_commits(server):
     """Values that were replaced before they were sent (SE15) may be stored, too; no commit names them."""
     with wire.Peer(server.url) as peer:
-        contents = [edit["action"][1].get("value") for commit in peer.log() for edit in commit["edits"]]
-    return {content[11:].hex() for content in contents if content and content[2] == 1}  # V10
+        return wire.big_values(peer.log())
 
 
 def bytes_of(project):

@@ -328,3 +328,11 @@ def set_field(path, field, value, part=None):
 
 def set_sample(path, time_code, value):
     return set_field(path, "timeSamples", value, ("SampleTime", {"time": float(time_code)}))
+
+
+def big_values(commits):
+    """The names of the big values (V9) that the commits' edits set whole, also the edits that were dropped."""
+    edits = [edit for commit in commits
+             for edit in [*commit["edits"], *(dropped["edit"] for dropped in commit["dropped"])]]
+    contents = [edit["action"][1].get("value") for edit in edits]
+    return {content[11:].hex() for content in contents if content and content[2] == 1}  # V10

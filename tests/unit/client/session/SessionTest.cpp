@@ -1283,6 +1283,35 @@ TEST_F(SessionTest, B3APreviewFollowsItsBigValuesAndOnlyTheLastOnesAreStored) {
     EXPECT_TRUE(peer.agrees());
 }
 
+// The second editor's spec has the path of the removed one. A write to it does not replace those to
+// the removed one, which come back to their author as dropped.
+TEST_F(SessionTest, B3AGestureStoresTheLastBigValueOfEachSpecThatItWrote) {
+    joinShot();
+    std::vector<BigValue> values;
+    const auto write = [&] {
+        values.push_back(bigValue(std::uint8_t(values.size() + 1)));
+        peer.blobs[values.back().value.hash()] = values.back().bytes;
+        peer.author({authored("/A.x", setDefault(values.back()))});
+        peer.advance();
+    };
+    peer.session.beginGesture();
+    write();
+    write();
+    peer.commitAndTell(peer.foreign({edit("/A", DeleteSpec{})}));
+    peer.commitAndTell(peer.foreign({edit("/A", createPrim()), edit("/A.x", createAttribute())}));
+    peer.advance();
+    write();
+    write();
+    peer.sent.clear();
+    peer.session.endGesture();
+    for (int frame = 0; frame < 5; ++frame) peer.advance();
+    std::set<Hash> stored;
+    for (const Frame& frame : std::exchange(peer.sent, {}))
+        if (const auto* part = std::get_if<BlobFrame>(&frame); part && part->gesture == 0)
+            stored.insert(part->hash);
+    EXPECT_EQ(stored, (std::set<Hash>{values[1].value.hash(), values[3].value.hash()}));
+}
+
 TEST_F(SessionTest, B7NamesTheValuesOfPendingWorkAndOfTheGestureAsItIs) {
     joinShot();
     const BigValue first = bigValue(1), second = bigValue(2), third = bigValue(3);
