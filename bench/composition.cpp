@@ -11,7 +11,7 @@
 // `freshAll` composes all prims. `arc` adds a reference to one prim and queries it; `usedLayers` is
 // the query of the whole stage after that. `recomposed` counts prims, over all edits of a run.
 // Figures are medians of the rounds.
-#include "usdlive/client/usd/stage/Composition.h"
+#include "usd/stage/Composition.h"
 
 #include <pxr/base/tf/notice.h>
 #include <pxr/base/tf/weakBase.h>

@@ -16,7 +16,7 @@
 
 #include "Figures.h"
 #include "Server.h"
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 #include "usdlive/common/dds/DomainConfig.h"
 
 namespace usdlive::bench {

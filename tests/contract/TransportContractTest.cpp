@@ -11,7 +11,7 @@
 #include <sstream>
 #include <thread>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/server/transport/DdsServer.h"

@@ -4,8 +4,8 @@
 #include <algorithm>
 
 #include "Fuzz.h"
+#include "session/MessageReader.h"
 #include "unit/common/protocol/SampleFrames.h"
-#include "usdlive/client/session/MessageReader.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/FrameParts.h"

@@ -37,7 +37,8 @@ def test_every_function_of_a_closed_connection_raises(server):
     live.close()
     stage = Usd.Stage.CreateInMemory()
     calls = [live.tick, live.flush, live.layers, lambda: live.open_layer("shot.usda"),
-             lambda: live.open_stage("shot.usda"), lambda: live.close_layer("shot.usda"),
+             lambda: live.open_stage("shot.usda"), lambda: live.request_open_layer("shot.usda"),
+             lambda: live.opened_layer("shot.usda"), lambda: live.close_layer("shot.usda"),
              lambda: live.attach(stage), lambda: live.attach(stage, "/tmp"), live.save, live.request_save,
              live.reload, live.begin_gesture, live.end_gesture, lambda: live.create_checkpoint("a"),
              live.checkpoints, lambda: live.lock("shot.usda"), lambda: live.unlock("shot.usda"),

@@ -56,6 +56,41 @@ def test_find_package_from_outside_the_tree(tmp_path, project, serve, prefix):
     assert '"frame 119"' in cat(server, "shot.usda")
 
 
+def test_what_is_installed_is_what_an_embedder_needs(prefix):
+    """All of client/include, and of the common headers only those that it includes, directly or not."""
+    include = prefix / "include"
+    installed = {str(path.relative_to(include)) for path in include.rglob("*.h")}
+    public = CHECKOUT / "client" / "include"
+    needed = {str(path.relative_to(public)) for path in public.rglob("*.h")}
+    found, waiting = set(needed), sorted(needed)
+    while waiting:
+        text = (include / waiting.pop()).read_text()
+        included = set(re.findall(r'#include "(usdlive/[^"]+)"', text)) - found
+        found |= included
+        waiting += included
+    assert installed == found
+    private = {str(path.relative_to(CHECKOUT / "client" / "src")) for path in (CHECKOUT / "client" / "src").rglob("*.h")}
+    assert not [name for name in installed if name.removeprefix("usdlive/client/") in private]
+    assert "usdlive/client/usd/Client.h" in installed and len(installed) < 50
+    assert not [name for name in installed if "dds" in name or "generated" in name]
+
+
+def test_every_installed_header_compiles_alone(tmp_path, prefix):
+    source, build = tmp_path / "headers", tmp_path / "build"
+    shutil.copytree(EXAMPLE, source)
+    headers = sorted(path.relative_to(prefix / "include") for path in (prefix / "include").rglob("*.h"))
+    for number, header in enumerate(headers):
+        (source / f"header{number}.cpp").write_text(f"#include <{header}>\n#include <{header}>\n")
+    files = " ".join(f"header{number}.cpp" for number in range(len(headers)))
+    with (source / "CMakeLists.txt").open("a") as project:
+        project.write(f"add_library(headers OBJECT {files})\n"
+                      "target_compile_features(headers PRIVATE cxx_std_20)\n"
+                      "target_compile_options(headers PRIVATE -fsyntax-only -Wall -Wextra -Werror)\n"
+                      "target_link_libraries(headers PRIVATE usdlive::client)\n")
+    output("cmake", "-G", "Ninja", "-S", source, "-B", build, f"-DCMAKE_PREFIX_PATH={prefix}")
+    output("cmake", "--build", build, "--target", "headers", "--", "-k", "0")
+
+
 def cpp_examples(prefix) -> list[str]:
     """The C++ of the README, and of the comments in all installed headers."""
     readme = (CHECKOUT / "README.md").read_text()

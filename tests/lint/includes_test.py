@@ -106,9 +106,12 @@ def area_of(path):
 
 
 def area_of_include(include):
-    """Returns the area of one of our headers, such as usdlive/client/usd/Client.h; None for all others."""
+    """Returns the area of one of our headers; None for all others. usdlive/client/usd/Client.h is installed, and
+    usd/LiveLayer.h is a private header of the client, in client/src: both are of client/usd."""
     parts = include.split("/")
-    return "/".join(parts[1:3]) if parts[0] == "usdlive" and len(parts) > 3 else None
+    if parts[0] == "usdlive":
+        return "/".join(parts[1:3]) if len(parts) > 3 else None
+    return f"client/{parts[0]}" if (ROOT / "client" / "src" / include).is_file() and len(parts) > 1 else None
 
 
 def all_includes():
@@ -194,4 +197,15 @@ def test_headers_are_included_by_their_full_path():
     """Includes have the form usdlive/common/core/Id.h and not ../core/Id.h, so that these rules find every
     include."""
     offences = [found for found in all_includes() if found[3].startswith((".", "/"))]
+    assert not offences, listed(offences)
+
+
+def test_installed_headers_include_no_private_ones():
+    """All of client/include is installed, and no header of client/src is: so no header of client/include includes
+    one."""
+    offences = [
+        found for found in all_includes()
+        if found[0].as_posix().startswith("client/include/") and area_of_include(found[3])
+        and not found[3].startswith("usdlive/")
+    ]
     assert not offences, listed(offences)

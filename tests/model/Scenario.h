@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 
 namespace usdlive::model {
 

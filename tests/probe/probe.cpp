@@ -12,9 +12,9 @@
 #include <string>
 #include <vector>
 
+#include "usd/stage/Composition.h"
 #include "usdlive/client/usd/schema/SchemaRegistry.h"
 #include "usdlive/client/usd/stage/AttributeQuery.h"
-#include "usdlive/client/usd/stage/Composition.h"
 
 using namespace usdlive;
 using pxr::SdfPath;

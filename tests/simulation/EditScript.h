@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "SimRandom.h"
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 #include "usdlive/common/layer/LayerDoc.h"
 
 namespace usdlive::simulation {

@@ -9,7 +9,7 @@
 #include "EditScript.h"
 #include "SimNetwork.h"
 #include "SimServer.h"
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 
 namespace usdlive::simulation {
 

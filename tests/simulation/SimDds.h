@@ -6,7 +6,7 @@
 
 #include "SimClock.h"
 #include "SimRandom.h"
-#include "usdlive/client/transport/CommitOrder.h"
+#include "transport/CommitOrder.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
 #include "usdlive/server/transport/SentCommits.h"

@@ -16,7 +16,7 @@
 #include <thread>
 #include <vector>
 
-#include "usdlive/client/transport/Connection.h"  // ddsSettings
+#include "transport/Connection.h"  // ddsSettings
 #include "usdlive/common/dds/Domain.h"
 #include "usdlive/common/dds/usdlive.h"
 

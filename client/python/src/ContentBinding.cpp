@@ -14,9 +14,9 @@
 #include <vector>
 
 #include "Errors.h"
-#include "usdlive/client/usd/content/LayerEdits.h"
+#include "usd/content/LayerEdits.h"
+#include "usd/content/SpecEdits.h"
 #include "usdlive/client/usd/content/Recorder.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
 
 namespace nb = nanobind;
 using namespace usdlive::content;

@@ -110,6 +110,21 @@ nb::dict convert(const client::event::JoinFailed& event) {
     return d;
 }
 
+nb::dict convert(const client::event::LayerOpened& event) {
+    nb::dict d = make("LayerOpened");
+    d["request"] = event.request;
+    d["layer"] = text(event.layer.value);
+    return d;
+}
+
+nb::dict convert(const client::event::LayerOpenFailed& event) {
+    nb::dict d = make("LayerOpenFailed");
+    d["request"] = event.request;
+    d["layer"] = text(event.layer.value);
+    put(d, event.reason);
+    return d;
+}
+
 nb::dict convert(const client::event::Committed& event) {
     const Commit& commit = event.commit;
     nb::dict d = make("Committed");
@@ -217,7 +232,7 @@ nb::dict convert(const client::event::SkippedListed& event) {
 }
 
 nb::dict convert(const client::event::Progress& event) {
-    constexpr const char* names[] = {"import", "save", "upload", "fetch"};
+    constexpr const char* names[] = {"import", "save", "upload", "fetch", "open"};
     nb::dict d = make("Progress");
     d["task"] = names[int(event.task)];
     d["layer"] = text(event.layer.value);

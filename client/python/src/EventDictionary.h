@@ -2,7 +2,7 @@
 
 #include <nanobind/nanobind.h>
 
-#include "usdlive/client/session/Session.h"
+#include "usdlive/client/session/Events.h"
 
 namespace usdlive {
 

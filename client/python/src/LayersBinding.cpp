@@ -14,9 +14,9 @@
 #include <tuple>
 #include <utility>
 
+#include "usd/layers/OmniLayerData.h"
 #include "usdlive/client/usd/layers/LayerUtils.h"
 #include "usdlive/client/usd/layers/Layers.h"
-#include "usdlive/client/usd/layers/OmniLayerData.h"
 
 namespace nb = nanobind;
 using namespace usdlive::layers;

@@ -22,7 +22,6 @@
 #include "NamespaceBinding.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
-#include "usdlive/client/usd/UnsentSender.h"
 #include "usdlive/common/core/LayerPath.h"
 
 namespace nb = nanobind;
@@ -87,6 +86,23 @@ public:
             ->GetIdentifier();
     }
 
+    std::uint64_t requestOpenLayer(const std::string& name, bool payloads) {
+        const LayerId layer = orRaise(parseLayerId(name));
+        return client("request_open_layer")
+            .requestOpenLayer(layer, payloads ? client::LoadSet::All : client::LoadSet::NoPayloads);
+    }
+
+    /// The identifier of an open layer, or None.
+    std::optional<std::string> openedLayer(const std::string& name) {
+        const auto layer = client("opened_layer").layer(orRaise(parseLayerId(name)));
+        return layer ? std::optional(layer->GetIdentifier()) : std::nullopt;
+    }
+
+    std::string identifierOf(const std::string& name, const std::string& beside) {
+        return client("identifier_of")
+            .identifierOf(orRaise(parseLayerId(name)), pxr::SdfLayer::Find(beside));
+    }
+
     std::string createLayer(const std::string& name) {
         const LayerId layer = orRaise(parseLayerId(name));
         return orRaise(work("create_layer", true,
@@ -139,7 +155,7 @@ public:
     std::uint64_t createCheckpoint(const std::string& name) {
         return client("create_checkpoint").createCheckpoint(name);
     }
-    std::uint64_t listSkipped() { return client("skipped_files").session().listSkipped(); }
+    std::uint64_t listSkipped() { return client("skipped_files").listSkipped(); }
     std::uint64_t listCheckpoints() { return client("checkpoints").listCheckpoints(); }
 
     void setGloballyMuted(const std::string& root, const std::string& layer, bool muted) {
@@ -330,6 +346,9 @@ NB_MODULE(_usdlive, module) {
         .def_prop_ro("closed", &PythonClient::isClosed)
         .def("layers", &PythonClient::layers)
         .def("open_layer", &PythonClient::openLayer)
+        .def("request_open_layer", &PythonClient::requestOpenLayer)
+        .def("opened_layer", &PythonClient::openedLayer)
+        .def("identifier_of", &PythonClient::identifierOf)
         .def("create_layer", &PythonClient::createLayer)
         .def("attach", &PythonClient::attach)
         .def("close_layer", &PythonClient::closeLayer)

@@ -65,10 +65,9 @@ class _MutenessOfStage:
         muted = frozenset(client.globally_muted(self._root))
         if muted != self._muted:
             before, self._muted = self._muted, muted
-            root = stage.GetRootLayer()
-            folder = (root.realPath or root.identifier).removesuffix(self._root)
-            stage.MuteAndUnmuteLayers([folder + layer for layer in sorted(muted - before)],
-                                      [folder + layer for layer in sorted(before - muted)])
+            root = stage.GetRootLayer().identifier
+            stage.MuteAndUnmuteLayers([client.identifier_of(layer, root) for layer in sorted(muted - before)],
+                                      [client.identifier_of(layer, root) for layer in sorted(before - muted)])
         return True
 
 
@@ -93,6 +92,44 @@ class Live:
         """Opens a layer of the project live, with all layers of the project that it uses. Without `payloads`,
         layers used only by payloads are skipped until a stage loads them. Blocks until the layer has arrived."""
         return Sdf.Layer.Find(self._client.open_layer(layer, payloads))
+
+    def request_open_layer(self, layer: str, payloads: bool = True) -> int:
+        """Begins to open a layer and returns at once: ticks do the work, within their budgets, also while there is
+        no connection. The answer is an `events.LayerOpened`, after which `opened_layer()` returns the layer, or an
+        `events.LayerOpenFailed`, with the number that this returns. `close_layer()` cancels it."""
+        return self._client.request_open_layer(layer, payloads)
+
+    def opened_layer(self, layer: str) -> Sdf.Layer | None:
+        """The live layer with all its content; None when it is not open, or still opening."""
+        identifier = self._client.opened_layer(layer)
+        return None if identifier is None else Sdf.Layer.Find(identifier)
+
+    async def open_layer_async(self, layer: str, payloads: bool = True,
+                               interval: float | None = 1 / 60) -> Sdf.Layer:
+        """`open_layer()` while the event loop goes on. Ticks by itself every `interval` seconds; None: only when
+        `tick()` is called elsewhere. Raises an Error when the layer cannot be opened. A task that is cancelled
+        leaves the layer opening: `close_layer()` ends that."""
+        ends: list[events.LayerOpened | events.LayerOpenFailed] = []
+
+        def note(event: events.Event) -> None:
+            if isinstance(event, (events.LayerOpened, events.LayerOpenFailed)) and event.request == request:
+                ends.append(event)
+
+        request = self.request_open_layer(layer, payloads)
+        self.add_handler(note)
+        try:
+            while not ends:
+                more = interval is not None and self.tick()
+                if not ends:
+                    await asyncio.sleep(0 if more else interval or 1 / 120)
+        finally:
+            self.remove_handler(note)
+        if isinstance(ends[0], events.LayerOpenFailed):
+            raise Error(ends[0].code, ends[0].message)
+        opened = self.opened_layer(layer)
+        if opened is None:
+            raise Error("layerNotOpen", f"{layer} was closed by an event handler")
+        return opened
 
     def create_layer(self, layer: str) -> Sdf.Layer:
         """Creates a new, empty layer of the project for all users, and opens it:

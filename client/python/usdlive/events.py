@@ -66,6 +66,24 @@ class JoinFailed:
 
 
 @dataclasses.dataclass(frozen=True)
+class LayerOpened:
+    """A layer that `Live.request_open_layer()` asked for is open, with the layers that it uses."""
+
+    request: int
+    layer: str
+
+
+@dataclasses.dataclass(frozen=True)
+class LayerOpenFailed:
+    """It is not opened; `layerNotOpen`: it was closed meanwhile."""
+
+    request: int
+    layer: str
+    code: str
+    message: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Unsent:
     """Edits that the server has not acknowledged. `time`: of the newest, in seconds since 1970. `file`: the
     journal that keeps them."""
@@ -272,13 +290,15 @@ Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
     | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
     | LayerStatesChanged | PresenceChanged | UnsentFound | LayerMade | SkippedListed | Progress
+    | LayerOpened | LayerOpenFailed
 )
 
 _TYPES = {
     kind.__name__: kind
     for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed,
                  Lost, PreviewChanged, Saved, Reloaded, CheckpointMade, CheckpointsListed, ServerError,
-                 LayerStatesChanged, PresenceChanged, UnsentFound, LayerMade, SkippedListed, Progress)
+                 LayerStatesChanged, PresenceChanged, UnsentFound, LayerMade, SkippedListed, Progress,
+                 LayerOpened, LayerOpenFailed)
 }
 
 

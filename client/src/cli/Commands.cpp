@@ -19,7 +19,7 @@
 #include "ProgressBar.h"
 #include "Terminal.h"
 #include "Text.h"
-#include "usdlive/client/transport/SystemUser.h"
+#include "transport/SystemUser.h"
 #include "usdlive/common/layer/GlobalMuteness.h"
 #include "usdlive/common/layer/KitLockMap.h"
 #include "usdlive/common/layer/LayerLock.h"

@@ -7,8 +7,8 @@
 #include <unordered_map>
 #include <vector>
 
-#include "usdlive/client/session/Session.h"
-#include "usdlive/client/transport/Connection.h"
+#include "session/Session.h"
+#include "transport/Connection.h"
 #include "usdlive/common/usd/ValueCodec.h"
 
 namespace usdlive::cli {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/Result.h"
 

@@ -380,7 +380,8 @@ std::string describe(const SkippedFile& file) {
 }
 
 std::string describe(const client::event::Progress& progress) {
-    constexpr std::array<const char*, 4> kVerbs{"importing", "saving", "uploading", "fetching"};
+    constexpr std::array<const char*, 5> kVerbs{"importing", "saving", "uploading", "fetching",
+                                                "opening"};
     return std::string(kVerbs[std::size_t(progress.task)]) + " " + printable(progress.layer.value);
 }
 

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "Terminal.h"
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 #include "usdlive/common/layer/Edit.h"
 #include "usdlive/common/layer/LayerDoc.h"
 #include "usdlive/common/protocol/Control.h"

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "Pending.h"
-#include "usdlive/client/session/MessageReader.h"
-#include "usdlive/client/session/Session.h"
+#include "session/MessageReader.h"
+#include "session/Session.h"
 
 namespace usdlive::client {
 

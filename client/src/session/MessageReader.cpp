@@ -1,4 +1,4 @@
-#include "usdlive/client/session/MessageReader.h"
+#include "session/MessageReader.h"
 
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/protocol/Snapshot.h"

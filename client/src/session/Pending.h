@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 #include "usdlive/common/layer/Edit.h"
 
 namespace usdlive::client {

@@ -1,4 +1,4 @@
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 
 #include <algorithm>
 #include <chrono>

@@ -12,7 +12,7 @@
 #include "Gesture.h"
 #include "PendingTransactions.h"
 #include "Prediction.h"
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 #include "usdlive/common/layer/TransactionExecutor.h"
 #include "usdlive/common/protocol/FrameParts.h"
 

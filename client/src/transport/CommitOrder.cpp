@@ -1,5 +1,5 @@
 // Orders the commits of the topic with the messages of the stream (DD5-DD7).
-#include "usdlive/client/transport/CommitOrder.h"
+#include "transport/CommitOrder.h"
 
 #include <algorithm>
 #include <utility>

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 #include "usdlive/common/dds/Topics.h"
 
 namespace usdlive::client {

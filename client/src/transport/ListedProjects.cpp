@@ -6,7 +6,7 @@
 #include <boost/beast/http.hpp>
 #include <nlohmann/json.hpp>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 
 namespace usdlive::client {
 

@@ -12,7 +12,7 @@
 #include <variant>
 #include <vector>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 
 namespace usdlive::client {
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "Mailbox.h"
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 
 namespace usdlive::client {
 

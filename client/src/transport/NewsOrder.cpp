@@ -1,5 +1,5 @@
 // Holds back samples of layer states and presences until the session may use them.
-#include "usdlive/client/transport/NewsOrder.h"
+#include "transport/NewsOrder.h"
 
 #include <algorithm>
 #include <utility>

@@ -3,7 +3,7 @@
 #include <charconv>
 #include <optional>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/PercentEncoding.h"
 

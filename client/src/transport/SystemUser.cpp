@@ -1,5 +1,5 @@
 // Finds the name of the current user.
-#include "usdlive/client/transport/SystemUser.h"
+#include "transport/SystemUser.h"
 
 #include <pwd.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // Big arrays that the editor has written, encoded and hashed by a worker before they are sealed.
-#include "usdlive/client/usd/ArrayEncodings.h"
+#include "usd/ArrayEncodings.h"
 
 #include <algorithm>
 #include <atomic>

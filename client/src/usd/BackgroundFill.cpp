@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/BackgroundFill.h"
+#include "usd/BackgroundFill.h"
 
 #include <algorithm>
 #include <atomic>

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/BlobCache.h"
+#include "usd/BlobCache.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/Capture.h"
+#include "usd/Capture.h"
 
 #include <pxr/base/gf/matrix4d.h>
 #include <pxr/base/tf/stringUtils.h>
@@ -10,7 +10,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "usdlive/client/usd/ChildOrder.h"
+#include "usd/ChildOrder.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/layer/FieldParts.h"

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/ChildOrder.h"
+#include "usd/ChildOrder.h"
 
 #include <string_view>
 #include <unordered_map>

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/Journal.h"
+#include "usd/Journal.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -9,7 +9,7 @@
 #include <system_error>
 
 #include "Clocks.h"
-#include "usdlive/client/usd/LostWorkStore.h"
+#include "usd/LostWorkStore.h"
 #include "usdlive/common/core/ByteStream.h"
 
 namespace usdlive::client {

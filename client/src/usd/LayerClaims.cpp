@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/LayerClaims.h"
+#include "usd/LayerClaims.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/LiveLayer.h"
+#include "usd/LiveLayer.h"
 
 #include <pxr/base/tf/weakPtr.h>
 #include <pxr/usd/sdf/layer.h>

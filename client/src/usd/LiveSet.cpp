@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/LiveSet.h"
+#include "usd/LiveSet.h"
 
 #include <iterator>
 

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/LoadedLayers.h"
+#include "usd/LoadedLayers.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,11 +1,11 @@
 // Which events of lost work are told at once, and which stand for several.
-#include "usdlive/client/usd/LostEvents.h"
+#include "usd/LostEvents.h"
 
 #include <algorithm>
 #include <limits>
 #include <utility>
 
-#include "usdlive/client/usd/LostWorkStore.h"
+#include "usd/LostWorkStore.h"
 
 namespace usdlive::client {
 

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/LostWorkLayer.h"
+#include "usd/LostWorkLayer.h"
 
 #include <pxr/usd/sdf/schema.h>
 #include <pxr/usd/sdf/valueTypeName.h>

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/LostWorkStore.h"
+#include "usd/LostWorkStore.h"
 
 #include <algorithm>
 #include <system_error>

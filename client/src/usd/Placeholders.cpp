@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/Placeholders.h"
+#include "usd/Placeholders.h"
 
 #include <pxr/base/tf/stringUtils.h>
 #include <pxr/usd/sdf/layer.h>

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/ProcessFolder.h"
+#include "usd/ProcessFolder.h"
 
 #include <fcntl.h>
 #include <sys/file.h>

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/RecordFile.h"
+#include "usd/RecordFile.h"
 
 #include <fcntl.h>
 #include <sys/file.h>

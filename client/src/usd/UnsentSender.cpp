@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/UnsentSender.h"
+#include "usd/UnsentSender.h"
 
 #include <algorithm>
 

@@ -1,6 +1,6 @@
-#include "usdlive/client/usd/UnsentWorkStore.h"
+#include "usd/UnsentWorkStore.h"
 
-#include "usdlive/client/usd/LostWorkLayer.h"
+#include "usd/LostWorkLayer.h"
 #include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::client {

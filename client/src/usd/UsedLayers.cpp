@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/UsedLayers.h"
+#include "usd/UsedLayers.h"
 
 #include <pxr/usd/sdf/payload.h>
 #include <pxr/usd/sdf/reference.h>

@@ -1,4 +1,4 @@
-#include "usdlive/client/usd/Worker.h"
+#include "usd/Worker.h"
 
 namespace usdlive::client {
 

@@ -1,5 +1,5 @@
 // Changes a layer's content by writing only the differences.
-#include "usdlive/client/usd/content/LayerEdits.h"
+#include "usd/content/LayerEdits.h"
 
 #include <pxr/base/tf/errorMark.h>
 #include <pxr/usd/sdf/changeBlock.h>
@@ -15,8 +15,8 @@
 #include <optional>
 #include <unordered_set>
 
+#include "usd/content/SpecEdits.h"
 #include "usdlive/client/usd/content/Registers.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
 #include "usdlive/common/layer/LongestIncreasing.h"
 
 namespace usdlive::content {

@@ -1,5 +1,5 @@
 // Undoes changes of lists and list ops item by item.
-#include "usdlive/client/usd/content/ListMerge.h"
+#include "usd/content/ListMerge.h"
 
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/payload.h>

@@ -1,5 +1,5 @@
 // Converts values between the times of layers and combines list ops.
-#include "usdlive/client/usd/content/MappedValue.h"
+#include "usd/content/MappedValue.h"
 
 #include <pxr/base/ts/spline.h>
 #include <pxr/base/vt/array.h>

@@ -11,9 +11,9 @@
 #include <unordered_map>
 #include <utility>
 
-#include "usdlive/client/usd/content/LayerEdits.h"
-#include "usdlive/client/usd/content/ListMerge.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usd/content/LayerEdits.h"
+#include "usd/content/ListMerge.h"
+#include "usd/content/SpecEdits.h"
 
 namespace usdlive::content {
 

@@ -9,7 +9,7 @@
 #include <set>
 #include <span>
 
-#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usd/content/SpecEdits.h"
 #include "usdlive/common/usd/ValueCodec.h"
 
 namespace usdlive::content {

@@ -1,5 +1,5 @@
 // Creates, removes and moves specs.
-#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usd/content/SpecEdits.h"
 
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/listEditorProxy.h>

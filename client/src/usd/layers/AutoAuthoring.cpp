@@ -8,6 +8,7 @@
 
 #include "DelegateWrites.h"
 #include "Distribution.h"
+#include "usd/layers/LayersContext.h"
 
 namespace usdlive::layers {
 

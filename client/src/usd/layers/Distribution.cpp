@@ -13,8 +13,8 @@
 #include <cmath>
 #include <map>
 
-#include "usdlive/client/usd/content/MappedValue.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usd/content/MappedValue.h"
+#include "usd/content/SpecEdits.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 namespace usdlive::layers {

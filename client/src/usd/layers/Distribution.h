@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "DelegateWrites.h"
+#include "usd/layers/LocalStack.h"
 #include "usdlive/client/usd/layers/LayerTypes.h"
-#include "usdlive/client/usd/layers/LocalStack.h"
 
 namespace usdlive::layers {
 

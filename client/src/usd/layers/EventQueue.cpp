@@ -1,5 +1,5 @@
 // Merges the events of a frame.
-#include "usdlive/client/usd/layers/EventQueue.h"
+#include "usd/layers/EventQueue.h"
 
 #include <algorithm>
 #include <unordered_set>

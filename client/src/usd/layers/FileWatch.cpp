@@ -1,5 +1,5 @@
 // Detects changes of layer files.
-#include "usdlive/client/usd/layers/FileWatch.h"
+#include "usd/layers/FileWatch.h"
 
 #include <pwd.h>
 #include <sys/stat.h>

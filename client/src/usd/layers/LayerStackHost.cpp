@@ -3,6 +3,8 @@
 
 #include <pxr/usd/pcp/layerStack.h>
 
+#include "usd/stage/Composition.h"
+
 namespace usdlive::layers {
 
 LayerStackHost::LayerStackHost(pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr session)

@@ -19,8 +19,8 @@
 #include <string_view>
 #include <utility>
 
-#include "usdlive/client/usd/content/SpecEdits.h"
-#include "usdlive/client/usd/layers/OmniLayerData.h"
+#include "usd/content/SpecEdits.h"
+#include "usd/layers/OmniLayerData.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::layers::LayerUtils {

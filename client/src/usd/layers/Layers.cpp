@@ -13,7 +13,8 @@
 #include <utility>
 
 #include "Distribution.h"
-#include "usdlive/client/transport/SystemUser.h"
+#include "transport/SystemUser.h"
+#include "usd/layers/LayersContext.h"
 #include "usdlive/client/usd/Misuse.h"
 
 namespace usdlive::layers {

@@ -8,8 +8,10 @@
 #include <algorithm>
 #include <utility>
 
+#include "usd/layers/FileWatch.h"
+#include "usd/layers/LayersContext.h"
+#include "usd/layers/OmniLayerData.h"
 #include "usdlive/client/usd/layers/LayerUtils.h"
-#include "usdlive/client/usd/layers/OmniLayerData.h"
 
 namespace usdlive::layers {
 
@@ -21,7 +23,8 @@ const std::string kMuteness = "muteness", kLocked = "locked";
 
 }  // namespace
 
-LayersState::LayersState(LayersContext& context) : context_(context) {
+LayersState::LayersState(LayersContext& context)
+    : context_(context), watch_(std::make_unique<FileWatch>()) {
     const auto muted = context_.host.mutedLayers();
     stageMuted_ = localMuted_ = {muted.begin(), muted.end()};
     learnFlags();
@@ -472,7 +475,7 @@ bool LayersState::reload(const std::vector<std::string>& ids) {
         auto* known = find(id);
         if (!known) continue;
         if (!known->layer) continue;
-        watch_.accept(known->layer->GetRealPath());
+        watch_->accept(known->layer->GetRealPath());
         known->outdated = false;
     }
     return true;
@@ -482,7 +485,7 @@ void LayersState::fileAgrees(const pxr::SdfLayerHandle& layer) {
     if (!layer || layer->IsAnonymous()) return;
     const auto found = known_.find(layer->GetIdentifier());
     if (found == known_.end()) return;
-    watch_.accept(layer->GetRealPath());
+    watch_->accept(layer->GetRealPath());
     if (std::exchange(found->second.outdated, false))
         context_.events.push(LayerEventType::OutdateStateChanged, {layer->GetIdentifier()});
 }
@@ -513,7 +516,7 @@ void LayersState::look(double) {
             }
             continue;
         }
-        const auto seen = watch_.look(known.layer->GetRealPath());
+        const auto seen = watch_->look(known.layer->GetRealPath());
         if (std::exchange(known.readOnly, seen.readOnly) != seen.readOnly) permission.push_back(id);
         known.owner = seen.owner;
         if (std::exchange(known.outdated, seen.changed) != seen.changed) outdated.push_back(id);

@@ -1,6 +1,6 @@
 // Finds the local layers of a stage and the places with opinions about a prim, as Pcp composes
 // them.
-#include "usdlive/client/usd/layers/LocalStack.h"
+#include "usd/layers/LocalStack.h"
 
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/node.h>
@@ -8,7 +8,7 @@
 
 #include <utility>
 
-#include "usdlive/client/usd/layers/OmniLayerData.h"
+#include "usd/layers/OmniLayerData.h"
 
 namespace usdlive::layers {
 

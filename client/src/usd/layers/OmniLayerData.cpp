@@ -1,5 +1,5 @@
 // Reads and writes Kit's data in a layer's customLayerData.
-#include "usdlive/client/usd/layers/OmniLayerData.h"
+#include "usd/layers/OmniLayerData.h"
 
 #include <pxr/base/vt/types.h>
 #include <pxr/usd/sdf/layerUtils.h>

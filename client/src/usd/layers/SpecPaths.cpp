@@ -1,5 +1,5 @@
 // Finds the specs at and below a path of a stage.
-#include "usdlive/client/usd/layers/SpecPaths.h"
+#include "usd/layers/SpecPaths.h"
 
 #include <algorithm>
 

@@ -6,8 +6,9 @@
 
 #include <algorithm>
 
-#include "usdlive/client/usd/layers/OmniLayerData.h"
-#include "usdlive/client/usd/layers/SpecPaths.h"
+#include "usd/layers/LayersContext.h"
+#include "usd/layers/OmniLayerData.h"
+#include "usd/layers/SpecPaths.h"
 
 namespace usdlive::layers {
 

@@ -10,11 +10,12 @@
 #include <algorithm>
 #include <utility>
 
-#include "usdlive/client/usd/content/MappedValue.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usd/content/MappedValue.h"
+#include "usd/content/SpecEdits.h"
+#include "usd/layers/LayersContext.h"
+#include "usd/layers/OmniLayerData.h"
+#include "usd/layers/SpecPaths.h"
 #include "usdlive/client/usd/layers/LiveLayers.h"
-#include "usdlive/client/usd/layers/OmniLayerData.h"
-#include "usdlive/client/usd/layers/SpecPaths.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
 namespace usdlive::layers {

@@ -11,10 +11,10 @@
 #include <ranges>
 
 #include "SpecMoves.h"
-#include "usdlive/client/usd/content/LayerEdits.h"
-#include "usdlive/client/usd/content/ListMerge.h"
+#include "usd/content/LayerEdits.h"
+#include "usd/content/ListMerge.h"
+#include "usd/content/SpecEdits.h"
 #include "usdlive/client/usd/content/Registers.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
 
 namespace usdlive {
 

@@ -14,7 +14,7 @@
 #include <typeinfo>
 
 #include "Interpolate.h"
-#include "usdlive/client/usd/content/MappedValue.h"
+#include "usd/content/MappedValue.h"
 
 namespace usdlive::stage {
 

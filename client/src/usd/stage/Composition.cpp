@@ -1,5 +1,5 @@
 // A PcpCache that follows the changes of its layers, as the one of a UsdStage does.
-#include "usdlive/client/usd/stage/Composition.h"
+#include "usd/stage/Composition.h"
 
 #include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/pcp/layerStack.h>

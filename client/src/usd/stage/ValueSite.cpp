@@ -14,7 +14,7 @@
 #include <pxr/usd/sdf/pathExpression.h>
 #include <pxr/usd/sdf/timeCode.h>
 
-#include "usdlive/client/usd/content/MappedValue.h"
+#include "usd/content/MappedValue.h"
 
 namespace usdlive::stage {
 

@@ -1,5 +1,5 @@
 // Tests MessageReader: decoding commits, snapshots and big values beside the session.
-#include "usdlive/client/session/MessageReader.h"
+#include "session/MessageReader.h"
 
 #include <gtest/gtest.h>
 

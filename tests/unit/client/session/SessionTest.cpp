@@ -1,5 +1,5 @@
 // Tests Session against a server that does only what a test requests.
-#include "usdlive/client/session/Session.h"
+#include "session/Session.h"
 
 #include <gtest/gtest.h>
 

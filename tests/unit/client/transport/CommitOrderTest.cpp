@@ -1,5 +1,5 @@
 // Tests CommitOrder: commits of the topic and the stream of a session, in one order.
-#include "usdlive/client/transport/CommitOrder.h"
+#include "transport/CommitOrder.h"
 
 #include <gtest/gtest.h>
 

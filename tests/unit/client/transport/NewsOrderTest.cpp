@@ -1,5 +1,5 @@
 // Tests NewsOrder: layer states and presences of the DDS topics, in order with the commits.
-#include "usdlive/client/transport/NewsOrder.h"
+#include "transport/NewsOrder.h"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
 // Tests the parsing of server addresses.
 #include <gtest/gtest.h>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 
 using namespace usdlive;
 using client::parseServerAddress;

@@ -8,7 +8,7 @@
 #include <future>
 #include <thread>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/common/protocol/Snapshot.h"
 

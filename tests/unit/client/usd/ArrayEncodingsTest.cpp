@@ -1,5 +1,5 @@
 // Tests that big arrays are encoded beside the frame, with the same result as within it.
-#include "usdlive/client/usd/ArrayEncodings.h"
+#include "usd/ArrayEncodings.h"
 
 #include <gtest/gtest.h>
 #include <pxr/base/gf/vec3f.h>

@@ -1,5 +1,5 @@
 // Tests BlobCache: big values in memory and in a bounded, shared folder.
-#include "usdlive/client/usd/BlobCache.h"
+#include "usd/BlobCache.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // Tests Capture: the edits that it makes of an editor's writes to an SdfLayer.
-#include "usdlive/client/usd/Capture.h"
+#include "usd/Capture.h"
 
 #include <gtest/gtest.h>
 #include <pxr/base/gf/vec3f.h>

@@ -1,5 +1,5 @@
 // Tests the moves that turn one order of children into another.
-#include "usdlive/client/usd/ChildOrder.h"
+#include "usd/ChildOrder.h"
 
 #include <gtest/gtest.h>
 

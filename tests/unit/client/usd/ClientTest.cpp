@@ -21,6 +21,7 @@
 
 #include "MemoryServer.h"
 #include "RandomEditor.h"
+#include "usd/ClientInternals.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
 
@@ -72,7 +73,7 @@ protected:
         Client::Options options;
         options.user = user;
         options.cacheFolder = std::move(cacheFolder);
-        auto client = Client::connectBy(server.connect(), options);
+        auto client = client::ClientInternals::connectBy(server.connect(), options);
         EXPECT_TRUE(client) << client.error().message;
         return std::move(*client);
     }
@@ -107,7 +108,7 @@ TEST_F(ClientTest, SaysThatThereIsNoServer) {
     server.setReachable(false);
     Client::Options options;
     options.connectTimeoutMs = 50;
-    const auto client = Client::connectBy(server.connect(), options);
+    const auto client = client::ClientInternals::connectBy(server.connect(), options);
     ASSERT_FALSE(client);
     EXPECT_EQ(client.error().code, ErrorCode::NotConnected);
     EXPECT_FALSE(Client::connect("http://nowhere", {}));
@@ -644,7 +645,8 @@ TEST_F(ClientTest, M8AllEditorsEndAlike) {
         for (unsigned i = 0; i < 3; ++i) {
             Client::Options options;
             options.user = "user" + std::to_string(i);
-            clients.push_back(std::move(*Client::connectBy(shared.connect(), options)));
+            clients.push_back(
+                std::move(*client::ClientInternals::connectBy(shared.connect(), options)));
             layers.emplace_back();
             for (const auto& id : ids) {
                 layers.back().push_back(open(*clients.back(), id));

@@ -1,5 +1,5 @@
 // Tests Journal: unsent work on the disk, also after a crash.
-#include "usdlive/client/usd/Journal.h"
+#include "usd/Journal.h"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -11,7 +11,7 @@
 #include <fstream>
 
 #include "unit/common/usd/MemoryBlobs.h"
-#include "usdlive/client/usd/LostWorkStore.h"
+#include "usd/LostWorkStore.h"
 
 using namespace usdlive;
 using client::AuthoredEdit;

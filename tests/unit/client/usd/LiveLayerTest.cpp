@@ -1,5 +1,5 @@
 // Tests LiveLayer: filling an SdfLayer while its snapshot arrives.
-#include "usdlive/client/usd/LiveLayer.h"
+#include "usd/LiveLayer.h"
 
 #include <gtest/gtest.h>
 #include <pxr/usd/sdf/changeBlock.h>

@@ -1,5 +1,5 @@
 // Tests LostEvents: reports of lost work.
-#include "usdlive/client/usd/LostEvents.h"
+#include "usd/LostEvents.h"
 
 #include <gtest/gtest.h>
 

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/transport/Connection.h"
+#include "transport/Connection.h"
 #include "usdlive/common/protocol/Snapshot.h"
 #include "usdlive/server/project/Project.h"
 

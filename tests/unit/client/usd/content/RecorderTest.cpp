@@ -16,8 +16,8 @@
 #include <limits>
 #include <random>
 
-#include "usdlive/client/usd/content/LayerEdits.h"
-#include "usdlive/client/usd/content/SpecEdits.h"
+#include "usd/content/LayerEdits.h"
+#include "usd/content/SpecEdits.h"
 
 namespace usdlive::content {
 

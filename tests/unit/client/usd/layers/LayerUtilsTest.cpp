@@ -2,6 +2,7 @@
 #include "usdlive/client/usd/layers/LayerUtils.h"
 
 #include <pxr/usd/sdf/assetPath.h>
+#include <pxr/usd/sdf/reference.h>
 
 #include "LayersFixture.h"
 

@@ -7,7 +7,7 @@
 #include <chrono>
 
 #include "LayersFixture.h"
-#include "usdlive/client/usd/layers/OmniLayerData.h"
+#include "usd/layers/OmniLayerData.h"
 
 namespace usdlive::layers {
 

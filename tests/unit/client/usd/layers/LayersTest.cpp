@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "LayersFixture.h"
+#include "usd/stage/Composition.h"
 #include "usdlive/client/usd/Misuse.h"
 
 namespace usdlive::layers {

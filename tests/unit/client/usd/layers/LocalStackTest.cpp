@@ -1,5 +1,5 @@
 // Tests LocalStack: the order of layers, their offsets and composed names.
-#include "usdlive/client/usd/layers/LocalStack.h"
+#include "usd/layers/LocalStack.h"
 
 #include "LayersFixture.h"
 

@@ -7,7 +7,7 @@
 
 #include <string>
 
-#include "usdlive/client/usd/stage/Composition.h"
+#include "usd/stage/Composition.h"
 
 namespace usdlive::stage {
 namespace {

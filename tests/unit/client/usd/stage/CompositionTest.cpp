@@ -1,5 +1,5 @@
 // Tests that a composition is kept while values change, and follows changes of arcs and sublayers.
-#include "usdlive/client/usd/stage/Composition.h"
+#include "usd/stage/Composition.h"
 
 #include <gtest/gtest.h>
 #include <pxr/base/tf/notice.h>

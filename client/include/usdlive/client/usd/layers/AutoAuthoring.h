@@ -8,12 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/usd/layers/LayersContext.h"
+#include "usdlive/client/usd/layers/LayerTypes.h"
 
 namespace usdlive::layers {
 
 class DelegateWrites;
 class DistributionRules;
+struct LayersContext;
 
 /// Collects edits in a delegate layer, the strongest sublayer of the session layer. Each update()
 /// moves them to the layers with the strongest opinions; Distribution decides which.

@@ -9,7 +9,6 @@
 #include <thread>
 
 #include "usdlive/client/usd/layers/StageHost.h"
-#include "usdlive/client/usd/stage/Composition.h"
 
 namespace usdlive::layers {
 

@@ -6,10 +6,11 @@
 #include <vector>
 
 #include "usdlive/client/usd/layers/AutoAuthoring.h"
-#include "usdlive/client/usd/layers/LayersContext.h"
 #include "usdlive/client/usd/layers/LayersState.h"
+#include "usdlive/client/usd/layers/LiveLayers.h"
 #include "usdlive/client/usd/layers/SpecsLinking.h"
 #include "usdlive/client/usd/layers/SpecsLocking.h"
+#include "usdlive/client/usd/layers/StageHost.h"
 
 namespace usdlive::layers {
 

@@ -12,10 +12,12 @@
 #include <unordered_map>
 #include <vector>
 
-#include "usdlive/client/usd/layers/FileWatch.h"
-#include "usdlive/client/usd/layers/LayersContext.h"
+#include "usdlive/client/usd/layers/LayerTypes.h"
 
 namespace usdlive::layers {
+
+class FileWatch;
+struct LayersContext;
 
 /// The states of a stage's layers, by identifier. Names are Kit's.
 ///
@@ -149,7 +151,7 @@ private:
     std::map<std::string, bool> unwrittenFlags_;  // muteness flags to write in the next frame
     bool applying_ = false;                       // we are changing the stage
     bool scopeDue_ = false;                       // the stage has to adopt the global flags
-    FileWatch watch_;
+    const std::unique_ptr<FileWatch> watch_;
     double nextLookMs_ = 0;
 };
 

@@ -5,9 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/usd/layers/LayersContext.h"
+#include "usdlive/client/usd/layers/LayerTypes.h"
 
 namespace usdlive::layers {
+
+struct LayersContext;
 
 /// The layers that receive the edits of a spec in the edit mode SpecsLinking. Kept in the root
 /// layer's customLayerData, `omni_layer:specs_linking` {spec path: [layers]}, so that links are

@@ -9,10 +9,12 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/usd/layers/LayersContext.h"
+#include "usdlive/client/usd/layers/LayerTypes.h"
 #include "usdlive/common/core/Id.h"
 
 namespace usdlive::layers {
+
+struct LayersContext;
 
 /// The specs that accept no edits. Kept in the root layer's customLayerData,
 /// `omni_layer:specs_locking` {spec path: user who locked it}, so that locks are shared live and

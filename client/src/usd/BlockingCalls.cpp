@@ -1,0 +1,195 @@
+// Calls of a Client that wait for the server: loops around tick(), each with a bound.
+#include <algorithm>
+#include <chrono>
+
+#include "usd/ClientImpl.h"
+#include "usd/Clocks.h"
+#include "usd/EarlyWork.h"
+#include "usdlive/common/core/LayerPath.h"
+
+namespace usdlive {
+
+namespace event = client::event;
+namespace fs = std::filesystem;
+using std::chrono::milliseconds;
+
+namespace {
+
+// A server that cannot be reached is tried again for this long, as it may be starting; the longer
+// time-out is for one that is there and does not answer.
+constexpr double kRefusedMs = 1000;
+// A call that hears nothing from a connected server for this long is given up.
+constexpr double kSilenceMs = 60'000;
+// What a blocking call gives one tick.
+constexpr double kBlockingBudgetMs = 50;
+
+}  // namespace
+
+Result<void> Client::Impl::greet() {
+    const Stopwatch watch;
+    while (!session_.isConnected()) {
+        if (line_.refused()) return tl::unexpected(*line_.refused());
+        if (watch.ms() > options_.connectTimeoutMs) return tl::unexpected(line_.notThere());
+        if (line_.lastLoss() && !line_.isOpen() && watch.ms() > kRefusedMs)
+            return tl::unexpected(*line_.lastLoss());
+        line_.connection().wait(milliseconds(20));
+        tick(kBlockingBudgetMs);
+    }
+    return {};
+}
+
+// --- opening and closing
+
+Result<pxr::SdfLayerRefPtr> Client::Impl::openLayer(const LayerId& id, client::LoadSet load) {
+    if (auto open = layer(id); open && layers_.hasUsed(id, load)) return open;
+    const auto request = opens_.add(id, load, client::OpenRequests::Reports::Outcome);
+    if (auto opened = waitForOpen(request); !opened) return tl::unexpected(opened.error());
+    if (auto open = layer(id)) return open;
+    return fail(ErrorCode::LayerNotOpen, id.value + " was closed while it was being opened");
+}
+
+Result<void> Client::Impl::waitForOpen(std::uint64_t request) {
+    Stopwatch silent, unconnected;
+    for (;;) {
+        const auto steps = opens_.steps();
+        const TickResult ticked = tick(kBlockingBudgetMs);
+        if (auto outcome = opens_.takeOutcome(request)) return *outcome;
+        if (session_.isConnected()) unconnected = Stopwatch();
+        if (ticked.more || steps != opens_.steps() ||
+            line_.connection().wait(milliseconds(ticked.filling ? 1 : 10)) || ticked.filling)
+            silent = Stopwatch();
+        const bool isLost = unconnected.ms() > options_.connectTimeoutMs;
+        if (!isLost && silent.ms() <= kSilenceMs) continue;
+        opens_.drop(request);
+        if (isLost) return tl::unexpected(line_.notThere());
+        return fail(ErrorCode::NotConnected, "the server does not answer any more");
+    }
+}
+
+Result<pxr::SdfLayerRefPtr> Client::Impl::createLayer(const LayerId& id) {
+    if (auto valid = parseLayerId(id.value); !valid) return tl::unexpected(valid.error());
+    if (!session_.isConnected())
+        return fail(ErrorCode::NotConnected,
+                    "cannot create " + id.value +
+                        " without a connection: only the server knows which names are free. Try "
+                        "again when it is there");
+    const auto answer = answerTo(session_.createLayer(id), kSilenceMs);
+    if (!answer)
+        return fail(ErrorCode::NotConnected, "the server did not say in time whether " + id.value +
+                                                 " was created; it may be there");
+    if (!*answer) return tl::unexpected(answer->error());
+    return openLayer(id, client::LoadSet::All);
+}
+
+Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder) {
+    auto folder = client::FolderPlaces::create(projectFolder);
+    if (!folder) return tl::unexpected(folder.error());
+    places_.attach(std::move(*folder));
+    const auto found = layers_.loadedHere();
+    for (const auto& [id, layer] : found) {
+        if (layers_.isLiveElsewhere(layer))
+            return tl::unexpected(client::OpenLayers::liveElsewhere(id));
+        if (const auto work = client::earlyWork(layer, values_.cache()); !work || !work->empty())
+            return fail(ErrorCode::InvalidArgument,
+                        id.value + " has unsaved edits; save or reload it first");
+    }
+    std::vector<LayerId> ids;
+    for (const auto& [id, layer] : found) {
+        if (auto joined = layers_.join(id, layer); !joined) return tl::unexpected(joined.error());
+        ids.push_back(id);
+    }
+    if (ids.empty()) return ids;
+    const auto request = opens_.addJoined(ids, client::LoadSet::NoPayloads);
+    if (auto opened = waitForOpen(request); !opened) return tl::unexpected(opened.error());
+    return ids;
+}
+
+void Client::Impl::close(const LayerId& id) {
+    const auto* open = layers_.find(id);
+    if (!open && !opens_.has(id)) return;
+    if (!mayBlock("close")) return;
+    // A layer that has no content yet has no edits to send.
+    if (open && (open->isFilled() || open->isRefilling())) {
+        flush(options_.connectTimeoutMs);
+        // The layer keeps its content: a layer that was just reloaded gets it back first.
+        for (auto* live = layers_.find(id); live && live->isRefilling(); live = layers_.find(id)) {
+            line_.connection().wait(milliseconds(1));
+            tick(kBlockingBudgetMs);
+        }
+    }
+    opens_.closed(id);
+    layers_.close(id);
+}
+
+// --- sending and saving
+
+bool Client::Impl::flush(double timeoutMs) {
+    if (!mayBlock("flush")) return false;
+    const Stopwatch watch;
+    for (;;) {
+        tick(kBlockingBudgetMs);
+        if (!client::EditorFrame::hasWrites(layers_.live()) && session_.pendingTransactions() == 0)
+            return true;
+        if (watch.ms() > timeoutMs) return false;
+        line_.connection().wait(milliseconds(5));
+    }
+}
+
+Result<LayersSaved> Client::Impl::saveAndWait(std::vector<LayerId> layers, bool force,
+                                              double timeoutMs) {
+    const Stopwatch watch;
+    if (!flush(timeoutMs)) return tl::unexpected(notConfirmed(timeoutMs));
+    const double left = std::max(timeoutMs - watch.ms(), 0.0);
+    const auto answer = answerTo(save(std::move(layers), force), left);
+    if (!answer)
+        return fail(ErrorCode::NotConnected,
+                    "the server did not say in time that it has saved; it may still do it");
+    return answer->map(
+        [](const client::Event& one) { return std::get<event::Saved>(one).outcome; });
+}
+
+// Ticks until the server has answered. Nothing: not in time. Event handlers run meanwhile, and may
+// ask and wait themselves.
+std::optional<Result<client::Event>> Client::Impl::answerTo(std::uint64_t request,
+                                                            double timeoutMs) {
+    answers_.await(request);
+    const Stopwatch watch;
+    do {
+        tick(kBlockingBudgetMs);
+        if (!answers_.isThere(request)) line_.connection().wait(milliseconds(5));
+    } while (!answers_.isThere(request) && watch.ms() < timeoutMs);
+    return answers_.take(request);
+}
+
+Error Client::Impl::notConfirmed(double timeoutMs) const {
+    return {ErrorCode::NotConnected,
+            std::to_string(session_.pendingTransactions()) +
+                " transactions were not confirmed within " +
+                std::to_string(std::int64_t(timeoutMs)) + " ms" +
+                (session_.isConnected() ? "" : ": there is no connection to the server")};
+}
+
+// --- leaving
+
+std::optional<client::UnsentWork> Client::Impl::leave(double timeoutMs) {
+    if (!mayBlock("leave")) return std::nullopt;
+    tick(0, Seal::Now);
+    session_.endGesture();
+    const bool sent = flush(timeoutMs);
+    lost_.reportAll();
+    events_.dispatch();
+    if (sent) return std::nullopt;
+    return unsent();
+}
+
+// What is pending, as it is kept now.
+std::optional<client::UnsentWork> Client::Impl::unsent() {
+    if (auto kept = unsent_->keep()) return kept;
+    if (session_.pendingTransactions() == 0) return std::nullopt;
+    client::UnsentWork work;
+    work.client = session_.id();
+    work.transactions = session_.pendingTransactions();
+    return work;
+}
+
+}  // namespace usdlive

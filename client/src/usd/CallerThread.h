@@ -1,0 +1,43 @@
+// Makes sure that a client is used from one thread.
+#pragma once
+
+#include <atomic>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <thread>
+
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive::client {
+
+/// The thread that a client belongs to: the first that calls claim().
+class CallerThread {
+public:
+    /// Claims the client for the caller's thread. An error: another thread has it.
+    [[nodiscard]] std::optional<Error> claim(std::string_view function) const {
+        const auto self = std::this_thread::get_id();
+        if (owner_.load(std::memory_order_relaxed) == self) return std::nullopt;
+        std::thread::id nobody;
+        if (owner_.compare_exchange_strong(nobody, self)) return std::nullopt;
+        return elsewhere(function);
+    }
+    /// The same without a claim: any thread may call `function` as long as nobody has the client.
+    [[nodiscard]] std::optional<Error> check(std::string_view function) const {
+        const auto owner = owner_.load();
+        if (owner == std::thread::id() || owner == std::this_thread::get_id()) return std::nullopt;
+        return elsewhere(function);
+    }
+
+private:
+    static Error elsewhere(std::string_view function) {
+        return {ErrorCode::InvalidArgument,
+                std::string(function) +
+                    "() was called on another thread than the one that uses this connection. "
+                    "Layers belong to one thread: call it there"};
+    }
+
+    mutable std::atomic<std::thread::id> owner_{};
+};
+
+}  // namespace usdlive::client

@@ -1,0 +1,321 @@
+// The inside of a Client: its parts, and the tick that drives them.
+#include "usd/ClientImpl.h"
+
+#include <pxr/usd/sdf/changeBlock.h>
+
+#include <algorithm>
+#include <utility>
+#include <variant>
+
+#include "usd/Clocks.h"
+#include "usd/Raised.h"
+
+namespace usdlive {
+
+using client::LiveLayer;
+using client::Raised;
+namespace event = client::event;
+namespace fs = std::filesystem;
+
+namespace {
+
+// Cache folders that nobody has named, in the system's temporary folder.
+constexpr const char* kCachePrefix = "usdlive-cache-";
+// What the last work of a client may take.
+constexpr double kLastBudgetMs = 50;
+
+}  // namespace
+
+Result<ClientFolders> ClientFolders::create(const fs::path& folder) {
+    ClientFolders folders;
+    folders.background = std::make_unique<client::Worker>();
+    if (folder.empty()) {
+        const fs::path temporary = fs::temp_directory_path();
+        folders.own = client::ProcessFolder::make(temporary, kCachePrefix);
+        if (!folders.own)
+            return fail(ErrorCode::InvalidArgument, "cannot make a folder in " +
+                                                        temporary.string() +
+                                                        ". Name a cache folder, or set TMPDIR");
+    }
+    auto cache = client::CacheFolderPlaces::create(folders.own ? folders.own.path() : folder,
+                                                   *folders.background);
+    if (!cache) return tl::unexpected(cache.error());
+    folders.cache = std::move(*cache);
+    return folders;
+}
+
+Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options options, ClientId id,
+                   ClientFolders folders)
+    : options_(std::move(options)),
+      ownFolder_(std::move(folders.own)),
+      background_(std::move(folders.background)),
+      cache_(*folders.cache),
+      places_(std::move(folders.cache)),
+      lost_(cache_.folder() / ".usdlive-lost", events_),
+      values_(cache_.folder() / ".usdlive-blobs", options_.cacheBytes),
+      frame_(values_.cache(), encoder_, lost_),
+      line_(std::move(connection)),
+      session_(sessionOptions(options_, std::move(id)), *this, *this),
+      layers_({session_, places_, events_, lost_, values_, frame_.sink(), filler_, *background_,
+               UserName{options_.user}}),
+      opens_(layers_, values_, events_),
+      locks_(layers_.live(), frame_, session_, UserName{options_.user}) {
+    session_.showPresence({});
+    if (ownFolder_)
+        removing_ = std::async(std::launch::async, [parent = cache_.folder().parent_path()] {
+            client::ProcessFolder::removeDead(parent, kCachePrefix);
+        });
+}
+
+Client::Impl::~Impl() {
+    const pxr::SdfChangeBlock block;
+    frame_.seal(layers_.live(), session_);
+    session_.endGesture();
+    session_.advance(kLastBudgetMs, steadyMs());
+    layers_.leaveAll();
+}
+
+client::Session::Options Client::Impl::sessionOptions(const Options& options, ClientId id) {
+    client::Session::Options session;
+    session.client = std::move(id);
+    session.user = UserName{options.user};
+    session.application = options.application;
+    return session;
+}
+
+// --- who may call what
+
+std::optional<Error> Client::Impl::misuse(std::string_view function, bool blocks) const {
+    if (auto elsewhere = thread_.claim(function)) return elsewhere;
+    if (blocks && ticking_)
+        return Error{ErrorCode::InvalidArgument,
+                     std::string(function) +
+                         "() waits for the server and was called by a notice handler while tick() "
+                         "applies edits. Call it after tick() has returned"};
+    return std::nullopt;
+}
+
+void Client::Impl::require(std::string_view function) const {
+    if (const auto error = misuse(function, false)) throw Misuse(*error);
+}
+
+bool Client::Impl::mayBlock(std::string_view function) {
+    require(function);
+    const auto error = misuse(function, true);
+    if (error) events_.report(*error);
+    return !error;
+}
+
+// --- the frame
+
+Client::TickResult Client::Impl::tick(double budgetMs, Seal seal) {
+    TickResult result;
+    if (ticking_) return result;  // called by a notice handler: the outer tick goes on after it
+    work(budgetMs, result, seal);
+    events_.dispatch();
+    return result;
+}
+
+void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
+    const Raised ticking(ticking_);
+    const Stopwatch watch;
+    const auto left = [&] { return std::max(budgetMs - watch.ms(), 0.1); };
+    layers_.adoptLoaded(left());
+    result.more = opens_.start(left());
+    std::vector<client::Event> happened;
+    {
+        const pxr::SdfChangeBlock block;
+        result.more = !exchange(left(), seal) || result.more;
+        result.filling = layers_.fill(left());
+        values_.requestMissing(session_);
+        happened = session_.takeEvents();
+        // A new layer and the edit that names it may come in one tick: composition opens the layer
+        // when the block ends.
+        for (const client::Event& one : happened)
+            if (const auto* changed = std::get_if<event::LayersChanged>(&one))
+                layers_.setOfProject(changed->layers);
+        layers_.makeNamedFindable();
+    }
+    takeEvents(std::move(happened), result);
+    result.more = opens_.advance(left()) || result.more;
+    lost_.reportDue(steadyMs());
+    if (unsent_)
+        if (auto error = unsent_->takeError()) events_.report(std::move(*error));
+    if (auto error = places_.takeError()) events_.report(std::move(*error));
+    values_.release(session_, lost_.blobs(),
+                    [&] { return unsent_ ? unsent_->neededBlobs() : std::set<Hash>(); });
+}
+
+// Sends what was written and applies what has arrived. False: there is more to do.
+bool Client::Impl::exchange(double budgetMs, Seal seal) {
+    auto& live = layers_.live();
+    if (seal == Seal::Now)
+        frame_.seal(live, session_);
+    else if (!frame_.sealWhenEncoded(live, session_))
+        return false;
+    line_.receive(session_);
+    const bool done = session_.advance(budgetMs, steadyMs());
+    if (session_.pendingTransactions() == 0) saveAgain(live, session_);
+    values_.deliver(live);
+    values_.requestMissing(session_);
+    return done;
+}
+
+void Client::Impl::setGesture(bool begins) {
+    // What was written before is not part of a gesture that begins, and is of one that ends.
+    tick(0, Seal::Now);
+    if (begins)
+        session_.beginGesture();
+    else
+        session_.endGesture();
+}
+
+std::uint64_t Client::Impl::save(std::vector<LayerId> layers, bool force) {
+    // What was written before is saved, too.
+    TickResult ticked;
+    if (!ticking_) work(0, ticked, Seal::Now);
+    saveAgain(layers_.live(), session_);
+    return session_.save(std::move(layers), force);
+}
+
+// --- events
+
+void Client::Impl::takeEvents(std::vector<client::Event> happened, TickResult& result) {
+    for (auto& one : happened) {
+        if (std::holds_alternative<event::Committed>(one)) ++result.applied;
+        if (note(one)) events_.push(std::move(one));
+    }
+    reportJoined();
+}
+
+// A layer is joined when the editor has all of it.
+void Client::Impl::reportJoined() {
+    std::erase_if(joined_, [&](event::Joined& joined) {
+        const auto* live = layers_.find(joined.layer);
+        if (live && !live->isFilled()) return false;
+        if (live) events_.push(joined);
+        return true;
+    });
+}
+
+bool Client::Impl::note(client::Event& one) {
+    if (const auto* connected = std::get_if<event::Connected>(&one)) {
+        line_.welcomed();
+        std::vector<LayerId> layers;
+        for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
+        layers_.setOfProject(std::move(layers));
+        layers_.followLocks();
+    } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
+        for (const LayerState& state : states->layers) layers_.followLock(state.layer);
+    } else if (const auto* changed = std::get_if<event::LayersChanged>(&one)) {
+        layers_.setOfProject(changed->layers);
+    } else if (const auto* committed = std::get_if<event::Committed>(&one)) {
+        if (committed->commit.id.client == session_.id()) values_.committed(committed->commit);
+    } else if (auto* joined = std::get_if<event::Joined>(&one)) {
+        joined_.push_back(std::move(*joined));
+        return false;
+    } else if (const auto* failed = std::get_if<event::JoinFailed>(&one)) {
+        layers_.failed(failed->layer);
+        opens_.failed(failed->layer, failed->reason);
+    } else if (auto* lost = std::get_if<event::Lost>(&one)) {
+        lost_.add(std::move(lost->work));
+        return false;
+    } else if (const auto* saved = std::get_if<event::Saved>(&one)) {
+        answers_.add(saved->outcome.request, one);
+    } else if (const auto* made = std::get_if<event::LayerMade>(&one)) {
+        answers_.add(made->answer.request, one);
+    } else if (const auto* error = std::get_if<event::ServerError>(&one)) {
+        return noteError(error->message);
+    }
+    return true;
+}
+
+bool Client::Impl::noteError(const ErrorMessage& message) {
+    if (message.request) answers_.add(*message.request, tl::unexpected(client::toError(message)));
+    if (message.blob) values_.failed(*message.blob);
+    return !message.closing || line_.closing(message, session_);
+}
+
+// --- layers
+
+pxr::SdfLayerRefPtr Client::Impl::layer(const LayerId& id) const {
+    const auto* live = layers_.find(id);
+    return live && live->isFilled() ? live->layer() : pxr::SdfLayerRefPtr();
+}
+
+std::optional<LayerId> Client::Impl::layerId(const pxr::SdfLayerHandle& layer) const {
+    return layers_.idOf(layer);
+}
+
+// --- work that was lost or not sent
+
+Result<pxr::SdfLayerRefPtr> Client::Impl::lostWorkAsLayer(std::uint64_t index, const LayerId& id) {
+    return lost_.asLayer(index, id, session_.confirmed(id), values_.cache());
+}
+
+void Client::Impl::startJournal(client::ClientInternals::Connector connector) {
+    const auto& state = options_.stateFolder;
+    unsent_ = std::make_unique<client::UnsentWorkStore>(
+        state.empty()
+            ? fs::path()
+            : client::journalFolder(state, session_.welcome()->project, UserName{options_.user}),
+        std::move(connector), sessionOptions(options_, session_.id()), values_.cache());
+    if (auto found = unsentWork(); !found.empty())
+        events_.push(event::UnsentFound{std::move(found)});
+}
+
+std::vector<client::UnsentWork> Client::Impl::unsentWork() {
+    std::vector<Error> damaged;
+    auto found = unsent_->left(damaged);
+    for (Error& error : damaged) events_.report(std::move(error));
+    return found;
+}
+
+Result<client::SentWork> Client::Impl::sendUnsent(const ClientId& work, double timeoutMs) {
+    std::vector<client::LostWork> lost;
+    auto sent = unsent_->send(work, timeoutMs, lost);
+    for (auto& one : lost) lost_.add(std::move(one));
+    return sent;
+}
+
+Result<pxr::SdfLayerRefPtr> Client::Impl::unsentAsLayer(const ClientId& work,
+                                                        const LayerId& layer) {
+    return unsent_->asLayer(work, layer, session_.confirmed(layer));
+}
+
+// --- SessionHost and LayerView
+
+bool Client::Impl::needsBlob(const Hash& hash) {
+    return std::ranges::any_of(layers_.live().all(),
+                               [&](const auto& one) { return one.second->waitsFor(hash); });
+}
+
+void Client::Impl::pending(const client::PendingWork& work) {
+    if (unsent_) unsent_->pending(work);
+}
+
+void Client::Impl::answered(std::uint64_t sequence) {
+    if (unsent_) unsent_->answered(sequence);
+}
+
+void Client::Impl::discard(std::shared_ptr<void> garbage) {
+    filler_.post([garbage = std::move(garbage)]() mutable { garbage.reset(); });
+}
+
+void Client::Impl::arriving(const LayerId& id, std::shared_ptr<const client::SnapshotPart> part) {
+    if (LiveLayer* live = layers_.find(id)) live->arriving(std::move(part));
+}
+
+void Client::Impl::arrived(const LayerId& id, const LayerDoc& snapshot) {
+    if (LiveLayer* live = layers_.find(id)) live->arrived(snapshot);
+}
+
+void Client::Impl::reset(const LayerId& id, const LayerDoc& doc) {
+    if (LiveLayer* live = layers_.find(id)) live->reset(doc);
+}
+
+void Client::Impl::apply(const LayerId& id, const std::string& path, const EditAction& action) {
+    if (LiveLayer* live = layers_.find(id)) live->apply(path, action);
+}
+
+}  // namespace usdlive

@@ -1,0 +1,164 @@
+// The inside of a Client: its parts, and the tick that drives them.
+#pragma once
+
+#include <cstdint>
+#include <future>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "session/Session.h"
+#include "usd/Answers.h"
+#include "usd/BigValues.h"
+#include "usd/CallerThread.h"
+#include "usd/ClientInternals.h"
+#include "usd/EditorEvents.h"
+#include "usd/EditorFrame.h"
+#include "usd/FolderPlaces.h"
+#include "usd/LocksAndMutes.h"
+#include "usd/LostWorkReports.h"
+#include "usd/OpenLayers.h"
+#include "usd/OpenRequests.h"
+#include "usd/ProcessFolder.h"
+#include "usd/ServerLine.h"
+#include "usd/UnsentWorkStore.h"
+#include "usdlive/client/usd/Client.h"
+
+namespace usdlive {
+
+/// Where a client keeps its layers and its files.
+struct ClientFolders {
+    /// `folder` empty: a fresh one below the system's temporary folder.
+    static Result<ClientFolders> create(const std::filesystem::path& folder);
+
+    std::unique_ptr<client::Worker> background;  ///< for what no frame has time for
+    client::ProcessFolder own;                   ///< a fresh folder, removed with this
+    std::unique_ptr<client::CacheFolderPlaces> cache;
+};
+
+/// The parts of a client. Parts decide and own their state; this lets them work in the right order
+/// in each tick, and stands between them and the session.
+class Client::Impl final : public client::SessionHost, public client::LayerView {
+public:
+    Impl(std::unique_ptr<client::Connection> connection, Options options, ClientId id,
+         ClientFolders folders);
+    ~Impl() override;
+
+    // Who may call what.
+    [[nodiscard]] std::optional<Error> misuse(std::string_view function, bool blocks) const;
+    /// Throws Misuse on another thread.
+    void require(std::string_view function) const;
+    /// The same, and false, with an error event, within tick(): a notice handler that throws would
+    /// end the process.
+    bool mayBlock(std::string_view function);
+
+    // The frame.
+    enum class Seal { WhenEncoded, Now };
+    TickResult tick(double budgetMs, Seal seal = Seal::WhenEncoded);
+    /// What the callbacks do is the editor's own.
+    [[nodiscard]] bool isApplying() const { return ticking_ && !events_.isDispatching(); }
+    void setGesture(bool begins);
+    std::uint64_t save(std::vector<LayerId> layers, bool force);
+
+    // Calls that wait for the server: loops around tick().
+    Result<void> greet();
+    Result<pxr::SdfLayerRefPtr> openLayer(const LayerId& id, client::LoadSet load);
+    Result<pxr::SdfLayerRefPtr> createLayer(const LayerId& id);
+    Result<std::vector<LayerId>> attach(const std::filesystem::path& projectFolder);
+    void close(const LayerId& id);
+    bool flush(double timeoutMs);
+    Result<LayersSaved> saveAndWait(std::vector<LayerId> layers, bool force, double timeoutMs);
+    std::optional<client::UnsentWork> leave(double timeoutMs);
+
+    // Layers.
+    [[nodiscard]] pxr::SdfLayerRefPtr layer(const LayerId& id) const;
+    [[nodiscard]] std::optional<LayerId> layerId(const pxr::SdfLayerHandle& layer) const;
+
+    // Work that was lost or not sent.
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
+                                                              const LayerId& id);
+    void startJournal(client::ClientInternals::Connector connector);
+    [[nodiscard]] std::vector<client::UnsentWork> unsentWork();
+    Result<client::SentWork> sendUnsent(const ClientId& work, double timeoutMs);
+    [[nodiscard]] Result<pxr::SdfLayerRefPtr> unsentAsLayer(const ClientId& work,
+                                                            const LayerId& layer);
+    Result<void> discardUnsent(const ClientId& work) { return unsent_->discard(work); }
+    [[nodiscard]] std::size_t pendingTransactions() const {
+        return session_.pendingTransactions() + (frame_.holdsBack() ? 1 : 0);
+    }
+
+    // Parts that need nothing around them.
+    [[nodiscard]] const Options& options() const { return options_; }
+    [[nodiscard]] const client::CallerThread& thread() const { return thread_; }
+    [[nodiscard]] client::Session& session() { return session_; }
+    [[nodiscard]] client::EditorEvents& events() { return events_; }
+    [[nodiscard]] const client::LostWorkReports& lost() const { return lost_; }
+    [[nodiscard]] client::OpenLayers& layers() { return layers_; }
+    [[nodiscard]] client::OpenRequests& opens() { return opens_; }
+    [[nodiscard]] client::LocksAndMutes& locks() { return locks_; }
+    [[nodiscard]] const client::CacheFolderPlaces& cache() const { return cache_; }
+    [[nodiscard]] const client::AllPlaces& places() const { return places_; }
+
+    // SessionHost
+    void send(SharedBytes frames) override { line_.connection().send(std::move(frames)); }
+    bool takesMore() override { return line_.connection().queuedBytes() < client::kMaxQueuedBytes; }
+    SharedBytes localBlob(const Hash& hash) override { return values_.cache().blob(hash); }
+    bool holdsBlob(const Hash& hash) override { return values_.cache().holds(hash); }
+    void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
+        values_.arrived(hash, std::move(bytes), lasting);
+    }
+    bool needsBlob(const Hash& hash) override;
+    void pending(const client::PendingWork& work) override;
+    void answered(std::uint64_t sequence) override;
+    void discard(std::shared_ptr<void> garbage) override;
+
+    // LayerView
+    void arriving(const LayerId& id, std::shared_ptr<const client::SnapshotPart> part) override;
+    void arrived(const LayerId& id, const LayerDoc& snapshot) override;
+    void reset(const LayerId& id, const LayerDoc& doc) override;
+    void apply(const LayerId& id, const std::string& path, const EditAction& action) override;
+
+private:
+    static client::Session::Options sessionOptions(const Options& options, ClientId id);
+
+    void work(double budgetMs, TickResult& result, Seal seal);
+    bool exchange(double budgetMs, Seal seal);
+    void takeEvents(std::vector<client::Event> happened, TickResult& result);
+    /// False: not for the editor, or not yet.
+    bool note(client::Event& one);
+    bool noteError(const ErrorMessage& message);
+    void reportJoined();
+
+    Result<void> waitForOpen(std::uint64_t request);
+    std::optional<Result<client::Event>> answerTo(std::uint64_t request, double timeoutMs);
+    [[nodiscard]] Error notConfirmed(double timeoutMs) const;
+    [[nodiscard]] std::optional<client::UnsentWork> unsent();
+
+    const Options options_;
+    const client::ProcessFolder ownFolder_;  // when the editor has not named one
+    std::future<void> removing_;             // folders of editors that were killed
+    client::CallerThread thread_;
+    const std::unique_ptr<client::Worker> background_;
+    const client::CacheFolderPlaces& cache_;
+    client::AllPlaces places_;
+    client::EditorEvents events_;
+    client::LostWorkReports lost_;
+    client::BigValues values_;
+    client::Worker filler_;   // makes the content of layers
+    client::Worker encoder_;  // encodes what the editor has written
+    client::EditorFrame frame_;
+    client::ServerLine line_;
+    std::unique_ptr<client::UnsentWorkStore> unsent_;  // once the project is known
+    client::Session session_;
+    client::OpenLayers layers_;
+    client::OpenRequests opens_;
+    client::LocksAndMutes locks_;
+    client::Answers answers_;
+    std::vector<client::event::Joined> joined_;  // for layers that are not filled yet
+    bool ticking_ = false;
+};
+
+}  // namespace usdlive

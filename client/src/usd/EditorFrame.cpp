@@ -1,0 +1,63 @@
+// What the editor has written in one frame, on its way to the session.
+#include "usd/EditorFrame.h"
+
+#include <pxr/usd/sdf/changeBlock.h>
+
+#include <algorithm>
+#include <iterator>
+#include <utility>
+
+#include "usd/Clocks.h"
+
+namespace usdlive::client {
+
+void EditorFrame::seal(LiveSet& layers, Session& session) {
+    holdsBack_ = false;
+    std::vector<AuthoredEdit> edits;
+    for (LiveLayer* live : layers.active()) {
+        auto sealed = live->seal();
+        std::move(sealed.edits.begin(), sealed.edits.end(), std::back_inserter(edits));
+        for (auto& write : sealed.lost) {
+            LostWork work;
+            work.reason = std::move(write.reason);
+            work.edits = std::move(write.edits);
+            lost_.add(std::move(work));
+        }
+    }
+    encodings_.clear();
+    if (!edits.empty()) session.author(std::move(edits));
+}
+
+bool EditorFrame::sealWhenEncoded(LiveSet& layers, Session& session) {
+    std::vector<pxr::VtValue> arrays;
+    for (const LiveLayer* live : layers.active()) live->appendBigArrays(arrays);
+    holdsBack_ = !encodings_.areReady(std::move(arrays), steadyMs());
+    if (!holdsBack_) seal(layers, session);
+    return !holdsBack_;
+}
+
+bool EditorFrame::hasWrites(LiveSet& layers) {
+    return std::ranges::any_of(layers.active(), &LiveLayer::hasWrites);
+}
+
+void EditorFrame::author(LiveSet& layers, Session& session, LiveLayer& live,
+                         const std::function<std::vector<EditAction>()>& makeEdits) {
+    const pxr::SdfChangeBlock block;
+    seal(layers, session);
+    std::vector<AuthoredEdit> edits;
+    for (EditAction& action : makeEdits()) {
+        live.apply("/", action);
+        edits.push_back({live.id(), "/", std::move(action)});
+    }
+    session.author(std::move(edits));
+}
+
+void saveAgain(LiveSet& layers, Session& session) {
+    if (!session.isConnected()) return;
+    std::vector<LayerId> written;
+    for (LiveLayer* live : layers.active())
+        if (live->takeSaved()) written.push_back(live->id());
+    if (!written.empty()) session.save(std::move(written), true);
+}
+
+}  // namespace usdlive::client

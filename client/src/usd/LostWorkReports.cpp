@@ -1,0 +1,34 @@
+// Work that did not get into the project: kept, and reported to the editor.
+#include "usd/LostWorkReports.h"
+
+#include "usd/Clocks.h"
+#include "usd/LostWorkLayer.h"
+#include "usdlive/common/usd/LayerFill.h"
+
+namespace usdlive::client {
+
+void LostWorkReports::add(LostWork work) {
+    for (const auto& edit : work.edits)
+        forEachBlob(edit.action, [&](const Value& blob) { blobs_.insert(blob.hash()); });
+    if (const auto kept = store_.add(work); !kept) events_.report(kept.error());
+    if (auto lost = collapsed_.add({std::move(work), store_.size() - 1}, steadyMs()))
+        events_.push(std::move(*lost));
+}
+
+void LostWorkReports::reportDue(std::int64_t nowMs) {
+    for (auto& lost : collapsed_.due(nowMs)) events_.push(std::move(lost));
+}
+
+void LostWorkReports::reportAll() {
+    for (auto& lost : collapsed_.waiting()) events_.push(std::move(lost));
+}
+
+Result<pxr::SdfLayerRefPtr> LostWorkReports::asLayer(std::uint64_t index, const LayerId& layer,
+                                                     const LayerDoc* known,
+                                                     usd::BlobSource& blobs) const {
+    const auto work = store_.at(index);
+    if (!work) return tl::unexpected(work.error());
+    return usd::makeLayer(lostWorkDoc(*work, layer, known, blobs), blobs, "usda");
+}
+
+}  // namespace usdlive::client

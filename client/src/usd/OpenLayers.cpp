@@ -1,0 +1,238 @@
+// The layers of a client that are live, and how a layer becomes live and stops being live.
+#include "usd/OpenLayers.h"
+
+#include <pxr/usd/sdf/layerUtils.h>
+
+#include <algorithm>
+#include <iterator>
+#include <memory>
+#include <utility>
+
+#include "usd/Clocks.h"
+#include "usd/EarlyWork.h"
+#include "usd/LayerClaims.h"
+#include "usd/UsedLayers.h"
+#include "usdlive/common/core/LayerPath.h"
+
+namespace usdlive::client {
+
+namespace {
+
+// Time for making layers findable in the first tick that knows them, and in a later one.
+constexpr double kFirstFindableMs = 200, kFindableMs = 1;
+// Loaded layers that one tick looks at.
+constexpr std::size_t kLookedAtPerTick = 100;
+
+}  // namespace
+
+OpenLayers::OpenLayers(Surroundings surroundings) : with_(std::move(surroundings)) {}
+
+std::optional<LayerId> OpenLayers::idOf(const pxr::SdfLayerHandle& layer) const {
+    const LiveLayer* live = live_.find(layer);
+    return live ? std::optional(live->id()) : std::nullopt;
+}
+
+// --- the project
+
+bool OpenLayers::isOfProject(const LayerId& id) const {
+    return std::ranges::binary_search(ofProject_, id);
+}
+
+void OpenLayers::setOfProject(std::vector<LayerId> layers) {
+    std::ranges::sort(layers);
+    std::vector<LayerId> added;
+    std::ranges::set_difference(layers, ofProject_, std::back_inserter(added));
+    with_.places.add(std::move(added), ofProject_.empty() ? kFirstFindableMs : kFindableMs);
+    ofProject_ = std::move(layers);
+    // The project may have what failed.
+    failed_.clear();
+    std::erase_if(guessed_, [this](const LayerId& id) { return isOfProject(id); });
+}
+
+// --- opening
+
+Result<void> OpenLayers::open(const LayerId& id) {
+    if (auto valid = parseLayerId(id.value); !valid) return tl::unexpected(valid.error());
+    const auto made = with_.places.makeFindable(id);
+    if (!made && !isOfProject(id))
+        return fail(ErrorCode::LayerNotFound, "the project has no layer " + id.value);
+    if (!made) return tl::unexpected(made.error());
+    if (*made && !isOfProject(id)) guessed_.insert(id);
+    const auto identifier = with_.places.identifierOf(id);
+    const auto layer = pxr::SdfLayer::FindOrOpen(identifier);
+    if (!layer) return fail(ErrorCode::LayerUnreadable, "cannot open " + identifier);
+    return join(id, layer);
+}
+
+Result<void> OpenLayers::join(const LayerId& id, const pxr::SdfLayerRefPtr& layer) {
+    if (find(id)) return {};
+    if (!LayerClaims::ofProcess().claim(layer, this)) {
+        failed_.insert(id);
+        return tl::unexpected(liveElsewhere(id));
+    }
+    failed_.erase(id);
+    closed_.erase(id);
+    BlobCache& blobs = with_.values.cache();
+    keepEarlyWork(id, layer, blobs, with_.lost);
+    live_.add(std::make_unique<LiveLayer>(
+        id, layer,
+        LiveLayer::Surroundings{with_.values.source(), blobs, with_.sink, with_.filler,
+                                [this, id] { return with_.session.view(id); },
+                                [this](Error error) { with_.events.report(std::move(error)); },
+                                [this, id] { live_.wake(id); }}));
+    followLock(id);
+    with_.session.openLayer(id);
+    return {};
+}
+
+const std::vector<LayerId>& OpenLayers::openUsed(LiveLayer& live, LoadSet load) {
+    const auto [known, isNew] = used_.try_emplace(live.id());
+    if (!isNew && known->second.load == load && !live.usesChanged()) return known->second.layers;
+    std::vector<LayerId> opened;
+    for (const auto& [identifier, id] : usedBy(live, load)) {
+        if (const auto made = with_.places.makeFindable(id); !made)
+            with_.events.report(made.error());
+        if (!find(id) && !failed_.contains(id) && !closed_.contains(id))
+            if (auto used = pxr::SdfLayer::FindOrOpen(identifier))
+                if (const auto joined = join(id, used); !joined)
+                    with_.events.push(event::JoinFailed{id, joined.error()});
+        if (find(id)) opened.push_back(id);
+    }
+    Used& used = used_[live.id()];
+    used = {load, std::move(opened)};
+    return used.layers;
+}
+
+// Those that are in the project, with their identifiers.
+std::vector<std::pair<std::string, LayerId>> OpenLayers::usedBy(const LiveLayer& live,
+                                                                LoadSet load) const {
+    std::vector<std::pair<std::string, LayerId>> used;
+    if (!live.namesLayers()) return used;
+    for (const auto& asset : usedAssets(live.layer(), load)) {
+        auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(live.layer(), asset);
+        auto id = with_.places.layerAt(identifier);
+        if (id && isOfProject(*id)) used.emplace_back(std::move(identifier), std::move(*id));
+    }
+    return used;
+}
+
+bool OpenLayers::hasUsed(const LayerId& id, LoadSet load) const {
+    const auto found = used_.find(id);
+    return load == LoadSet::NoPayloads ||
+           (found != used_.end() && found->second.load == LoadSet::All);
+}
+
+void OpenLayers::failed(const LayerId& id) {
+    failed_.insert(id);
+    leave(id);
+    if (guessed_.erase(id) > 0) with_.places.remove(id);
+}
+
+std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> OpenLayers::loadedHere() const {
+    std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> loaded;
+    for (const auto& layer : pxr::SdfLayer::GetLoadedLayers())
+        if (auto id = live_.find(layer) ? std::nullopt : layerOf(layer))
+            loaded.emplace_back(std::move(*id), layer);
+    std::ranges::sort(loaded, {}, [](const auto& one) { return one.first; });
+    return loaded;
+}
+
+std::optional<LayerId> OpenLayers::layerOf(const pxr::SdfLayerHandle& layer) const {
+    // A layer with file format arguments is another view of its file, never the file itself.
+    if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
+        return std::nullopt;
+    auto id = with_.places.layerOf(layer);
+    return id && isOfProject(*id) && !find(*id) ? id : std::nullopt;
+}
+
+bool OpenLayers::isLiveElsewhere(const pxr::SdfLayerHandle& layer) const {
+    return LayerClaims::ofProcess().isLiveElsewhere(layer, this);
+}
+
+Error OpenLayers::liveElsewhere(const LayerId& id) {
+    return {ErrorCode::InvalidArgument,
+            id.value +
+                " is already live through another connection of this process. Use that one, or "
+                "open a copy with another cache folder"};
+}
+
+// --- closing
+
+// Takes a copy: the caller's id may be the one that is removed here.
+void OpenLayers::leave(LayerId id) {
+    const LiveLayer* live = find(id);
+    if (!live) return;
+    const pxr::SdfLayerRefPtr layer = live->layer();
+    const LayerDoc* view = live->isFilled() ? with_.session.view(id) : nullptr;
+    auto left = view ? std::optional(*view) : std::nullopt;
+    live_.remove(id);
+    used_.erase(id);
+    LayerClaims::ofProcess().release(layer, this, std::move(left));
+}
+
+void OpenLayers::leaveAll() {
+    while (!live_.all().empty()) leave(live_.all().begin()->first);
+}
+
+void OpenLayers::close(const LayerId& id) {
+    if (!find(id)) return;
+    leave(id);
+    with_.session.closeLayer(id);
+    closed_.insert(id);
+}
+
+// --- parts of a tick
+
+void OpenLayers::adoptLoaded(double budgetMs) {
+    const Stopwatch watch;
+    bool just = false;
+    for (LiveLayer* live : live_.active()) just = live->takeUsesChanged() || just;
+    if (!with_.session.welcome()) return;
+    loaded_.look(just, live_.known(), with_.background);
+    for (std::size_t looked = 0; looked < kLookedAtPerTick; ++looked) {
+        const auto layer = loaded_.next();
+        if (!layer) return;
+        const auto id = live_.find(layer) ? std::nullopt : layerOf(layer);
+        if (!id || failed_.contains(*id) || closed_.contains(*id) || isLiveElsewhere(layer))
+            continue;
+        static_cast<void>(join(*id, layer));
+        if (watch.ms() >= budgetMs) return;
+    }
+}
+
+std::size_t OpenLayers::fill(double budgetMs) {
+    const Stopwatch watch;
+    std::size_t filling = 0;
+    for (LiveLayer* live : live_.active()) {
+        if (live->isFilling() && watch.ms() < budgetMs) live->fill();
+        filling += live->isFilling() ? 1 : 0;
+    }
+    return filling;
+}
+
+void OpenLayers::makeNamedFindable() {
+    if (with_.places.isComplete()) return;
+    for (const LiveLayer* live : live_.active()) {
+        if (!live->usesChanged()) continue;
+        for (const auto& [identifier, id] : usedBy(*live, LoadSet::All))
+            if (const auto made = with_.places.makeFindable(id); !made)
+                with_.events.report(made.error());
+    }
+}
+
+void OpenLayers::followLock(const LayerId& id) {
+    auto* live = find(id);
+    const auto& welcome = with_.session.welcome();
+    if (!live || !welcome) return;
+    const auto& states = with_.session.layerStates();
+    const auto state = states.find(id);
+    const bool locked = state != states.end() && state->second.locked;
+    live->setLockedByOther(locked && state->second.holder != with_.user &&
+                           !welcome->administrator.value_or(false));
+}
+
+void OpenLayers::followLocks() {
+    for (const auto& entry : live_.all()) followLock(entry.first);
+}
+
+}  // namespace usdlive::client

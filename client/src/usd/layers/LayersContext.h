@@ -1,0 +1,20 @@
+#pragma once
+
+#include "usd/layers/EventQueue.h"
+#include "usd/layers/LocalStack.h"
+#include "usdlive/client/usd/layers/LiveLayers.h"
+#include "usdlive/client/usd/layers/StageHost.h"
+
+namespace usdlive::layers {
+
+/// The state that the parts of one Layers share.
+struct LayersContext {
+    explicit LayersContext(StageHost& stageHost) : host(stageHost), stack(stageHost) {}
+
+    StageHost& host;
+    LocalStack stack;
+    EventQueue events;
+    LiveLayers* live = nullptr;
+};
+
+}  // namespace usdlive::layers

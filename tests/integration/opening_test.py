@@ -1,0 +1,118 @@
+"""Opening layers without waiting, from Python: requests, events, and the event loop's form."""
+
+import asyncio
+import time
+
+import pytest
+from conftest import connect, wait
+from pxr import Usd
+
+import usdlive
+from usdlive import events
+
+MANY = 500
+
+
+@pytest.fixture
+def server(project, serve):
+    (project / "shot.usda").write_text(
+        '#usda 1.0\n(\n    subLayers = [@./sub.usda@]\n)\n\ndef "Shot"\n{\n}\n')
+    (project / "sub.usda").write_text('#usda 1.0\n\ndef "Sub"\n{\n}\n')
+    (project / "many").mkdir()
+    for number in range(MANY):
+        (project / "many" / f"{number}.usda").write_text(f'#usda 1.0\n\ndef "P{number}"\n{{\n}}\n')
+    return serve(project)
+
+
+def ends_of(live: usdlive.Live) -> list:
+    ends: list = []
+    live.add_handler(lambda event: ends.append(event)
+                     if isinstance(event, (events.LayerOpened, events.LayerOpenFailed)) else None)
+    return ends
+
+
+def test_many_layers_open_while_the_editor_ticks(server):
+    with connect(server, "ada") as live:
+        ends = ends_of(live)
+        requests = {live.request_open_layer(f"many/{number}.usda"): f"many/{number}.usda" for number in range(MANY)}
+        assert not ends and live.opened_layer("many/0.usda") is None
+        took, limit = [], time.monotonic() + 120
+        while len(ends) < MANY:
+            start = time.perf_counter()
+            assert time.monotonic() < limit, len(ends)
+            live.tick(4.0)
+            took.append(time.perf_counter() - start)
+        assert {end.request: end.layer for end in ends} == requests
+        assert all(isinstance(end, events.LayerOpened) for end in ends)
+        assert sorted(took)[len(took) // 2] < 0.012, "half of the ticks kept about their budget"
+        assert live.opened_layer("many/499.usda").GetPrimAtPath("/P499")
+
+
+def test_a_stage_opens_when_its_layers_are_there(server):
+    with connect(server, "ada") as live:
+        ends = ends_of(live)
+        live.request_open_layer("shot.usda")
+        wait(lambda: ends, live)
+        stage = Usd.Stage.Open(live.opened_layer("shot.usda"))
+        assert stage.GetPrimAtPath("/Shot") and stage.GetPrimAtPath("/Sub")
+
+
+def test_close_cancels(server):
+    with connect(server, "ada") as live:
+        ends = ends_of(live)
+        request = live.request_open_layer("shot.usda")
+        live.close_layer("shot.usda")
+        wait(lambda: ends, live)
+        (end,) = ends
+        assert isinstance(end, events.LayerOpenFailed) and end.request == request and end.code == "layerNotOpen"
+
+
+def test_offline_a_request_waits_for_the_server(server):
+    with connect(server, "ada") as live:
+        ends = ends_of(live)
+        server.kill()
+        wait(lambda: not live.connected, live)
+        live.request_open_layer("shot.usda")
+        for _ in range(20):
+            live.tick()
+        assert not ends
+        server.start()
+        wait(lambda: ends, live, timeout=30)
+        assert isinstance(ends[0], events.LayerOpened) and live.opened_layer("sub.usda")
+
+
+def test_an_event_handler_opens_layers(server):
+    with connect(server, "ada") as live:
+        ends = ends_of(live)
+
+        def follow(event):
+            if isinstance(event, events.LayerOpened) and event.layer == "sub.usda":
+                live.request_open_layer("many/1.usda")
+                live.open_layer("many/2.usda")
+
+        live.add_handler(follow)
+        live.request_open_layer("sub.usda")
+        wait(lambda: len(ends) == 2, live)
+        assert live.opened_layer("many/1.usda") and live.opened_layer("many/2.usda")
+
+
+def test_the_event_loop_goes_on(server):
+    async def count(frames: list) -> None:
+        while True:
+            frames.append(time.monotonic())
+            await asyncio.sleep(0.001)
+
+    async def main(live: usdlive.Live) -> None:
+        frames: list = []
+        counting = asyncio.get_running_loop().create_task(count(frames))
+        layer, *many = await asyncio.gather(
+            live.open_layer_async("shot.usda"),
+            *(live.open_layer_async(f"many/{number}.usda") for number in range(20)))
+        assert layer.GetPrimAtPath("/Shot") and len(many) == 20 and len(frames) > 2
+        with pytest.raises(usdlive.Error) as raised:
+            await live.open_layer_async("nothing.usda")
+        assert raised.value.code == "layerNotFound"
+        counting.cancel()
+
+    with connect(server, "ada") as live:
+        asyncio.run(main(live))
