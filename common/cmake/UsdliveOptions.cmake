@@ -1,6 +1,7 @@
 # The options of a build, and the compiler settings that all our targets share.
 
 option(USDLIVE_SERVER "Build the server" ON)
+option(USDLIVE_DDS "Speak DDS, too, which needs Cyclone DDS" ON)
 option(USDLIVE_PYTHON "Build the Python extension" ON)
 option(USDLIVE_TESTS "Build tests and benchmarks" ${PROJECT_IS_TOP_LEVEL})
 set(USDLIVE_SANITIZE "" CACHE STRING "Sanitizers: empty, address;undefined or thread")

@@ -61,6 +61,16 @@ function(usdlive_executable name)
     endif()
 endfunction()
 
+# Sources that a build leaves out: those that need Cyclone DDS, or those that take their place. Elsewhere no code
+# asks whether there is DDS.
+set(USDLIVE_LEFT_OUT "/WithoutDds\\.cpp$")
+if(NOT USDLIVE_DDS)
+    string(CONCAT USDLIVE_LEFT_OUT
+        "/src/dds/(Domain|NewsSamples|SecurityConfig|Topics)\\.cpp$"
+        "|/src/transport/Dds(Connection|Projects|News|Server|Session)\\.cpp$"
+        "|/tests/.*/(NewsSamplesTest|TransportContractTest)\\.cpp$")
+endif()
+
 # Lists all .cpp under folders of the current source folder.
 function(usdlive_sources out)
     set(patterns ${ARGN})
@@ -69,6 +79,7 @@ function(usdlive_sources out)
     set(sources)
     if(patterns)
         file(GLOB_RECURSE sources CONFIGURE_DEPENDS ${patterns})
+        list(FILTER sources EXCLUDE REGEX "${USDLIVE_LEFT_OUT}")
     endif()
     set(${out} ${sources} PARENT_SCOPE)
 endfunction()

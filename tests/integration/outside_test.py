@@ -91,6 +91,13 @@ def test_every_installed_header_compiles_alone(tmp_path, prefix):
     output("cmake", "--build", build, "--target", "headers", "--", "-k", "0")
 
 
+def test_the_package_asks_only_for_what_programs_need(prefix):
+    package = prefix / "lib" / "cmake" / "usdlive"
+    text = "".join(path.read_text() for path in package.glob("*.cmake"))
+    assert not re.findall(r"find_package\((?!Threads|OpenSSL|zstd|tl-expected|CycloneDDS)\w+", text)
+    assert "flatbuffers" not in text and "Boost" not in text and "nlohmann" not in text
+
+
 def cpp_examples(prefix) -> list[str]:
     """The C++ of the README, and of the comments in all installed headers."""
     readme = (CHECKOUT / "README.md").read_text()
