@@ -132,7 +132,7 @@ void measureSave(const std::string& format, int mib) {
 
     std::optional<usdlive::LayersSaved> saved;
     editor.client->setEventHandler([&](const usdlive::client::Event& one) {
-        if (const auto* done = std::get_if<event::Saved>(&one)) saved = done->outcome;
+        if (const auto* done = std::get_if<event::Saved>(&one)) saved = done->answer;
     });
     const Memory memory(server.process().pid());
     const double cpu = server.process().cpuSeconds();

@@ -46,8 +46,8 @@ static void digest(Digest& out, const Incoming& part) {
     out(request, opened ? encodeControl(*opened) : "", content.has_value());
 }
 static void digest(Digest& out, const Joining& part) {
-    const auto& [snapshot, later, again, askAtMs] = part;
-    out(snapshot, later, again, askAtMs.has_value());
+    const auto& [snapshot, later, again, retryAtMs] = part;
+    out(snapshot, later, again, retryAtMs.has_value());
 }
 static void digest(Digest& out, const Session::Impl::OpenedLayer& part) {
     const auto& [wanted, joining] = part;
@@ -88,12 +88,12 @@ static void digest(Digest& out, const Session::Impl::LogReader& part) {
 static void digest(Digest& out, const Session::Impl& part) {
     out(part.welcome_.has_value(), part.welcome_ ? part.welcome_->revision : Revision(0),
         part.revision_, part.pending_.pending_, part.pending_.lastSequence_, part.online_,
-        part.linked_, part.inbox_, part.lastRequest_, part.hasHistory_, part.epoch_,
+        part.linked_, part.inbox_, part.requests_.last_, part.hasHistory_, part.epoch_,
         part.commitEpoch_, part.hash_, part.confirmed_, part.log_, part.creations_, part.layers_,
         part.frozen_, part.prediction_, part.dirty_, part.resets_, part.missed_, part.logs_,
         part.notResumed_.has_value(), part.forgotten_.has_value(), part.saidSince_,
-        part.unsettled_ ? part.unsettled_->since.revision : Revision(0),
-        part.unsettled_ ? part.unsettled_->last : std::uint64_t(0));
+        part.unanswered_ ? part.unanswered_->since.revision : Revision(0),
+        part.unanswered_ ? part.unanswered_->last : std::uint64_t(0));
 }
 
 ModelClient::ModelClient(const Scenario& scenario, std::size_t number, Messages& messages)

@@ -239,7 +239,7 @@ void SimClient::openAndClose() {
     } else if (random_.chance(10)) {
         session_.openLayer({"broken.usda"});
     } else {
-        if (layer == style_.newLayer) session_.createLayer(layer);
+        if (layer == style_.newLayer) request(CreateLayer{.layer = layer});
         session_.openLayer(layer);
         opened_.insert(layer);
     }
@@ -256,17 +256,17 @@ void SimClient::makeRequests() {
             break;
         }
         case 1:
-            session_.save({});
+            request(SaveLayers{});
             break;
         case 2:
-            session_.reload({layer});
+            request(ReloadLayers{.layers = {layer}});
             break;
         case 3:
-            naming_[session_.createCheckpoint("at " + std::to_string(random_.below(1'000)))] =
-                session_.revision();
+            naming_[request(CreateCheckpoint{
+                .name = "at " + std::to_string(random_.below(1'000))})] = session_.revision();
             break;
         case 4:
-            session_.listCheckpoints();
+            request(ListCheckpoints{});
             break;
         default: {
             auto next = std::make_shared<Revision>(0);  // the oldest revision
@@ -292,7 +292,9 @@ void SimClient::stopEditing(bool all) {
 }
 
 bool SimClient::isQuiet() const {
-    return session_.isConnected() && session_.pendingTransactions() == 0 && askedFor_.empty() &&
+    return session_.isConnected() &&
+           std::ranges::all_of(requests_, [](const auto& entry) { return entry.second; }) &&
+           session_.pendingTransactions() == 0 && askedFor_.empty() &&
            session_.revision() == server_.store().head().revision &&
            std::all_of(opened_.begin(), opened_.end(), [this](const LayerId& layer) {
                // A layer that is joined again is shown meanwhile, but not confirmed.
@@ -358,7 +360,12 @@ void SimClient::need(const Hash& hash) {
 
 void SimClient::handleEvents() {
     for (const Event& event : session_.takeEvents())
-        std::visit([this](const auto& one) { on(one); }, event);
+        std::visit(
+            [this](const auto& one) {
+                if constexpr (requires { one.answer.request; }) requestEnded(one.answer.request);
+                on(one);
+            },
+            event);
 }
 
 void SimClient::on(const event::Committed& event) {
@@ -385,6 +392,17 @@ void SimClient::on(const event::Lost& event) {
     const bool isCommitted = event.work.reason.code == ErrorCode::HistoryReplaced;
     (isCommitted ? uncertainEdits : lostEdits) += event.work.edits.size();
 }
+std::uint64_t SimClient::request(AnyRequest request) {
+    const std::uint64_t number = session_.request(std::move(request));
+    requests_[number] = false;
+    return number;
+}
+// Others are those of the session itself: layers that it reads again.
+void SimClient::requestEnded(std::uint64_t number) {
+    const auto found = requests_.find(number);
+    if (found == requests_.end()) return;
+    require(!std::exchange(found->second, true), "a request ended twice");
+}
 void SimClient::on(const event::CheckpointMade& event) {
     const auto asked = naming_.extract(event.answer.request);
     require(!asked.empty(), "a checkpoint was created twice, or without a request");
@@ -398,6 +416,7 @@ void SimClient::on(const event::CheckpointsListed& event) {
                 "a checkpoint is lost");
 }
 void SimClient::on(const event::ServerError& event) {
+    if (event.message.request) requestEnded(*event.message.request);
     if (event.message.closing && link_ != 0) network_.cut(link_, false);
     require(event.message.code != "malformedFrame" && event.message.code != "malformedControl" &&
                 event.message.code != "internal" && event.message.code != "invalidPath",

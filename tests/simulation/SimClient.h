@@ -97,6 +97,8 @@ private:
     void author(std::vector<client::AuthoredEdit> edits);
     [[nodiscard]] std::vector<LayerId> joinedLayers() const;
     void handleEvents();
+    std::uint64_t request(AnyRequest request);
+    void requestEnded(std::uint64_t number);
     void on(const client::event::Committed& event);
     void on(const client::event::Connected& event);
     void on(const client::event::Lost& event);
@@ -124,6 +126,7 @@ private:
     std::map<LayerId, LayerDoc> editor_;
     std::map<Hash, SharedBytes> blobs_;
     std::set<Hash> askedFor_;
+    std::map<std::uint64_t, bool> requests_;    // by number: has it ended?
     std::map<std::uint64_t, Revision> naming_;  // by request: the revision that was confirmed then
     std::set<LayerId> opened_;
     server::SessionId link_ = 0;  // 0: no connection

@@ -4,6 +4,7 @@
 #include <string>
 #include <variant>
 
+#include "Fields.h"
 #include "usdlive/common/core/UserColour.h"
 
 namespace nb = nanobind;
@@ -162,72 +163,11 @@ nb::dict convert(const client::event::PreviewChanged& event) {
     return d;
 }
 
-/// Returns the result for layers' files. `verb` is the key of the successful layers.
-nb::dict outcome(const char* event, const char* verb, std::uint64_t request, Revision revision,
-                 const std::vector<LayerId>& done,
-                 const std::vector<LayersSaved::Failure>& failures) {
-    nb::dict d = make(event);
-    d["request"] = request;
-    d["revision"] = revision;
-    d[verb] = strings(done);
-    nb::list failed;
-    for (const auto& failure : failures)
-        failed.append(
-            nb::make_tuple(text(failure.layer.value), text(failure.code), text(failure.message)));
-    d["failed"] = failed;
-    return d;
-}
-
-nb::dict convert(const client::event::Saved& event) {
-    const auto& [request, revision, saved, failed] = event.outcome;
-    return outcome("Saved", "saved", request, revision, saved, failed);
-}
-
-nb::dict convert(const client::event::Reloaded& event) {
-    const auto& [request, revision, reloaded, failed] = event.outcome;
-    return outcome("Reloaded", "reloaded", request, revision, reloaded, failed);
-}
-
-nb::dict toDictionary(const Checkpoint& checkpoint) {
-    nb::dict d;
-    d["name"] = text(checkpoint.name);
-    d["revision"] = checkpoint.revision;
-    d["user"] = text(checkpoint.user.value);
-    d["time"] = double(checkpoint.timeMs) / 1000.0;
-    return d;
-}
-
-nb::dict convert(const client::event::CheckpointMade& event) {
-    nb::dict d = make("CheckpointMade");
-    d["request"] = event.answer.request;
-    d["checkpoint"] = toDictionary(event.answer.checkpoint);
-    return d;
-}
-
-nb::dict convert(const client::event::CheckpointsListed& event) {
-    nb::dict d = make("CheckpointsListed");
-    nb::list checkpoints;
-    for (const Checkpoint& one : event.answer.checkpoints) checkpoints.append(toDictionary(one));
-    d["request"] = event.answer.request;
-    d["checkpoints"] = checkpoints;
-    return d;
-}
-
-nb::dict convert(const client::event::LayerMade& event) {
-    nb::dict d = make("LayerMade");
-    d["request"] = event.answer.request;
-    d["layer"] = text(event.answer.layer.value);
-    return d;
-}
-
-nb::dict convert(const client::event::SkippedListed& event) {
-    nb::dict d = make("SkippedListed");
-    nb::list files;
-    for (const SkippedFile& file : event.answer.files)
-        files.append(nb::make_tuple(text(file.path), text(file.reason)));
-    d["request"] = event.answer.request;
-    d["count"] = event.answer.count;
-    d["files"] = files;
+/// "event" is the type of the answer, as in "checkpointCreated".
+template <class Request>
+nb::dict convert(const client::event::Answered<Request>& event) {
+    nb::dict d = make(std::string(event.answer.kType).c_str());
+    putFields(d, event.answer);
     return d;
 }
 
@@ -294,36 +234,14 @@ nb::dict toDictionary(const client::UnsentWork& work) {
 
 nb::dict toDictionary(const LayerState& state) {
     nb::dict d;
-    d["layer"] = text(state.layer.value);
-    d["revision"] = state.revision;
-    d["saved"] = state.saved;
-    d["dirty"] = state.dirty;
-    d["outdated"] = state.outdated;
-    d["globally_muted"] = state.globallyMuted;
-    d["writable"] = state.writable;
-    d["owner"] = text(state.owner);
-    d["locked"] = state.locked;
-    d["holder"] = text(state.holder.value);
-    d["locked_at"] = double(state.lockedAtMs) / 1000.0;
-    nb::list editors;
-    for (const UserName& user : state.editors) editors.append(text(user.value));
-    d["editors"] = nb::tuple(editors);
+    putFields(d, state);
     return d;
 }
 
 nb::dict toDictionary(const Presence& presence) {
     nb::dict d;
-    d["client"] = text(presence.client.value);
-    d["user"] = text(presence.user.value);
-    d["application"] = text(presence.application);
-    nb::list selection, camera;
-    for (const std::string& path : presence.selection) selection.append(text(path));
-    for (const double number : presence.camera) camera.append(number);
-    d["selection"] = nb::tuple(selection);
-    d["camera"] = presence.camera.empty() ? nb::object(nb::none()) : nb::object(nb::tuple(camera));
-    d["time"] = presence.time ? nb::object(nb::float_(*presence.time)) : nb::object(nb::none());
-    d["edit_target"] = text(presence.editTarget);
-    d["data"] = text(presence.data);
+    putFields(d, presence);
+    if (presence.camera.empty()) d["camera"] = nb::none();
     const auto colour = userColour(presence.user);
     d["colour"] = nb::make_tuple(colour[0], colour[1], colour[2]);
     return d;

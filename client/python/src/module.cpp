@@ -18,6 +18,7 @@
 #include "ContentBinding.h"
 #include "Errors.h"
 #include "EventDictionary.h"
+#include "Fields.h"
 #include "LayersBinding.h"
 #include "NamespaceBinding.h"
 #include "usdlive/client/usd/Client.h"
@@ -149,14 +150,18 @@ public:
         const auto layers = layerIds(names);
         return work("save", false, [&](Client& live) { return live.save(layers, force); });
     }
-    std::uint64_t reload(const std::vector<std::string>& names) {
-        return client("reload").reload(layerIds(names));
+    /// `type` as in PROTOCOL.md, "createCheckpoint".
+    std::uint64_t request(const std::string& type, const nb::dict& fields) {
+        std::optional<AnyRequest> found;
+        forEachRequest([&](auto request) {
+            if (type == request.kType) {
+                setFields(request, fields);
+                found = std::move(request);
+            }
+        });
+        if (!found) raise({ErrorCode::InvalidArgument, "there is no request '" + type + "'"});
+        return client(pythonName(type).c_str()).request(*std::move(found));
     }
-    std::uint64_t createCheckpoint(const std::string& name) {
-        return client("create_checkpoint").createCheckpoint(name);
-    }
-    std::uint64_t listSkipped() { return client("skipped_files").listSkipped(); }
-    std::uint64_t listCheckpoints() { return client("checkpoints").listCheckpoints(); }
 
     void setGloballyMuted(const std::string& root, const std::string& layer, bool muted) {
         const LayerId rootId = orRaise(parseLayerId(root)), layerId = orRaise(parseLayerId(layer));
@@ -355,10 +360,7 @@ NB_MODULE(_usdlive, module) {
         .def("tick", &PythonClient::tick)
         .def("flush", &PythonClient::flush)
         .def("save", &PythonClient::save)
-        .def("reload", &PythonClient::reload)
-        .def("create_checkpoint", &PythonClient::createCheckpoint)
-        .def("list_skipped", &PythonClient::listSkipped)
-        .def("list_checkpoints", &PythonClient::listCheckpoints)
+        .def("request", &PythonClient::request)
         .def("set_globally_muted", &PythonClient::setGloballyMuted)
         .def("globally_muted", &PythonClient::globallyMuted)
         .def("begin_gesture", &PythonClient::beginGesture)
@@ -387,6 +389,10 @@ NB_MODULE(_usdlive, module) {
         .def_prop_ro("cache_folder", [](PythonClient& self) {
             return self.client("cache_folder").cacheFolder().string();
         });
+    nb::list requests;
+    forEachRequest(
+        [&](const auto& request) { requests.append(toPython(std::string(request.kType))); });
+    module.attr("REQUESTS") = nb::tuple(requests);
     bindLayers(module);
     bindContent(module);
     bindNamespace(module);

@@ -147,7 +147,7 @@ class Live:
     def skipped_files(self, timeout: float = 10.0) -> list[tuple[str, str]]:
         """Returns the files in the project's folder that look like layers but are not served, as (path,
         reason); at most 1,000."""
-        return list(self._answer(self._client.list_skipped(), events.SkippedListed, timeout).files)
+        return list(self.ask("listSkipped", timeout=timeout).files)
 
     def open_stage(self, layer: str, load: "Usd.Stage.InitialLoadSet" = Usd.Stage.LoadAll,
                    follow_muteness: bool = True) -> Usd.Stage:
@@ -249,7 +249,7 @@ class Live:
         if not self.flush(timeout):
             raise Error("notConnected", f"nothing was saved: {self._unconfirmed(timeout)}")
         left = max(0.0, end - time.monotonic())
-        return self._answer(self.request_save(*layers, force=force), events.Saved, left)
+        return self._answer(self.request_save(*layers, force=force), left)
 
     def request_save(self, *layers: str, force: bool = False) -> int:
         """Requests a save of the confirmed state without waiting. Returns a number. The answer is an
@@ -260,7 +260,7 @@ class Live:
         """Asks the server to commit the content of these layers' files (default: all outdated layers), so that
         all users get it. Returns a number. The answer is an `events.Reloaded` with this number as its
         `request`."""
-        return self._client.reload(list(layers))
+        return self.request("reloadLayers", layers=layers)
 
     def _unconfirmed(self, timeout: float) -> str:
         why = "" if self.connected else ", and there is no connection to the server"
@@ -273,27 +273,38 @@ class Live:
         Error: `checkpointExists` if the name is used."""
         if not self.flush(timeout):
             raise Error("notConnected", self._unconfirmed(timeout))
-        return self._answer(self.request_checkpoint(name), events.CheckpointMade, timeout).checkpoint
+        return self.ask("createCheckpoint", timeout=timeout, name=name).checkpoint
 
     def checkpoints(self, timeout: float = 10.0) -> list[events.Checkpoint]:
         """Returns the checkpoints, by revision."""
-        request = self.request_checkpoints()
-        return list(self._answer(request, events.CheckpointsListed, timeout).checkpoints)
+        return list(self.ask("listCheckpoints", timeout=timeout).checkpoints)
 
     def request_checkpoint(self, name: str) -> int:
         """Requests a checkpoint of the confirmed state without waiting. Returns a number. The answer is an
         `events.CheckpointMade` or an `events.ServerError` with this number as its `request`."""
-        return self._client.create_checkpoint(name)
+        return self.request("createCheckpoint", name=name)
 
     def request_checkpoints(self) -> int:
         """Requests the checkpoints without waiting. The answer is an `events.CheckpointsListed`."""
-        return self._client.list_checkpoints()
+        return self.request("listCheckpoints")
 
-    def _answer(self, request: int, kind: type, timeout: float) -> typing.Any:
+    # -- requests
+
+    def request(self, request: str, /, **fields: object) -> int:
+        """Sends a request of PROTOCOL.md, for example `live.request("compactHistory", days=30)`, and returns its
+        number. It ends with one event that has this number as `request`: the answer (`events.Answered`, or
+        the class of `events` for it), or an `events.ServerError`."""
+        return self._client.request(request, fields)
+
+    def ask(self, request: str, /, *, timeout: float = 10.0, **fields: object) -> typing.Any:
+        """Sends a request and waits for its answer. Raises an Error: the server's, or `notConnected`."""
+        return self._answer(self.request(request, **fields), timeout)
+
+    def _answer(self, request: int, timeout: float) -> typing.Any:
         answers: list[events.Event] = []
 
         def receive(event: events.Event) -> None:
-            if isinstance(event, (kind, events.ServerError)) and event.request == request:
+            if isinstance(event, (*events.ANSWERS, events.ServerError)) and event.request == request:
                 answers.append(event)
 
         self.add_handler(receive)

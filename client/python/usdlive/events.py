@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+import typing
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,14 +144,22 @@ class PreviewChanged:
     withdrawn: bool
 
 
+class Failure(typing.NamedTuple):
+    """Why a layer was not saved or reloaded."""
+
+    layer: str
+    code: str
+    message: str
+
+
 @dataclasses.dataclass(frozen=True)
 class Saved:
-    """Layers were written to their files. `failed` has (layer, code, message). `request`: the number that
+    """Layers were written to their files, except the `failed` ones. `request`: the number that
     `Live.request_save()` returned."""
 
     revision: int
     saved: tuple[str, ...]
-    failed: tuple[tuple[str, str, str], ...]
+    failed: tuple[Failure, ...]
     request: int = 0
 
 
@@ -160,7 +169,7 @@ class Reloaded:
 
     revision: int
     reloaded: tuple[str, ...]
-    failed: tuple[tuple[str, str, str], ...]
+    failed: tuple[Failure, ...]
     request: int = 0
 
 
@@ -195,13 +204,28 @@ class LayerMade:
     layer: str
 
 
+class SkippedFile(typing.NamedTuple):
+    path: str
+    reason: str
+
+
 @dataclasses.dataclass(frozen=True)
 class SkippedListed:
-    """The files that are not served, as (path, reason); at most 1,000 of `count`."""
+    """The files that are not served, at most 1,000 of `count`."""
 
     request: int
     count: int
-    files: tuple[tuple[str, str], ...]
+    files: tuple[SkippedFile, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Answered:
+    """The answer to a request that has no class of its own here. `type` and `fields` are those of PROTOCOL.md,
+    with names in snake_case and times in seconds: `("historyCompacted", {"base": 7, ...})`."""
+
+    request: int
+    type: str
+    fields: dict[str, typing.Any]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -289,32 +313,42 @@ class UnsentFound:
 Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
     | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
-    | LayerStatesChanged | PresenceChanged | UnsentFound | LayerMade | SkippedListed | Progress
+    | LayerStatesChanged | PresenceChanged | UnsentFound | LayerMade | SkippedListed | Answered | Progress
     | LayerOpened | LayerOpenFailed
 )
 
-_TYPES = {
+_ANSWERS = {"layersSaved": Saved, "layersReloaded": Reloaded, "layerCreated": LayerMade, "skippedFiles": SkippedListed,
+            "checkpointCreated": CheckpointMade, "checkpoints": CheckpointsListed}
+ANSWERS = (*_ANSWERS.values(), Answered)
+
+_TYPES = _ANSWERS | {
     kind.__name__: kind
-    for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed,
-                 Lost, PreviewChanged, Saved, Reloaded, CheckpointMade, CheckpointsListed, ServerError,
-                 LayerStatesChanged, PresenceChanged, UnsentFound, LayerMade, SkippedListed, Progress,
-                 LayerOpened, LayerOpenFailed)
+    for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed, Lost, PreviewChanged,
+                 ServerError, LayerStatesChanged, PresenceChanged, UnsentFound, Progress, LayerOpened, LayerOpenFailed)
+}
+
+# The classes of what events contain, by field.
+_PARTS = {
+    Committed: {"edits": Edit},
+    Lost: {"edits": Edit},
+    LayerStatesChanged: {"layers": LayerState},
+    Saved: {"failed": Failure},
+    Reloaded: {"failed": Failure},
+    SkippedListed: {"files": SkippedFile},
+    CheckpointMade: {"checkpoint": Checkpoint},
+    CheckpointsListed: {"checkpoints": Checkpoint},
+    UnsentFound: {"work": Unsent},
+    PresenceChanged: {"shown": Presence},
 }
 
 
 def _from_dictionary(values: dict) -> Event:
     """Returns an event from the extension's dictionary."""
-    kind = _TYPES[values.pop("event")]
-    if "edits" in values:
-        values["edits"] = tuple(Edit(**edit) for edit in values["edits"])
-    if kind is LayerStatesChanged:
-        values["layers"] = [LayerState(**state) for state in values["layers"]]
-    if kind is CheckpointMade:
-        values["checkpoint"] = Checkpoint(**values["checkpoint"])
-    if kind is CheckpointsListed:
-        values["checkpoints"] = [Checkpoint(**one) for one in values["checkpoints"]]
-    if kind is UnsentFound:
-        values["work"] = [Unsent(**one) for one in values["work"]]
-    if kind is PresenceChanged:
-        values["shown"] = [Presence(**presence) for presence in values["shown"]]
+    name = values.pop("event")
+    kind = _TYPES.get(name)
+    if kind is None:
+        return Answered(values.pop("request"), name, values)
+    for field, part in _PARTS.get(kind, {}).items():
+        value = values[field]
+        values[field] = part(**value) if isinstance(value, dict) else tuple(part(**one) for one in value)
     return kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})

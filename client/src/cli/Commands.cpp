@@ -73,47 +73,12 @@ Result<LayerId> chosenLayer(const Link& link, const Common& options) {
     return layer;
 }
 
-/// Waits for the answer to a request.
-template <class Answer>
-Result<Answer> answer(Link& link) {
-    std::optional<Answer> answer;
-    std::optional<Error> error;
-    const auto ran = link.run([&](const std::vector<client::Event>& events) {
-        for (const auto& one : events) {
-            if (const auto* received = std::get_if<Answer>(&one)) answer = *received;
-            if (const auto* failed = std::get_if<event::ServerError>(&one))
-                error = Error{errorFromName(failed->message.code).value_or(ErrorCode::Internal),
-                              failed->message.message};
-        }
-        return answer || error;
-    });
-    if (!ran) return tl::unexpected(ran.error());
-    if (!answer) return tl::unexpected(*error);
-    return *std::move(answer);
-}
-
-/// Sends a request with `ask` and waits for its answer.
-template <class Answer, class Ask>
-Result<Answer> answerOf(Link& link, Ask ask) {
-    std::optional<Result<Answer>> answer;
-    ask([&answer](Result<Answer> given) { answer = std::move(given); });
-    const auto ran = link.run([&](const auto&) { return answer.has_value(); });
-    if (!ran && !answer) return tl::unexpected(ran.error());
-    return *std::move(answer);
-}
-
-Result<std::vector<Checkpoint>> checkpoints(Link& link) {
-    link.session().listCheckpoints();
-    return answer<event::CheckpointsListed>(link).map(
-        [](event::CheckpointsListed&& listed) { return std::move(listed.answer.checkpoints); });
-}
-
 Result<Revision> chosenRevision(Link& link, const CatOptions& options) {
     if (options.checkpoint.empty()) return options.revision;
-    const auto all = checkpoints(link);
+    const auto all = link.ask(ListCheckpoints{});
     if (!all) return tl::unexpected(all.error());
-    const auto found = std::ranges::find(*all, options.checkpoint, &Checkpoint::name);
-    if (found == all->end())
+    const auto found = std::ranges::find(all->checkpoints, options.checkpoint, &Checkpoint::name);
+    if (found == all->checkpoints.end())
         return fail(ErrorCode::InvalidArgument, "the project has no checkpoint '" +
                                                     options.checkpoint +
                                                     "'; `usdlive checkpoints` lists them");
@@ -158,7 +123,7 @@ Result<std::vector<Commit>> readLog(Link& link, Revision from, Revision to) {
         from, to, [&](const Commit& commit) { commits.push_back(commit); },
         [&](Result<void> result) { done = std::move(result); });
     const auto ran = link.run([&](const auto&) { return done.has_value(); });
-    if (!ran && !done) return tl::unexpected(ran.error());
+    if (!ran && (!done || !*done)) return tl::unexpected(ran.error());
     if (!*done) return tl::unexpected(done->error());
     return commits;
 }
@@ -416,52 +381,40 @@ private:
     Json all_ = Json::array();
 };
 
-/// Requests an operation on the files of layers.
-template <class Answer, class Ask>
-auto askForFiles(const Common& options, Ask ask) -> Result<decltype(Answer::outcome)> {
-    auto link = reach(options);
+/// Asks the server to do something with the files of layers, and prints the answer. `done`: the
+/// layers in it that the verb worked for.
+template <class Request, class Done>
+Result<void> askForFiles(const Common& options, Request request, const std::string& verb,
+                         Done done) {
+    const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
-    ask((*link)->session(), options.target.layers);
-    return answer<Answer>(**link).map(
-        [](Answer&& received) { return std::move(received.outcome); });
-}
-
-Result<void> reportFiles(const std::string& verb, Revision revision,
-                         const std::vector<LayerId>& done,
-                         const std::vector<LayersSaved::Failure>& failed, bool json) {
-    if (json) {
-        Json report{{"revision", revision}, {verb, Json::array()}, {"failed", Json::array()}};
-        for (const auto& layer : done) report[verb].push_back(layer.value);
-        for (const auto& failure : failed)
-            report["failed"].push_back({{"layer", failure.layer.value},
-                                        {"code", failure.code},
-                                        {"message", failure.message}});
-        std::cout << line(report);
+    request.layers = options.target.layers;
+    const auto answer = (*link)->ask(std::move(request));
+    if (!answer) return tl::unexpected(answer.error());
+    const std::vector<LayerId>& layers = (*answer).*done;
+    const auto& failed = answer->failed;
+    if (options.json) {
+        std::cout << line(answerToJson(*answer));
     } else {
-        for (const auto& layer : done) std::cout << verb << " " << layer.value << "\n";
-        if (done.empty() && failed.empty()) std::cout << "nothing to be " << verb << "\n";
+        for (const auto& layer : layers) std::cout << verb << " " << layer.value << "\n";
+        if (layers.empty() && failed.empty()) std::cout << "nothing to be " << verb << "\n";
     }
     for (const auto& failure : failed)
         std::cerr << "usdlive: " << failure.layer.value << ": " << failure.message << "\n";
     if (failed.empty()) return {};
     return fail(ErrorCode::SaveFailed, std::to_string(failed.size()) + " of " +
-                                           std::to_string(failed.size() + done.size()) +
+                                           std::to_string(failed.size() + layers.size()) +
                                            " layers were not " + verb);
 }
 
 /// Lists the files that are not served (FI5).
 Result<void> listSkipped(Link& link, bool json) {
-    link.session().listSkipped();
-    return answer<event::SkippedListed>(link).map([&](const event::SkippedListed& listed) {
-        Json all = Json::array();
-        for (const SkippedFile& file : listed.answer.files)
-            if (json)
-                all.push_back({{"path", file.path}, {"reason", file.reason}});
-            else
-                std::cout << describe(file) << "\n";
-        if (json) std::cout << line(all);
-        if (listed.answer.count > listed.answer.files.size())
-            std::cerr << "usdlive: " << listed.answer.count - listed.answer.files.size()
+    return link.ask(ListSkipped{}).map([&](const SkippedFiles& skipped) {
+        if (json) std::cout << line(answerToJson(skipped)["files"]);
+        if (!json)
+            for (const SkippedFile& file : skipped.files) std::cout << describe(file) << "\n";
+        if (skipped.count > skipped.files.size())
+            std::cerr << "usdlive: " << skipped.count - skipped.files.size()
                       << " more files are skipped\n";
     });
 }
@@ -665,66 +618,53 @@ Result<void> setMuted(const MuteOptions& options, bool muted) {
 }
 
 Result<void> save(const SaveOptions& options) {
-    const auto outcome = askForFiles<event::Saved>(
-        options, [&](client::Session& session, std::vector<LayerId> layers) {
-            session.save(std::move(layers), options.force);
-        });
-    if (!outcome) return tl::unexpected(outcome.error());
-    return reportFiles("saved", outcome->revision, outcome->saved, outcome->failed, options.json);
+    const auto force = options.force ? std::optional(true) : std::nullopt;
+    return askForFiles(options, SaveLayers{.force = force}, "saved", &LayersSaved::saved);
 }
 
 Result<void> reload(const Common& options) {
-    const auto outcome = askForFiles<event::Reloaded>(
-        options, [](client::Session& session, std::vector<LayerId> layers) {
-            session.reload(std::move(layers));
-        });
-    if (!outcome) return tl::unexpected(outcome.error());
-    return reportFiles("reloaded", outcome->revision, outcome->reloaded, outcome->failed,
-                       options.json);
+    return askForFiles(options, ReloadLayers{}, "reloaded", &LayersReloaded::reloaded);
 }
 
 Result<void> createCheckpoint(const CheckpointOptions& options) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
-    (*link)->session().createCheckpoint(options.name);
-    return answer<event::CheckpointMade>(**link).map([&](const auto& made) {
-        std::cout << (options.json ? line(toJson(made.answer.checkpoint))
-                                   : describe(made.answer.checkpoint, Palette::of(STDOUT_FILENO)));
-    });
+    return (*link)
+        ->ask(CreateCheckpoint{.name = options.name})
+        .map([&](const CheckpointCreated& created) {
+            std::cout << (options.json ? line(answerToJson(created)["checkpoint"])
+                                       : describe(created.checkpoint, Palette::of(STDOUT_FILENO)));
+        });
 }
 
 Result<void> listCheckpoints(const Common& options) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
-    return checkpoints(**link).map([&](const std::vector<Checkpoint>& all) {
-        Json list = Json::array();
-        for (const Checkpoint& checkpoint : all)
-            if (options.json)
-                list.push_back(toJson(checkpoint));
-            else
+    return (*link)->ask(ListCheckpoints{}).map([&](const Checkpoints& all) {
+        if (options.json) std::cout << line(answerToJson(all)["checkpoints"]);
+        if (!options.json)
+            for (const Checkpoint& checkpoint : all.checkpoints)
                 std::cout << describe(checkpoint, Palette::of(STDOUT_FILENO));
-        if (options.json) std::cout << line(list);
     });
 }
 
 Result<void> compact(const CompactOptions& options) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
-    return answerOf<HistoryCompacted>(
-               **link, [&](auto done) { (*link)->session().compactHistory(options.days, done); })
+    return (*link)
+        ->ask(CompactHistory{.days = options.days})
         .map([&](const HistoryCompacted& done) {
-            std::cout << (options.json ? line(toJson(done)) : describe(done));
+            std::cout << (options.json ? line(answerToJson(done)) : describe(done));
         });
 }
 
 Result<void> stat(const Common& options) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());
-    return answerOf<Storage>(**link, [&](auto done) { (*link)->session().requestStorage(done); })
-        .map([&](const Storage& storage) {
-            std::cout << (options.json ? line(toJson(storage))
-                                       : describe(storage, Palette::of(STDOUT_FILENO)));
-        });
+    return (*link)->ask(RequestStorage{}).map([&](const Storage& storage) {
+        std::cout << (options.json ? line(answerToJson(storage))
+                                   : describe(storage, Palette::of(STDOUT_FILENO)));
+    });
 }
 
 Error serve(char** arguments) {

@@ -5,6 +5,9 @@
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <type_traits>
+#include <variant>
 
 #include "ValueShape.h"
 #include "usdlive/common/core/ByteStream.h"
@@ -248,6 +251,46 @@ Json branchesBelow(const LayerDoc& doc, const std::string& path) {
     return all;
 }
 
+// ---- messages of the protocol, field by field
+
+template <class Tag>
+Json fieldToJson(const Id<Tag>& id) {
+    return id.value;
+}
+Json fieldToJson(const std::string& text) { return text; }
+Json fieldToJson(const Hash& hash) { return hash.hex(); }
+template <class T>
+    requires std::is_arithmetic_v<T>
+Json fieldToJson(T value) {
+    return value;
+}
+template <class T>
+Json fieldToJson(const std::optional<T>& value);
+template <class T>
+Json fieldToJson(const std::vector<T>& values);
+template <HasFields T>
+Json fieldToJson(const T& message);
+
+template <class T>
+Json fieldToJson(const std::optional<T>& value) {
+    return value ? fieldToJson(*value) : Json();
+}
+template <class T>
+Json fieldToJson(const std::vector<T>& values) {
+    Json array = Json::array();
+    for (const T& value : values) array.push_back(fieldToJson(value));
+    return array;
+}
+// All fields but the number of the request.
+template <HasFields T>
+Json fieldToJson(const T& message) {
+    Json object = Json::object();
+    forEachField(message, [&](std::string_view name, const auto& value) {
+        if (name != "request") object[std::string(name)] = fieldToJson(value);
+    });
+    return object;
+}
+
 }  // namespace
 
 Json toJson(const FieldValue& value, usd::BlobSource& blobs) {
@@ -322,37 +365,8 @@ Json toJson(const Presence& presence) {
     return json;
 }
 
-Json toJson(const Checkpoint& checkpoint) {
-    return {{"name", checkpoint.name},
-            {"revision", checkpoint.revision},
-            {"user", checkpoint.user.value},
-            {"timeMs", checkpoint.timeMs}};
-}
-
-Json toJson(const HistoryCompacted& done) {
-    return {{"base", done.base},
-            {"replaced", done.replaced},
-            {"bytesBefore", done.bytesBefore},
-            {"bytesAfter", done.bytesAfter},
-            {"keptFor", done.keptFor}};
-}
-
-Json toJson(const Storage& storage) {
-    Json layers = Json::array();
-    for (const LayerStorage& layer : storage.layers)
-        layers.push_back({{"layer", layer.layer.value},
-                          {"commits", layer.commits},
-                          {"log", layer.log},
-                          {"base", layer.base},
-                          {"snapshots", layer.snapshots},
-                          {"blobs", layer.blobs},
-                          {"blobBytes", layer.blobBytes}});
-    return {{"revision", storage.revision}, {"base", storage.base},
-            {"oldestMs", storage.oldestMs}, {"log", storage.log},
-            {"clients", storage.clients},   {"records", storage.records},
-            {"bases", storage.bases},       {"snapshots", storage.snapshots},
-            {"blobs", storage.blobs},       {"blobBytes", storage.blobBytes},
-            {"free", storage.free},         {"layers", std::move(layers)}};
+Json answerToJson(const ControlMessage& answer) {
+    return std::visit([](const auto& message) { return fieldToJson(message); }, answer);
 }
 
 std::string line(const Json& json) {

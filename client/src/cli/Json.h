@@ -32,9 +32,8 @@ using Json = nlohmann::ordered_json;
 [[nodiscard]] Json treeToJson(const LayerDoc& doc);
 [[nodiscard]] Json toJson(const LayerState& state);
 [[nodiscard]] Json toJson(const Presence& presence);
-[[nodiscard]] Json toJson(const Checkpoint& checkpoint);
-[[nodiscard]] Json toJson(const HistoryCompacted& done);
-[[nodiscard]] Json toJson(const Storage& storage);
+/// The fields of an answer, in the order of its declaration, without the number of the request.
+[[nodiscard]] Json answerToJson(const ControlMessage& answer);
 
 /// Returns the JSON on one line. Replaces bytes that are not UTF-8.
 [[nodiscard]] std::string line(const Json& json);

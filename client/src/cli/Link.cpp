@@ -48,10 +48,6 @@ const ErrorMessage* closingError(const std::vector<client::Event>& events) {
     return nullptr;
 }
 
-Error toError(const ErrorMessage& message) {
-    return {errorFromName(message.code).value_or(ErrorCode::Internal), message.message};
-}
-
 }  // namespace
 
 Link::Link(std::unique_ptr<client::Connection> connection, UserName user)

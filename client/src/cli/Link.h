@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <unordered_map>
@@ -30,6 +31,25 @@ public:
     void showProgress() { showsProgress_ = true; }
     /// Works until `done` returns true. Calls it with the events.
     Result<void> run(const std::function<bool(const std::vector<client::Event>&)>& done);
+
+    /// Sends a request and waits for its answer.
+    template <IsSingleRequest Request>
+    Result<typename Request::Answer> ask(Request request) {
+        const std::uint64_t number = session_->request(std::move(request));
+        std::optional<Result<typename Request::Answer>> answer;
+        const auto ran = run([&](const std::vector<client::Event>& events) {
+            for (const auto& one : events) {
+                const auto* answered = std::get_if<client::event::Answered<Request>>(&one);
+                const auto* error = std::get_if<client::event::ServerError>(&one);
+                if (answered && answered->answer.request == number) answer = answered->answer;
+                if (error && error->message.request == number)
+                    answer = tl::unexpected(toError(error->message));
+            }
+            return answer.has_value();
+        });
+        if (!ran && !answer) return tl::unexpected(ran.error());
+        return *std::move(answer);
+    }
 
     /// A layer at a revision (0: the current one), with the actual revision.
     struct Layer {

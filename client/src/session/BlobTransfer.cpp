@@ -1,3 +1,4 @@
+// Uploads and downloads of big values, in chunks (V9, B1-B5).
 #include "BlobTransfer.h"
 
 #include <algorithm>
@@ -27,7 +28,7 @@ bool BlobUploads::ready(const std::vector<Value>& blobs) {
         else if (host_.holdsBlob(blob.hash()))
             uploads_.push_back({.hash = blob.hash(), .size = blob.size()});
         else
-            continue;  // the server's own, or its refusal will say so
+            continue;  // the server has it, or refuses the transaction
         ready = false;
     }
     return ready;
@@ -46,7 +47,7 @@ void BlobUploads::send(std::size_t chunks, std::int64_t nowMs) {
         if (chunks == 0) break;
         if (upload.sent || upload.notBeforeMs > nowMs) continue;
         if (!upload.bytes) upload.bytes = host_.localBlob(upload.hash);
-        if (!upload.bytes) {  // it is gone from here; the server's refusal will say so
+        if (!upload.bytes) {  // it is not here any more: the server refuses the transaction
             unknown.push_back(upload.hash);
             continue;
         }
@@ -65,15 +66,15 @@ void BlobUploads::send(std::size_t chunks, std::int64_t nowMs) {
 
 std::optional<event::Progress> BlobUploads::progress(std::int64_t nowMs) {
     if (uploads_.empty()) {
-        toldMs_.reset();
+        reportedMs_.reset();
         return std::nullopt;
     }
-    if (!toldMs_) {
-        toldMs_ = nowMs;
+    if (!reportedMs_) {
+        reportedMs_ = nowMs;
         storedBytes_ = 0;
     }
-    if (nowMs - *toldMs_ < kTellEveryMs) return std::nullopt;
-    toldMs_ = nowMs;
+    if (nowMs - *reportedMs_ < kReportEveryMs) return std::nullopt;
+    reportedMs_ = nowMs;
     event::Progress progress{event::Progress::Task::Upload, {}, storedBytes_, storedBytes_, 0};
     for (const Upload& upload : uploads_) {
         progress.done += upload.offset;
@@ -91,7 +92,7 @@ void BlobUploads::stored(const Hash& hash) {
 void BlobUploads::refused(const Hash& hash, ErrorCode why, std::int64_t nowMs) {
     Upload* upload = find(hash);
     if (!upload) return;
-    // Parts that were on their way when the first was refused are refused, too.
+    // The server also refuses the chunks that were sent before its first refusal arrived.
     if (upload->offset == 0) return;
     const bool later = why == ErrorCode::StorageFull || why == ErrorCode::StorageFailed;
     const bool again = why == ErrorCode::BlobMismatch && ++upload->mismatches < kMaxMismatches;
@@ -107,7 +108,7 @@ void BlobUploads::refused(const Hash& hash, ErrorCode why, std::int64_t nowMs) {
 bool BlobDownloads::want(const Hash& hash, bool lasting, bool online) {
     Wanted& wanted = wanted_[hash];
     wanted.lasting = wanted.lasting || lasting;
-    if (!online || wanted.failures > 0) return false;  // its turn comes
+    if (!online || wanted.failures > 0) return false;  // due() returns it later
     return !std::exchange(wanted.asked, true);
 }
 
@@ -119,7 +120,7 @@ BlobDownloads::Done BlobDownloads::arrived(const Hash& hash) {
 
 BlobDownloads::Done BlobDownloads::failed(const Hash& hash, std::int64_t nowMs) {
     const auto found = wanted_.find(hash);
-    // The parts that were on their way when the first could not be read cannot be, either.
+    // Chunks that were sent before the first failure arrive and fail, too.
     if (found == wanted_.end() || !found->second.asked) return {};
     Wanted& wanted = found->second;
     if (!wanted.lasting) {

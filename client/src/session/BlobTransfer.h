@@ -1,5 +1,7 @@
 #pragma once
 
+// Big values that a session uploads and downloads.
+
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -14,38 +16,37 @@
 
 namespace usdlive::client {
 
-/// The next part of a big value from `offset` on.
+/// Makes the chunk of a big value that begins at `offset`.
 [[nodiscard]] BlobFrame blobPart(const Hash& hash, const Bytes& bytes, std::uint64_t offset);
 
-/// Big values on their way to the server (V9): part by part, beside the stream. Of those that wait
-/// only the hash is kept; the host has the bytes.
+/// Uploads big values to the server (V9), chunk by chunk between other messages. Keeps only the
+/// hash of those that wait; the host has the bytes.
 class BlobUploads {
 public:
     explicit BlobUploads(SessionHost& host) : host_(host) {}
 
-    /// Are they all on the server? Queues those that are not.
+    /// Returns whether the server has all of them. Queues those that it does not have.
     [[nodiscard]] bool ready(const std::vector<Value>& blobs);
-    /// Removes uploads that are not begun and that no ready() has asked for since the last call:
-    /// nothing names them any more.
+    /// Removes uploads that have not begun and that no ready() has named since the last call.
     void dropUnwanted();
-    /// Sends up to `chunks` parts.
+    /// Sends up to `chunks` chunks.
     void send(std::size_t chunks, std::int64_t nowMs);
 
-    /// How far the uploads are, if that is to be told now: every kTellEveryMs, from then on when
-    /// they have taken so long.
+    /// Returns the progress of the uploads every kReportEveryMs, first when they have taken so
+    /// long.
     [[nodiscard]] std::optional<event::Progress> progress(std::int64_t nowMs);
 
     [[nodiscard]] bool isStored(const Hash& hash) const { return stored_.contains(hash); }
-    /// The server has it (BlobStored, or a commit that names it).
+    /// Called when the server has a value (BlobStored, or a commit that names it).
     void stored(const Hash& hash);
-    /// The server has refused it. It is sent again from the start in a while, or, if that is of no
-    /// use, counts as stored: then the server refuses the transactions that name it.
+    /// Called when the server has refused a value. It is sent again from the start later, or, if
+    /// that is useless, counts as stored: the server then refuses the transactions that name it.
     void refused(const Hash& hash, ErrorCode why, std::int64_t nowMs);
-    /// It turned out that the server does not hold it.
+    /// Called when the server does not have a value that counted as stored.
     void forget(const Hash& hash) { stored_.erase(hash); }
     void disconnected() {
         uploads_.clear();
-        toldMs_.reset();
+        reportedMs_.reset();
     }
 
 private:
@@ -54,36 +55,37 @@ private:
         std::uint64_t size = 0;
         SharedBytes bytes = nullptr;  ///< while parts of it are sent
         std::uint64_t offset = 0;
-        bool sent = false;   ///< all of it; to be answered
-        bool wanted = true;  ///< since dropUnwanted()
+        bool sent = false;   ///< completely; the answer is pending
+        bool wanted = true;  ///< named by a ready() since the last dropUnwanted()
         int mismatches = 0;
         std::int64_t notBeforeMs = 0;
     };
     static constexpr std::int64_t kAgainMs = 1'000;
-    static constexpr std::int64_t kTellEveryMs = 500;
+    static constexpr std::int64_t kReportEveryMs = 500;
     static constexpr int kMaxMismatches = 5;
 
     [[nodiscard]] Upload* find(const Hash& hash);
 
     SessionHost& host_;
     std::deque<Upload> uploads_;
-    std::optional<std::int64_t> toldMs_;  ///< or begun; nothing: none are under way
-    std::uint64_t storedBytes_ = 0;       ///< of those that were under way together
+    std::optional<std::int64_t>
+        reportedMs_;  ///< time of the last report or of the start; nothing: no uploads
+    std::uint64_t storedBytes_ = 0;  ///< of the uploads since the start
     // Grows by 32 bytes for each big value of a session's life.
     std::set<Hash> stored_;
 };
 
-/// Big values on their way from the server.
+/// Downloads big values from the server.
 class BlobDownloads {
 public:
-    /// True: it has to be asked for now. `lasting`: asked for again until it has come or nobody
-    /// needs it (B5); otherwise only for as long as a preview waits for it.
+    /// Adds a value. Returns true if the caller has to request it now. `lasting`: it is requested
+    /// again until it has arrived or nobody needs it (B5); otherwise only while a preview waits.
     [[nodiscard]] bool want(const Hash& hash, bool lasting, bool online);
     [[nodiscard]] bool isAsked(const Hash& hash) const {
         const auto found = wanted_.find(hash);
         return found != wanted_.end() && found->second.asked;
     }
-    /// What follows from its arrival or failure.
+    /// The consequence of an arrival or a failure.
     enum class Outcome { NotWanted, Arrived, GivenUp, TriedAgain };
     struct Done {
         Outcome outcome = Outcome::NotWanted;
@@ -92,10 +94,11 @@ public:
     };
     Done arrived(const Hash& hash);
     Done failed(const Hash& hash, std::int64_t nowMs);
-    /// What has to be asked for again by now; `needed` says whether there is still a use for it.
+    /// Returns the values that have to be requested again now. `needed` says whether one is still
+    /// needed.
     [[nodiscard]] std::vector<Hash> due(std::int64_t nowMs,
                                         const std::function<bool(const Hash&)>& needed);
-    /// Everything has to be asked for again on the next connection, but what previews waited for.
+    /// Called when the connection is lost. The next one requests all lasting values again.
     void disconnected();
 
 private:

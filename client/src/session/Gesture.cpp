@@ -1,3 +1,4 @@
+// An open gesture: its edits so far, and its previews (M11).
 #include "Gesture.h"
 
 #include <algorithm>
@@ -19,7 +20,7 @@ void forEachAddress(std::vector<Edit>& edits, const std::function<void(Address&)
 // A number that no edit of a gesture has.
 constexpr std::uint32_t kNoEdit = ~std::uint32_t(0);
 
-// How an earlier edit of the same spec and field stands to a later one.
+// The relation of an earlier edit to a later one of the same spec and field.
 enum class Relation { Same, Apart, Entangled };
 
 bool isPrefix(const std::vector<std::string>& shorter, const std::vector<std::string>& longer) {
@@ -42,7 +43,7 @@ Relation relate(const FieldPart& earlier, const FieldPart& later) {
     return Relation::Entangled;
 }
 
-// The earlier write whose place the later may take.
+// The earlier write that `later` may replace.
 Edit* replaced(std::vector<Edit>& edits, const Edit& later) {
     const auto* set = std::get_if<SetField>(&later.action);
     if (!set) return nullptr;
@@ -74,7 +75,7 @@ bool setSameRegister(const EditAction& earlier, const EditAction& later) {
 }
 
 bool Gesture::add(Edit edit, AuthoredEdit authored) {
-    changed = untold = true;
+    changed = unreported = true;
     auto& edits = pending.transaction.edits;
     if (Edit* earlier = replaced(edits, edit)) {
         pending.authored[std::size_t(earlier - edits.data())] = std::move(authored);
@@ -87,7 +88,7 @@ bool Gesture::add(Edit edit, AuthoredEdit authored) {
 }
 
 AuthoredEdit Gesture::remove(std::uint32_t index) {
-    changed = untold = true;
+    changed = unreported = true;
     auto& edits = pending.transaction.edits;
     edits.erase(edits.begin() + index);
     AuthoredEdit removed = std::move(pending.authored[index]);

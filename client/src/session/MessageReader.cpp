@@ -1,3 +1,4 @@
+// Decodes received messages: frames, hashes, snapshots, big values.
 #include "session/MessageReader.h"
 
 #include "usdlive/common/core/Overloaded.h"
@@ -7,13 +8,13 @@ namespace usdlive::client {
 
 namespace {
 
-// More than any session asks for at once.
+// More than any session requests at the same time.
 constexpr std::size_t kMaxArriving = 10'000;
-constexpr std::size_t kEditBytes = 256;  // beside its texts and values, about
+constexpr std::size_t kEditBytes = 256;  // without its texts and values, estimated
 
 }  // namespace
 
-/// Its content becomes a doc and, chunk by chunk, what others make something of.
+/// A snapshot that arrives: builds the doc, and passes on each chunk.
 class MessageReader::Snapshot final : public SnapshotRecords {
 public:
     Result<ReceivedSnapshot> add(const SnapshotFrame& chunk) {

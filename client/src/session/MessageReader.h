@@ -1,5 +1,7 @@
 #pragma once
 
+// Decodes received messages, on the thread of the network.
+
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -16,8 +18,8 @@
 
 namespace usdlive::client {
 
-/// What a chunk of a snapshot says (SN2), in its order. Never changed once it is made, so that
-/// threads share it.
+/// The records of a snapshot's chunk (SN2), in order. Constant once it is made, so that threads can
+/// share it.
 struct SnapshotPart {
     struct Spec {
         NodeId node, parent;
@@ -25,7 +27,7 @@ struct SnapshotPart {
         SpecKind kind;
         std::string_view name;
     };
-    /// Of the last spec, which may be of a part before.
+    /// A field of the last spec, which may be in an earlier part.
     struct Field {
         std::string_view name;
         FieldValue value;
@@ -33,39 +35,39 @@ struct SnapshotPart {
 
     bool first = false;
     std::vector<std::variant<Spec, Field>> records;
-    Bytes names;  ///< what they look into
+    Bytes names;  ///< the bytes that the names of `records` refer to
 };
 
 struct ReceivedCommit {
     Commit commit;
-    Hash hashAfter;  ///< CH1, of the commit before that it names
+    Hash hashAfter;  ///< chain hash (CH1) after it, computed from the previous hash that it names
 };
 struct ReceivedSnapshot {
     std::uint64_t request = 0;
     std::shared_ptr<const SnapshotPart> part;
-    std::uint64_t specs = 0;        ///< with those of the parts before
-    std::optional<LayerDoc> whole;  ///< with the last part: what all of them say
+    std::uint64_t specs = 0;        ///< number of specs so far
+    std::optional<LayerDoc> whole;  ///< with the last part: the whole content
 };
-/// A part of a big value (B2).
+/// A chunk of a big value (B2).
 struct ReceivedBlob {
     Hash hash;
-    /// With the last part; nullptr before. BlobMismatch: it is not what its name says, and nothing
-    /// is kept of it.
+    /// The value, with the last chunk; nullptr before. BlobMismatch: its bytes do not have this
+    /// hash; they are dropped.
     Result<SharedBytes> whole;
 };
-/// A frame of the server, read.
+/// A decoded frame of the server.
 using Received = std::variant<ControlMessage, ReceivedCommit, RefusalFrame, PreviewFrame,
                               ReceivedSnapshot, ReceivedBlob>;
 
 struct ReceivedMessage {
-    /// In order. Nothing follows an error: MalformedFrame, InvalidValue, ..., or UnknownFrame for
-    /// what no server sends.
+    /// In order. An error is the last one: MalformedFrame, InvalidValue ..., or UnknownFrame for a
+    /// frame that only clients send.
     std::vector<Result<Received>> frames;
-    std::size_t bytes = 0;  ///< about what it takes in memory
+    std::size_t bytes = 0;  ///< the memory that it takes, estimated
 };
 
-/// Reads the messages of one connection, in their order: what can be done without knowing the
-/// session, so that it is not done on the editor's thread. One thread.
+/// Reads the messages of one connection, in order: the work that does not need the session, and so
+/// not the editor's thread. Used by one thread.
 class MessageReader {
 public:
     MessageReader();
@@ -75,7 +77,7 @@ public:
 private:
     class Snapshot;
 
-    /// Nothing: a part of a commit (FR8), and not its last.
+    /// Returns nothing for a part of a commit (FR8) that is not the last one.
     Result<std::optional<Received>> readFrame(ByteView frame, std::size_t& bytes);
     Result<std::optional<Received>> readCommit(CommitFrame& frame, ByteView encoded);
     Result<Received> readControl(const ControlFrame& control);
@@ -83,11 +85,11 @@ private:
     Result<SharedBytes> readBlob(const BlobFrame& part);
     Result<SharedBytes> add(const BlobFrame& part, Bytes& bytes) const;
 
-    // What is on its way.
+    // Incomplete ones.
     std::map<std::uint64_t, std::unique_ptr<Snapshot>> snapshots_;  // by request
     std::map<Hash, Bytes> blobs_;
     std::optional<CommitParts> commit_;
-    std::uint64_t maxBlobBytes_ = 0;  // as the server has said
+    std::uint64_t maxBlobBytes_ = 0;  // of the welcome
 };
 
 }  // namespace usdlive::client

@@ -1,5 +1,7 @@
 #pragma once
 
+// An own transaction that the server has not answered.
+
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -11,41 +13,41 @@
 
 namespace usdlive::client {
 
-/// A spec that a transaction touches, where the editor sees it now.
+/// A spec that a transaction touches, at its path in the view.
 struct Touched {
     LayerId layer;
     std::string path;
 };
 
-/// What a transaction became when it was last executed on top of what the editor sees.
+/// The result of a transaction when it was last executed on the view.
 struct Prognosis {
-    /// Of each edit, in order, the spec; of a move that changes something also where it goes.
+    /// The spec of each edit, in order; for a move also its new place.
     std::vector<Touched> touched;
-    std::uint64_t names = 0;  ///< of the predicted log, after this transaction
-    bool complete = true;     ///< nothing of it was dropped or refused
-    bool refused = false;     ///< all of it: nothing of it is seen
+    std::uint64_t names = 0;  ///< length of the predicted namespace log after this transaction
+    bool complete = true;     ///< no edit was dropped or refused
+    bool refused = false;     ///< as a whole: the view shows none of it
 };
 
-/// A transaction of one's own that the server has not answered.
+/// An own transaction that the server has not answered.
 struct Pending {
     Transaction transaction;
     std::vector<AuthoredEdit> authored;  ///< one for each edit, as the editor made it
     Prognosis prognosis;
-    std::vector<Value> blobs;  ///< big values it names
+    std::vector<Value> blobs;  ///< big values that it names
     bool sent = false;         ///< on this connection
     bool everSent = false;     ///< under its present number
     std::size_t sentBytes = 0;
-    int attempts = 0;  ///< how often it has been sent anew under another number
-    /// While the history it was meant for is gone (HistoryDiverged): its edits where they stood
-    /// then; nothing for those that were dropped.
+    int attempts = 0;  ///< how often the session has corrected and sent it again
+    /// While the client joins another history (HistoryDiverged): its edits with their paths in the
+    /// old one; nothing for dropped edits.
     std::vector<std::optional<AuthoredEdit>> carried;
 };
 
-/// Do both set the same register, so that the later is all that is left? False also where the order
-/// of what is in a field is part of its content.
+/// Returns whether both set the same register, so that only the later one has an effect. False for
+/// fields in which the order of items matters.
 [[nodiscard]] bool setSameRegister(const EditAction& earlier, const EditAction& later);
 
-/// The big values that an action names.
+/// Adds the big values that an action names.
 void collectBlobs(const EditAction& action, std::vector<Value>& blobs);
 
 }  // namespace usdlive::client

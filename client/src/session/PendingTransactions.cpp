@@ -1,3 +1,4 @@
+// The queue of own transactions that the server has not answered.
 #include "PendingTransactions.h"
 
 #include <algorithm>
@@ -17,7 +18,7 @@ bool related(const Touched& left, const Touched& right) {
 }
 
 bool overlap(const Pending& left, const Pending& right) {
-    if (!left.prognosis.complete || !right.prognosis.complete) return true;  // not known
+    if (!left.prognosis.complete || !right.prognosis.complete) return true;  // unknown
     const auto& theirs = right.prognosis.touched;
     return std::any_of(
         left.prognosis.touched.begin(), left.prognosis.touched.end(), [&](const Touched& own) {
@@ -26,13 +27,13 @@ bool overlap(const Pending& left, const Pending& right) {
         });
 }
 
-// writtenAgainBy() looks at so many transactions, and edits of them.
+// The most transactions and edits that writtenAgainBy() looks at.
 constexpr std::size_t kLookedBack = 64, kEditsLookedAt = 4'096;
 
-// What else of a spec or layer may stand depends on these, or who may edit it.
+// Other edits of a spec or layer can depend on these fields.
 constexpr std::string_view kDecisive[] = {"typeName", "specifier", "customLayerData"};
 
-// Nothing else depends on when it happens.
+// True for an edit whose place in the order does not matter to other edits.
 bool onlySets(const AuthoredEdit& edit) {
     const auto* set = std::get_if<SetField>(&edit.action);
     return set && setSameRegister(edit.action, edit.action) &&
@@ -52,8 +53,8 @@ std::string fieldKey(const AuthoredEdit& edit) {
     return edit.layer.value + '\n' + edit.path + '\n' + std::get<SetField>(edit.action).field;
 }
 
-// The server may refuse a transaction for a big value that it does not hold. It is then sent again,
-// and what builds on it has to come after it.
+// The server may refuse a transaction for a big value that it does not have. The transaction is
+// then sent again, and later ones that build on it have to follow it.
 bool holdsBack(const Pending& pending) { return !pending.blobs.empty(); }
 
 }  // namespace
@@ -161,20 +162,20 @@ std::vector<Pending*> PendingTransactions::sendable(
     const std::function<bool(const Pending&)>& ready, bool known) {
     std::vector<Pending*> free;
     std::vector<Pending*> waiting;
-    std::size_t onTheirWay = 0, bytes = 0;
+    std::size_t inFlight = 0, bytes = 0;
     std::uint64_t lowest = pending_.empty() ? 0 : pending_.front().transaction.id.sequence;
     for (Pending& pending : pending_) {
-        // Also of numbers, from the first that waits: when that is sent at last, the server must
-        // still recognize it if it is sent twice.
+        // The limit also counts numbers from the first transaction that waits: the server must
+        // still recognize that one if it is sent twice.
         const std::uint64_t number = pending.transaction.id.sequence;
         lowest = std::min(lowest, number);
-        if (++onTheirWay > kMaxOnTheirWay || number >= lowest + kMaxOnTheirWay) break;
+        if (++inFlight > kMaxInFlight || number >= lowest + kMaxInFlight) break;
         if (pending.sent) {
             bytes += pending.sentBytes;
             if (holdsBack(pending)) waiting.push_back(&pending);
             continue;
         }
-        if (bytes >= kMaxBytesOnTheirWay) break;
+        if (bytes >= kMaxBytesInFlight) break;
         const bool waits = !ready(pending) || (!known && !waiting.empty()) ||
                            std::any_of(waiting.begin(), waiting.end(),
                                        [&](Pending* other) { return overlap(*other, pending); });

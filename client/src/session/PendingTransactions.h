@@ -1,5 +1,7 @@
 #pragma once
 
+// The queue of own transactions that the server has not answered.
+
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -14,15 +16,15 @@
 
 namespace usdlive::client {
 
-/// One's own transactions that the server has not answered, in the order they were made. There may
-/// be a million of them, so nothing here looks at all of them.
+/// Own transactions that the server has not answered, in the order in which they were made. There
+/// can be a million of them, so no function looks at all of them.
 class PendingTransactions {
 public:
-    /// At most so many are on their way at once: a server recognizes a transaction that is sent
-    /// twice (M9) among the last 1,024 of its author. The others wait here.
-    static constexpr std::size_t kMaxOnTheirWay = 1'000;
-    /// As many bytes; then the next is sent only when those before are answered.
-    static constexpr std::size_t kMaxBytesOnTheirWay = 64 * 1024 * 1024;
+    /// The most transactions that are sent and not answered: a server recognizes a transaction that
+    /// is sent twice (M9) among the last 1,024 of its author. The others wait here.
+    static constexpr std::size_t kMaxInFlight = 1'000;
+    /// The most bytes of them.
+    static constexpr std::size_t kMaxBytesInFlight = 64 * 1024 * 1024;
 
     [[nodiscard]] std::uint64_t nextSequence() {
         named_ = false;
@@ -32,16 +34,15 @@ public:
         lastSequence_ = sequence - 1;
         named_ = true;
     }
-    /// The transaction of which these edits leave nothing, as they set the same registers, or
-    /// nullptr. It was never sent, and none after it has to do with these registers, so the edits
-    /// can take its place.
+    /// Returns the transaction that these edits may replace (SE15), because they set exactly its
+    /// registers; or nullptr. It was never sent, and no later one writes these registers.
     [[nodiscard]] Pending* writtenAgainBy(const std::vector<AuthoredEdit>& edits);
 
     Pending& add(Pending pending);
     [[nodiscard]] bool contains(std::uint64_t sequence) const {
         return numbers_.contains(sequence);
     }
-    /// Looks from the front, where those are that have been sent.
+    /// Searches from the front, where the sent transactions are.
     [[nodiscard]] Pending* find(std::uint64_t sequence);
     [[nodiscard]] bool isFirst(std::uint64_t sequence) const;
     std::optional<Pending> take(std::uint64_t sequence);
@@ -56,24 +57,24 @@ public:
     [[nodiscard]] Pending& operator[](std::size_t index) { return pending_[index]; }
     [[nodiscard]] std::size_t unsent() const { return pending_.size() - sent_; }
     [[nodiscard]] bool touches(const LayerId& layer) const { return edits_.contains(layer); }
-    /// The oldest revision an address of them is meant as of.
+    /// The oldest base of these transactions, or `otherwise`.
     [[nodiscard]] Revision oldestBase(Revision otherwise) const;
 
-    /// Changes the revision that its addresses are meant as of.
+    /// Changes the base of a transaction.
     void rebase(Pending& pending, Revision base);
     void markSent(Pending& pending, std::size_t bytes);
     void markUnsent(Pending& pending);
-    /// The connection is gone.
+    /// Called when the connection is lost.
     void markAllUnsent();
 
-    /// What may be sent now, in order. A transaction that is not `ready` (its big values are not
-    /// all on the server) waits. Every later one that touches a spec above or below one of the
-    /// specs of one that waits, or that names big values and is not answered, waits, too; all later
-    /// ones unless `known` (what they touch).
+    /// Returns the transactions that may be sent now, in order. A transaction that is not `ready`
+    /// (the server does not have all its big values) waits. A later one waits, too, if it touches a
+    /// spec above or below one of a transaction that waits, or that names big values and is not
+    /// answered. Without `known` (the touched specs are known) all later ones wait.
     [[nodiscard]] std::vector<Pending*> sendable(const std::function<bool(const Pending&)>& ready,
                                                  bool known);
 
-    /// Called with each that is added, and with the number of each that is taken.
+    /// Called with each added transaction, and with the number of each taken one.
     std::function<void(const Pending&)> onAdd;
     std::function<void(std::uint64_t)> onTake;
 
@@ -83,11 +84,11 @@ private:
 
     std::deque<Pending> pending_;
     std::uint64_t lastSequence_ = 0;
-    bool named_ = false;  // the next one has a number that its author knows
+    bool named_ = false;  // setNextSequence() has set the number of the next one
     std::size_t sent_ = 0;
     std::unordered_set<std::uint64_t> numbers_;
-    std::map<Revision, std::size_t> bases_;           // how many have it
-    std::unordered_map<LayerId, std::size_t> edits_;  // of each layer
+    std::map<Revision, std::size_t> bases_;           // number of transactions by base
+    std::unordered_map<LayerId, std::size_t> edits_;  // number of edits by layer
 };
 
 }  // namespace usdlive::client

@@ -1,3 +1,4 @@
+// The predicted side: own transactions and previews, executed on the confirmed layers (M7).
 #include "Prediction.h"
 
 #include <algorithm>
@@ -8,18 +9,18 @@ namespace usdlive::client {
 
 namespace {
 
-// Node ids from here on are predicted: first those of previews, then, for each transaction of one's
-// own, a block of ids that follows from its sequence number.
+// Node ids from here on are predicted: first those of previews, then a block of ids for each own
+// transaction, which follows from its sequence number.
 constexpr NodeId kFirstPreviewed = NodeId(1) << 62;
 constexpr NodeId kFirstOwn = NodeId(1) << 63;
 constexpr int kBlockBits = 24;  // kMaxTransactionEdits
 
 NodeId ownBlock(std::uint64_t sequence) { return kFirstOwn + (sequence << kBlockBits); }
 
-// More structural changes than this are not searched through for each committed edit.
+// With more structural changes than this, effect() does not search them for each committed edit.
 constexpr std::size_t kStructuralSearched = 256;
 
-// Whether their content stays depends on the type of the attribute (ED9).
+// Fields whose content depends on the type of the attribute (ED9).
 constexpr std::string_view kTypedFields[] = {"default", "spline", "timeSamples"};
 
 std::string fieldKey(std::string_view path, std::string_view field) {
@@ -84,8 +85,8 @@ void Prediction::preview(std::uint64_t slot, const PreviewFrame& frame) {
                             .base = frame.base,
                             .gesture = frame.gesture,
                             .edits = frame.edits};
-    // What the author addresses by creations of unacknowledged transactions is not known here; such
-    // edits are dropped until the author has addressed them anew.
+    // Addresses by creations of the author's unacknowledged transactions are unknown here. Such
+    // edits are dropped until the author sends them with other addresses.
     OwnCreations theirs;
     std::swap(creations_, theirs);
     const std::uint64_t mark = names_.mark();
@@ -106,7 +107,7 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
                                        bool wantEdits) {
     Landed landed;
     if (wantEdits) landed.edits.resize(transaction.edits.size());
-    std::set<LayerId> absent;  // not joined here: their edits go nowhere
+    std::set<LayerId> absent;  // not joined here: their edits have no effect
     for (const Edit& edit : transaction.edits) {
         LayerDoc* doc = open(edit.layer);
         if (!doc) {
@@ -138,7 +139,7 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
         if (own) creation = Creation{transaction.id.sequence, index};
         if (!absent.contains(done.edit.layer))
             note(done.edit, done.applied, creation, landed.prognosis);
-        // ED9: the executor adds edits behind those of the transaction.
+        // ED9: the executor appends edits to those of the transaction.
         if (wantEdits && index < landed.edits.size())
             landed.edits[index] =
                 AuthoredEdit{std::move(done.edit.layer), std::move(done.edit.address.path),
@@ -148,7 +149,7 @@ Prediction::Landed Prediction::execute(const Transaction& transaction, bool own,
     return landed;
 }
 
-// Keeps what later addresses, effect() and the rule of overtaking have to know of an edit.
+// Notes what later addresses, effect() and the order of sending need to know about an edit.
 void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
                       const std::optional<Creation>& creation, Prognosis& prognosis) {
     const std::string& path = executed.address.path;
@@ -161,8 +162,8 @@ void Prediction::note(const Edit& executed, const LayerDoc::Applied& applied,
     }
     notes.structural.push_back(path);
     if (std::holds_alternative<CreateSpec>(executed.action)) {
-        // Also where it found the spec there (M2): others may delete that before the transaction
-        // comes to be executed, and what follows is for the spec it creates then.
+        // Also if the spec was there already (M2): others may delete it before the server executes
+        // the transaction. The later edits are then for the spec that it creates.
         if (creation) notes.created.insert_or_assign(applied.node, *creation);
     } else if (const auto* move = std::get_if<MoveSpec>(&executed.action);
                move && applied.changed) {
@@ -212,10 +213,9 @@ Result<Edit> Prediction::addressed(const AuthoredEdit& edit, const LayerDoc& doc
     return told;
 }
 
-// The address of a spec that exists. If one's own pending work created it, only that creation says
-// where it will stand. Otherwise it is a confirmed one (in the space of the base), and every
-// predicted move since has carried it with all that is below it: going back through them gives its
-// confirmed path.
+// The address of a spec that exists. If own pending work created it, the address is that creation.
+// Otherwise the spec is a confirmed one, and the predicted moves have changed its path. Going back
+// through them gives its confirmed path.
 Result<Address> Prediction::address(const LayerId& layer, const LayerDoc& doc,
                                     std::string_view path) const {
     const auto elements = specpath::parse(path);
@@ -238,7 +238,7 @@ Result<Address> Prediction::address(const LayerId& layer, const LayerDoc& doc,
     return Address{std::move(confirmed), {}};
 }
 
-// The address of a spec that is about to be created: its parent's, and its own name.
+// The address of a spec that an edit is to create: its parent's address and its name.
 Result<Address> Prediction::childAddress(const LayerId& layer, const LayerDoc& doc,
                                          std::string_view path) const {
     const auto elements = specpath::parse(path);
@@ -256,7 +256,7 @@ Prediction::Effect Prediction::effect(const Edit& committed,
                                       const std::function<bool(std::uint64_t)>& isPending) const {
     if (!predicts(committed.layer)) return Effect::Applies;
     const std::string* field = fieldOf(committed.action);
-    if (!field) return Effect::Disturbs;
+    if (!field) return Effect::Invalidates;
     const auto notes = notes_.find(committed.layer);
     if (notes == notes_.end()) return Effect::Applies;
     const std::string& path = committed.address.path;
@@ -265,18 +265,18 @@ Prediction::Effect Prediction::effect(const Edit& committed,
     };
     const bool typed = std::ranges::find(kTypedFields, *field) != std::end(kTypedFields);
     if (*field == "typeName" && std::ranges::any_of(kTypedFields, writes))  // ED9
-        return Effect::Disturbs;
-    if (typed && writes("typeName")) return Effect::Disturbs;
+        return Effect::Invalidates;
+    if (typed && writes("typeName")) return Effect::Invalidates;
     const auto& structural = notes->second.structural;
     if (structural.size() > kStructuralSearched ||
         std::any_of(structural.begin(), structural.end(),
                     [&](const std::string& changed) { return specpath::hasPrefix(path, changed); }))
-        return Effect::Disturbs;
+        return Effect::Invalidates;
     const auto written = notes->second.fields.find(fieldKey(path, *field));
     if (written == notes->second.fields.end()) return Effect::Applies;
-    // These two say what else of the spec may stand.
-    if (*field == "typeName" || *field == "specifier") return Effect::Disturbs;
-    return written->second != 0 && isPending(written->second) ? Effect::None : Effect::Disturbs;
+    // Other fields of the spec depend on these two.
+    if (*field == "typeName" || *field == "specifier") return Effect::Invalidates;
+    return written->second != 0 && isPending(written->second) ? Effect::None : Effect::Invalidates;
 }
 
 void Prediction::apply(const Edit& committed) {

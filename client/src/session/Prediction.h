@@ -1,5 +1,7 @@
 #pragma once
 
+// The predicted side of a session: own transactions and previews on the confirmed layers (M7).
+
 #include <functional>
 #include <optional>
 #include <string>
@@ -13,47 +15,47 @@
 
 namespace usdlive::client {
 
-/// In a preview, the sequence number that stands for the preview itself (it has none yet): its
-/// edits name specs that it creates by this.
+/// The sequence number that stands for a preview itself, which has none yet: its edits name the
+/// specs that it creates with this number.
 inline constexpr std::uint64_t kThisPreview = ~std::uint64_t(0);
 
-/// The field that it sets or erases; none where it does something else.
+/// The field that an action sets or erases; nullptr for other actions.
 [[nodiscard]] const std::string* fieldOf(const EditAction& action);
 
-/// Where a move of the spec at `path` goes, in the terms of its parent's address.
+/// The new path of a spec at `path`, relative to the address of its new parent.
 [[nodiscard]] std::string destination(std::string_view path, const MoveSpec& move);
 
-/// What the editor sees where that is not simply the confirmed layers: previews of others and one's
-/// own transactions on top of them (M7). Only layers that one of these names have a doc here; of
-/// all others the confirmed doc is what is seen, and is not copied.
+/// The view where it differs from the confirmed layers: previews of others and own transactions on
+/// top of them (M7). Only layers that one of these edits have a doc here. The view of all others is
+/// the confirmed doc, which is not copied.
 ///
-/// Predicted moves and deletes stand in a log of their own above the confirmed one, and predicted
-/// creations likewise. So the confirmed side goes on while the prediction stays, as long as its
-/// commits have no effect on what was predicted: see effect() and acknowledge().
+/// Predicted moves and deletes are in a namespace log of their own on top of the confirmed one, and
+/// predicted creations likewise. So the confirmed side can change while the prediction stays, as
+/// long as the commits have no effect on what was predicted: see effect() and acknowledge().
 ///
-/// Predicted specs get node ids of their own range, the same ones each time the prediction is made
-/// anew, so that a comparison of two predictions knows a spec again.
+/// Predicted specs have node ids of a range of their own. They are the same each time the
+/// prediction is computed again, so that a comparison of two predictions recognizes a spec.
 class Prediction {
 public:
-    /// The confirmed side, which belongs to the session and outlives this.
+    /// The confirmed side. It belongs to the session and outlives the prediction.
     struct Confirmed {
         const LayerDocs& layers;
         const NamespaceLog& log;
-        const OwnCreations& creations;  ///< of one's own commits
+        const OwnCreations& creations;  ///< of own commits
         const Revision& revision;
     };
     explicit Prediction(const Confirmed& confirmed)
         : confirmed_(&confirmed), names_(&confirmed.log), creations_(&confirmed.creations) {}
 
-    /// Begins anew on the confirmed layers, and returns what it was.
+    /// Becomes empty again, and returns what it was.
     [[nodiscard]] Prediction startAnew() { return std::exchange(*this, Prediction(*confirmed_)); }
     [[nodiscard]] const LayerDocs& docs() const { return docs_; }
 
-    /// A preview of somebody else; `slot` tells it from others.
+    /// Executes a preview of another client. `slot` identifies it.
     void preview(std::uint64_t slot, const PreviewFrame& frame);
-    /// One's own transaction, by the code the server runs.
+    /// Executes an own transaction, with the code that the server runs.
     Prognosis run(const Transaction& transaction);
-    /// As run(), and tells where each edit landed (nothing: it was dropped).
+    /// Like run(), and also returns each edit with its path in the view (nothing: it was dropped).
     struct Landed {
         Prognosis prognosis;
         std::vector<std::optional<AuthoredEdit>> edits;
@@ -61,12 +63,12 @@ public:
     };
     Landed land(const Transaction& transaction);
 
-    /// An edit as its author made it, on what is seen now: applies it and says how it is to be
-    /// addressed (M3), as of the revision openedAt() its layer. It is edit `creation.edit` of
-    /// transaction `creation.sequence`.
+    /// Applies an edit of the editor to the view, and returns it with its address (M3) at the
+    /// revision openedAt() of its layer. It is edit `creation.edit` of transaction
+    /// `creation.sequence`.
     Result<Edit> author(const AuthoredEdit& edit, const Creation& creation, Prognosis& prognosis);
 
-    /// How it would be addressed: as author(), which follows.
+    /// Returns the edit as author() would, without applying it.
     [[nodiscard]] Result<Edit> addressed(const AuthoredEdit& edit) const {
         const LayerDoc* doc = find(edit.layer);
         if (!doc)
@@ -76,31 +78,31 @@ public:
 
     /// nullptr: no such layer.
     [[nodiscard]] const LayerDoc* find(const LayerId& layer) const;
-    /// How many fields of one's own it has noted: destroying it takes so long.
+    /// Number of own fields that it has noted: a measure of the time that destroying it takes.
     [[nodiscard]] std::size_t fieldsNoted() const;
-    /// Has the layer a doc of its own here?
+    /// Returns whether the layer has a doc here.
     [[nodiscard]] bool predicts(const LayerId& layer) const { return docs_.contains(layer); }
-    /// The confirmed revision that the prediction of the layer was begun on; without one the
-    /// present.
+    /// The confirmed revision at which the prediction of the layer began; without a prediction the
+    /// current one.
     [[nodiscard]] Revision openedAt(const LayerId& layer) const;
-    /// The least of these, or `otherwise`.
+    /// The oldest of these, or `otherwise`.
     [[nodiscard]] Revision oldest(Revision otherwise) const;
 
-    /// What a committed edit of somebody else means for what is predicted of its layer.
+    /// The effect of another client's committed edit on the prediction of its layer.
     enum class Effect {
-        None,     ///< nothing: a pending write of the whole field covers it (M7)
-        Applies,  ///< the doc takes it as it is
-        Disturbs  ///< the prediction has to be made anew
+        None,        ///< none: a pending write of the whole field hides it (M7)
+        Applies,     ///< it can be applied to the predicted doc
+        Invalidates  ///< the prediction has to be computed again
     };
-    /// `isPending`: has that transaction of one's own not been answered?
+    /// `isPending` returns whether an own transaction is unanswered.
     [[nodiscard]] Effect effect(const Edit& committed,
                                 const std::function<bool(std::uint64_t)>& isPending) const;
-    /// A committed edit that applies.
+    /// Applies such a committed edit.
     void apply(const Edit& committed);
-    /// One's own first transaction was committed as predicted: its moves, deletes and creations
-    /// are confirmed now.
+    /// Called when the first own transaction was committed as predicted: its moves, deletes and
+    /// creations are confirmed now.
     void acknowledge(std::uint64_t sequence, const Prognosis& prognosis);
-    /// Do previews move or delete specs?
+    /// Returns whether previews move or delete specs.
     [[nodiscard]] bool previewsChangeNames() const { return previewsChangeNames_; }
 
 private:
@@ -109,8 +111,8 @@ private:
         std::string from, to;
     };
     struct LayerNotes {
-        std::unordered_map<NodeId, Creation> created;  // own ones; the rest are of previews
-        // By path, NUL, field: the last transaction of one's own that wrote it whole, 0 none.
+        std::unordered_map<NodeId, Creation> created;  // own ones; others are of previews
+        // By path, NUL, field: the last own transaction that wrote the whole field; 0: none.
         std::unordered_map<std::string, std::uint64_t> fields;
         std::vector<std::string> structural;  // created, deleted, moved from and to
     };

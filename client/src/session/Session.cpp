@@ -1,3 +1,4 @@
+// Session: forwards to its parts; opening and closing layers.
 #include "session/Session.h"
 
 #include <algorithm>
@@ -24,11 +25,11 @@ Session::Options withClock(Session::Options options) {
 
 Session::Impl::Impl(Options options, SessionHost& host, LayerView& editor)
     : options_(withClock(std::move(options))), host_(host), editor_(editor), uploads_(host) {
-    pending_.onAdd = [this](const Pending& pending) { tellPending(pending); };
+    pending_.onAdd = [this](const Pending& pending) { reportPending(pending); };
     pending_.onTake = [this](std::uint64_t sequence) { host_.answered(sequence); };
 }
 
-void Session::Impl::tellPending(const Pending& pending) {
+void Session::Impl::reportPending(const Pending& pending) {
     host_.pending({pending.transaction.id.sequence, revision_, hash_, pending.authored});
 }
 
@@ -49,7 +50,7 @@ void Session::Impl::openLayer(const LayerId& layer) {
         return;
     }
     opened.joining.emplace();
-    if (online_) ask(opened.joining->snapshot, layer, 0);
+    if (online_) join(layer, *opened.joining);
 }
 
 void Session::Impl::closeLayer(const LayerId& layer) {
@@ -76,92 +77,8 @@ const LayerDoc* Session::Impl::confirmed(const LayerId& layer) const {
     return isJoined(layer) && entry != confirmed_.end() ? &entry->second : nullptr;
 }
 
-void Session::Impl::peek(const LayerId& layer, Revision revision,
-                         std::function<void(Result<LayerDoc>, Revision)> done) {
-    const LayerDoc* here = revision == 0 && online_ && isCaughtUp() ? confirmed(layer) : nullptr;
-    if (here) return done(*here, revision_);
-    Peek& peek = peeks_.emplace_back(Peek{layer, revision, Incoming{}, std::move(done)});
-    if (online_) ask(peek.snapshot, layer, revision);
-}
-
-void Session::Impl::requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
-                               std::function<void(Result<void>)> done) {
-    if (!online_) return done(fail(ErrorCode::NotConnected, "there is no connection to read from"));
-    logs_.push_back({++lastRequest_, false, std::move(each), std::move(done)});
-    sendControl(RequestLog{lastRequest_, from, to});
-}
-
-/// What the server does and an event answers.
-template <class Request>
-std::uint64_t Session::Impl::request(Request message) {
-    message.request = ++lastRequest_;
-    if (online_) {
-        requests_.insert(message.request);
-        sendControl(message);
-    } else {
-        report({ErrorCode::NotConnected, "only the server can do it, and there is no connection"},
-               about(message.request));
-    }
-    return message.request;
-}
-
-std::uint64_t Session::Impl::save(std::vector<LayerId> layers, bool force) {
-    return request(SaveLayers{0, std::move(layers), force ? std::optional(true) : std::nullopt});
-}
-
-std::uint64_t Session::Impl::reload(std::vector<LayerId> layers) {
-    return request(ReloadLayers{0, std::move(layers)});
-}
-
-std::uint64_t Session::Impl::createCheckpoint(std::string name) {
-    return request(CreateCheckpoint{0, std::move(name)});
-}
-
-std::uint64_t Session::Impl::createLayer(const LayerId& layer) {
-    return requestFeature("createLayer", CreateLayer{0, layer});
-}
-
-std::uint64_t Session::Impl::listSkipped() { return requestFeature("skipped", ListSkipped{}); }
-
-/// A server of an earlier version would end the session over a message that it does not know.
-template <class Request>
-std::uint64_t Session::Impl::requestFeature(std::string_view feature, Request message) {
-    if (!online_ || std::ranges::count(welcome_->features, feature) > 0)
-        return request(std::move(message));
-    report({ErrorCode::InvalidArgument,
-            "the server is of an earlier version of usdlive, which cannot do this"},
-           about(++lastRequest_));
-    return lastRequest_;
-}
-
-std::uint64_t Session::Impl::listCheckpoints() { return request(ListCheckpoints{}); }
-
-/// What the server does and a call answers.
-template <class Answer, class Request>
-void Session::Impl::askStorage(Request message, std::function<void(Result<Answer>)> done) {
-    if (!online_) return done(fail(ErrorCode::NotConnected, "there is no connection to ask over"));
-    if (std::ranges::count(welcome_->features, "storage") == 0)
-        return done(fail(ErrorCode::UnsupportedProtocol,
-                         "the server is of a version that cannot do this: update it"));
-    message.request = ++lastRequest_;
-    asked_[message.request] = [done = std::move(done)](Result<ControlMessage> answer) {
-        done(std::move(answer).map(
-            [](ControlMessage&& said) { return std::get<Answer>(std::move(said)); }));
-    };
-    sendControl(message);
-}
-
-void Session::Impl::compactHistory(std::optional<std::uint64_t> days,
-                                   std::function<void(Result<HistoryCompacted>)> done) {
-    askStorage(CompactHistory{0, days}, std::move(done));
-}
-
-void Session::Impl::requestStorage(std::function<void(Result<Storage>)> done) {
-    askStorage(RequestStorage{}, std::move(done));
-}
-
 void Session::Impl::requestBlob(const Hash& hash) {
-    if (downloads_.want(hash, true, online_)) askForBlobs({hash});
+    if (downloads_.want(hash, true, online_)) requestBlobs({hash});
 }
 
 std::set<Hash> Session::Impl::namedBlobs() const {
@@ -199,26 +116,7 @@ void Session::requestLog(Revision from, Revision to, std::function<void(const Co
                          std::function<void(Result<void>)> done) {
     impl_->requestLog(from, to, std::move(each), std::move(done));
 }
-std::uint64_t Session::save(std::vector<LayerId> layers, bool force) {
-    return impl_->save(std::move(layers), force);
-}
-std::uint64_t Session::reload(std::vector<LayerId> layers) {
-    return impl_->reload(std::move(layers));
-}
-
-std::uint64_t Session::createCheckpoint(std::string name) {
-    return impl_->createCheckpoint(std::move(name));
-}
-std::uint64_t Session::createLayer(const LayerId& layer) { return impl_->createLayer(layer); }
-std::uint64_t Session::listSkipped() { return impl_->listSkipped(); }
-std::uint64_t Session::listCheckpoints() { return impl_->listCheckpoints(); }
-void Session::compactHistory(std::optional<std::uint64_t> days,
-                             std::function<void(Result<HistoryCompacted>)> done) {
-    impl_->compactHistory(days, std::move(done));
-}
-void Session::requestStorage(std::function<void(Result<Storage>)> done) {
-    impl_->requestStorage(std::move(done));
-}
+std::uint64_t Session::request(AnyRequest request) { return impl_->request(std::move(request)); }
 
 void Session::author(std::vector<AuthoredEdit> edits) { impl_->author(std::move(edits)); }
 void Session::setNextSequence(std::uint64_t sequence) { impl_->pending_.setNextSequence(sequence); }

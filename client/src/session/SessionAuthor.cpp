@@ -1,3 +1,4 @@
+// Edits of the editor: transactions and gestures.
 #include <algorithm>
 
 #include "SessionImpl.h"
@@ -6,8 +7,8 @@ namespace usdlive::client {
 
 namespace {
 
-// Edits that the model does not hold, carried along by one that it does.
-void carry(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
+// Applies an edit to the paths of edits that failed: deletes and moves change them.
+void applyTo(std::vector<AuthoredEdit>& failed, const AuthoredEdit& edit) {
     const auto below = [&](const AuthoredEdit& other) {
         return other.layer == edit.layer && specpath::hasPrefix(other.path, edit.path);
     };
@@ -47,8 +48,8 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         lost.gesture = gesture_->pending.transaction.gesture;
         authorInto(gesture_->pending, std::move(edits), lost, repairs);
         repair(repairs);
-        if (gesture_->pending.prognosis.refused && !frozen_) {  // a preview hides it
-            disturb();
+        if (gesture_->pending.prognosis.refused && !frozen_) {  // because of a preview
+            restartPrediction();
             rebuild();
         }
     } else {
@@ -58,17 +59,17 @@ void Session::Impl::author(std::vector<AuthoredEdit> edits) {
         if (!pending.authored.empty()) pending_.add(std::move(pending));
         repair(repairs);
     }
-    // What comes of the fields of such a spec, the executor says (M13).
+    // The executor decides about the fields of such a spec (M13).
     if (std::exchange(createdExisting_, false) && !frozen_) {
-        disturb();
+        restartPrediction();
         rebuild();
     }
     checkPrediction();
     if (!lost.edits.empty()) events_.push_back(event::Lost{std::move(lost)});
 }
 
-// A client that is offline, or slower than its edits, sends of a value only what it is in the end:
-// what was not sent and is written again whole gets the new values in the place of the old ones.
+// SE15: new values replace those of an unsent transaction that sets the same registers. So a client
+// that is offline, or slower than its edits, sends only the last of many values.
 bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     if (gesture_ || frozen_ || dirty_) return false;
     Pending* pending = pending_.writtenAgainBy(edits);
@@ -79,21 +80,21 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     const auto number = [&](std::size_t index) {
         return Creation{transaction.id.sequence, std::uint32_t(index)};
     };
-    // A path may be another spec's by now.
+    // A path may be that of another spec now.
     for (std::size_t index = 0; index < edits.size(); ++index) {
-        auto told = prediction_.addressed(edits[index]);
-        if (!told) return false;
-        readdress(*told, prediction_.openedAt(told->layer), number(index));
-        if (told->address != transaction.edits[index].address) return false;
+        auto addressed = prediction_.addressed(edits[index]);
+        if (!addressed) return false;
+        readdress(*addressed, prediction_.openedAt(addressed->layer), number(index));
+        if (addressed->address != transaction.edits[index].address) return false;
     }
     LostWork lost;
     lost.sequence = transaction.id.sequence;
     Repairs repairs;
     for (std::size_t index = 0; index < edits.size(); ++index) {
         Prognosis unchanged;
-        const auto told = prediction_.author(edits[index], number(index), unchanged);
-        if (!told) {
-            if (lost.edits.empty()) lost.reason = told.error();
+        const auto addressed = prediction_.author(edits[index], number(index), unchanged);
+        if (!addressed) {
+            if (lost.edits.empty()) lost.reason = addressed.error();
             noteRepair(edits[index], repairs);
             lost.edits.push_back(std::move(edits[index]));
             continue;
@@ -104,7 +105,7 @@ bool Session::Impl::writeAgain(std::vector<AuthoredEdit>& edits) {
     }
     pending->blobs.clear();
     for (const AuthoredEdit& edit : pending->authored) collectBlobs(edit.action, pending->blobs);
-    tellPending(*pending);
+    reportPending(*pending);
     checkPrediction();
     if (!lost.edits.empty()) {
         events_.push_back(event::Lost{std::move(lost)});
@@ -123,31 +124,31 @@ Pending Session::Impl::newPending() {
 void Session::Impl::authorInto(Pending& pending, std::vector<AuthoredEdit> edits, LostWork& lost,
                                Repairs& repairs) {
     for (AuthoredEdit& edit : edits) {
-        Result<Edit> told = predictEdit(pending, edit);
-        if (!told) {
-            if (lost.edits.empty()) lost.reason = told.error();
+        Result<Edit> addressed = predictEdit(pending, edit);
+        if (!addressed) {
+            if (lost.edits.empty()) lost.reason = addressed.error();
             noteRepair(edit, repairs);
             lost.edits.push_back(std::move(edit));
             continue;
         }
         if (!gesture_) collectBlobs(edit.action, pending.blobs);
-        carry(repairs.fields, edit);
+        applyTo(repairs.fields, edit);
         if (frozen_) pending.carried.push_back(edit);
         if (gesture_ && !frozen_) {
-            if (gesture_->add(std::move(*told), std::move(edit)))
+            if (gesture_->add(std::move(*addressed), std::move(edit)))
                 pending.prognosis.touched.pop_back();
         } else {
-            pending.transaction.edits.push_back(std::move(*told));
+            pending.transaction.edits.push_back(std::move(*addressed));
             pending.authored.push_back(std::move(edit));
         }
     }
 }
 
-// Applies an edit to what is seen and says how it is to be addressed.
+// Applies an edit to the view, and returns it with its address.
 Result<Edit> Session::Impl::predictEdit(Pending& pending, const AuthoredEdit& edit) {
     if (!isJoined(edit.layer))
         return fail(ErrorCode::LayerNotOpen, "the layer " + edit.layer.value + " is not open");
-    if (frozen_) {  // addressed when it is known what it is for
+    if (frozen_) {  // addressed at the thaw
         const auto applied = frozen_->views.at(edit.layer).apply(edit.path, edit.action);
         if (!applied) return tl::unexpected(applied.error());
         return Edit{edit.layer, {}, edit.action};
@@ -157,10 +158,10 @@ Result<Edit> Session::Impl::predictEdit(Pending& pending, const AuthoredEdit& ed
     const LayerDoc* doc = prediction_.find(edit.layer);
     const bool exists =
         std::holds_alternative<CreateSpec>(edit.action) && doc && doc->has(edit.path);
-    auto told = prediction_.author(edit, number, pending.prognosis);
-    if (told && exists) createdExisting_ = true;
-    if (told) readdress(*told, prediction_.openedAt(edit.layer), number);
-    return told;
+    auto addressed = prediction_.author(edit, number, pending.prognosis);
+    if (addressed && exists) createdExisting_ = true;
+    if (addressed) readdress(*addressed, prediction_.openedAt(edit.layer), number);
+    return addressed;
 }
 
 void Session::Impl::noteRepair(const AuthoredEdit& edit, Repairs& repairs) const {
@@ -172,8 +173,8 @@ void Session::Impl::noteRepair(const AuthoredEdit& edit, Repairs& repairs) const
         repairs.resets.insert(edit.layer);
 }
 
-// The editor's layers hold the edits already, also those the model does not. Before anything else
-// is told to the editor: the paths are those of what it shows now.
+// Undoes edits in the editor's layers that the view does not have. Called before other changes are
+// shown: the paths are those that the editor shows now.
 void Session::Impl::repair(const Repairs& repairs) {
     for (const LayerId& layer : repairs.resets)
         if (const LayerDoc* doc = view(layer)) editor_.reset(layer, *doc);
@@ -198,7 +199,7 @@ void Session::Impl::endGesture() {
     if (!gesture_) return;
     Gesture ended = std::move(*gesture_);
     gesture_.reset();
-    // Only what it ended with has to be stored.
+    // Only its last values have to be stored.
     for (const Edit& edit : ended.pending.transaction.edits)
         collectBlobs(edit.action, ended.pending.blobs);
     if (!ended.pending.authored.empty()) {

@@ -1,3 +1,4 @@
+// The confirmed side: commits, acknowledgements, layers that are joined.
 #include <algorithm>
 
 #include "SessionImpl.h"
@@ -6,15 +7,15 @@ namespace usdlive::client {
 
 namespace {
 
-// Previews may be meant as of a revision that is this far behind.
+// Previews may have a base that is so many revisions behind.
 constexpr Revision kPreviewsBehind = 1'000;
 constexpr Revision kPrunedAtOnce = 64;
 
-// So often a transaction is mended and sent again before its author is told.
+// How often a refused transaction is corrected and sent again before it is lost.
 constexpr int kMaxAttempts = 5;
 
-// So many creations, moves and the like of one's own are committed before the prediction forgets
-// what it noted of them.
+// Number of own structural edits that are committed before the prediction is computed again, which
+// drops its notes about them.
 constexpr std::size_t kAnsweredKept = 4'096;
 
 bool changesNames(const Edit& edit) {
@@ -22,8 +23,8 @@ bool changesNames(const Edit& edit) {
            std::holds_alternative<DeleteSpec>(edit.action);
 }
 
-// Did each edit land where it was predicted, and say what its author wrote? (M13, ED9: it may say
-// something else.)
+// Returns whether each edit was committed at the predicted path and unchanged. The executor may
+// change it (M13, ED9).
 bool asPredicted(const Pending& own, const Commit& commit) {
     if (!own.prognosis.complete || !commit.dropped.empty()) return false;
     const auto& submitted = own.transaction.edits;
@@ -63,7 +64,7 @@ void Session::Impl::apply(const Commit& commit) {
                 "this copy has diverged and is fetched again: " + applied.error().message});
         freeze();
         for (auto& [layer, opened] : layers_)
-            if (opened.joining) ask(opened.joining->snapshot, layer, 0);
+            if (opened.joining) join(layer, *opened.joining);
         return;
     }
     if (!frozen_) applyToEditor(commit, own != nullptr, current);
@@ -81,10 +82,10 @@ bool Session::Impl::isPending(std::uint64_t sequence) const {
            (gesture_ && gesture_->pending.transaction.id.sequence == sequence);
 }
 
-// The prediction that still holds with this commit (the one that is being made, where the present
-// one does not); nullptr: it has to be made anew. One that is being made is only given up where it
-// would go wrong from here on; otherwise another one follows it, so that commits that come one
-// after the other cannot keep it from ever being shown.
+// Returns the prediction that is valid after this commit: the current one, or else the one that is
+// being computed; nullptr if it has to be computed again. A computation is stopped only if its
+// result would be wrong. Otherwise another one follows it, so that a stream of commits cannot keep
+// it from ever being shown.
 Prediction* Session::Impl::follow(const Commit& commit, const Pending* own) {
     if (dirty_ && !rebuild_) return nullptr;
     Prediction& current = rebuild_ ? rebuild_->next : prediction_;
@@ -97,25 +98,26 @@ Prediction* Session::Impl::follow(const Commit& commit, const Pending* own) {
         for (const Edit& edit : commit.edits) {
             if (!confirmed_.contains(edit.layer)) continue;
             const auto pending = [this](std::uint64_t number) { return isPending(number); };
-            if (current.effect(edit, pending) != Prediction::Effect::Disturbs) continue;
+            if (current.effect(edit, pending) != Prediction::Effect::Invalidates) continue;
             holds = false;
             canGoOn = canGoOn && !changesNames(edit);
         }
     }
     if (holds) return &current;
     if (!canGoOn) {
-        disturb();
+        restartPrediction();
         return nullptr;
     }
     rebuild_->outdated = true;
     return &current;
 }
 
-// Layers without predictions show the confirmed doc, and take every commit as it is. Of those with
-// predictions only one that holds does; the others follow when they have been predicted anew.
+// Applies a commit to the editor. Layers without predictions show the confirmed doc, so every
+// commit applies. Layers with predictions show it when the prediction is valid or has been computed
+// again.
 void Session::Impl::applyToEditor(const Commit& commit, bool own, Prediction* current) {
     using Effect = Prediction::Effect;
-    const LayerId* layer = nullptr;  // of the edit before: mostly they are of one layer
+    const LayerId* layer = nullptr;  // of the edit before: most commits edit one layer
     bool known = false, predicted = false, shown = false;
     const auto pending = [this](std::uint64_t number) { return isPending(number); };
     for (const Edit& edit : commit.edits) {
@@ -146,12 +148,13 @@ void Session::Impl::acknowledge(const Commit& commit, Prediction* current) {
         return fieldOf(edit.action) == nullptr;
     }));
     if (!pending_.empty()) {
-        // What was noted of their specs is forgotten now and then.
-        if (!dirty_ && answered_ > std::max(kAnsweredKept, 2 * pending_.size())) disturb();
+        // Drops the notes about their specs from time to time.
+        if (!dirty_ && answered_ > std::max(kAnsweredKept, 2 * pending_.size()))
+            restartPrediction();
         return;
     }
     if (dirty_ || frozen_ || gesture_ || !previews_.empty()) {
-        disturb();
+        restartPrediction();
     } else {  // the views are the confirmed docs again
         checkPrediction();
         discard(prediction_.startAnew());
@@ -181,19 +184,19 @@ void Session::Impl::lose(Pending pending, Error reason) {
                                    .reason = std::move(reason),
                                    .refused = true,
                                    .edits = std::move(pending.authored)}});
-    disturb();
+    restartPrediction();
 }
 
-// A transaction that was refused for what the author can mend unasked: the server has forgotten the
-// moves since its base, or a big value that it named. It keeps its number: with another one, far
-// above those that wait, the server would forget these (M9).
+// Sends a refused transaction again if the session can correct it: the server has forgotten the
+// moves since its base, or a big value that it named. The transaction keeps its number: a new one,
+// far above those that wait, would make the server forget these (M9).
 bool Session::Impl::resubmit(std::uint64_t sequence) {
     Pending* pending = pending_.find(sequence);
     if (!pending || ++pending->attempts > kMaxAttempts) return false;
     for (const Value& blob : pending->blobs) uploads_.forget(blob.hash());
     pending_.markUnsent(*pending);
-    pending->everSent = false;  // nobody has it
-    disturb();
+    pending->everSent = false;  // the server does not have it
+    restartPrediction();
     return true;
 }
 
@@ -217,7 +220,7 @@ void Session::Impl::completeJoins() {
         joined = true;
     }
     if (!joined) return;
-    if (rebuild_) disturb();
+    if (rebuild_) restartPrediction();
     presentAgain();
 }
 
@@ -225,6 +228,7 @@ bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {
     Incoming& snapshot = joining.snapshot;
     if (!snapshot.content || !snapshot.opened || snapshot.opened->revision > revision_)
         return false;
+    requests_.forget(snapshot.request);
     LayerDoc doc = *std::exchange(snapshot.content, std::nullopt);
     // A frozen layer is reset at the thaw, all at once.
     if (layers_.at(layer).wanted && !frozen_) editor_.arrived(layer, doc);
@@ -232,26 +236,11 @@ bool Session::Impl::completeJoin(const LayerId& layer, Joining& joining) {
         if (revision <= snapshot.opened->revision) continue;
         if (doc.apply(edit.address.path, edit.action)) continue;
         joining.later.clear();
-        ask(snapshot, layer, 0);  // something was wrong with it; asked for again
+        join(layer, joining);  // the content does not fit to its commits
         return false;
     }
     confirmed_.insert_or_assign(layer, std::move(doc));
     return true;
-}
-
-void Session::Impl::completePeeks() {
-    for (std::size_t index = 0; index < peeks_.size();) {
-        Incoming& snapshot = peeks_[index].snapshot;
-        if (!snapshot.content || !snapshot.opened) {
-            ++index;
-            continue;
-        }
-        Peek peek = std::move(peeks_[index]);
-        peeks_.erase(peeks_.begin() + std::ptrdiff_t(index));
-        if (peek.revision == 0 && online_ && !layers_.contains(peek.layer))
-            sendControl(CloseLayer{peek.layer});
-        peek.done(std::move(*peek.snapshot.content), peek.snapshot.opened->revision);
-    }
 }
 
 }  // namespace usdlive::client

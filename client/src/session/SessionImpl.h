@@ -1,5 +1,7 @@
 #pragma once
 
+// The inside of a session.
+
 #include <deque>
 #include <map>
 #include <memory>
@@ -10,6 +12,7 @@
 
 #include "BlobTransfer.h"
 #include "Gesture.h"
+#include "PendingRequests.h"
 #include "PendingTransactions.h"
 #include "Prediction.h"
 #include "session/Session.h"
@@ -18,12 +21,7 @@
 
 namespace usdlive::client {
 
-// What an error of the session's own is about.
-[[nodiscard]] inline ErrorMessage about(std::uint64_t request) {
-    ErrorMessage message;
-    message.request = request;
-    return message;
-}
+// Error messages of the session itself.
 [[nodiscard]] inline ErrorMessage about(const Hash& blob) {
     ErrorMessage message;
     message.blob = blob;
@@ -35,26 +33,27 @@ namespace usdlive::client {
     return message;
 }
 
-// The clock is looked at for every so many transactions.
+// The clock is read once for so many transactions.
 inline constexpr std::size_t kClockEvery = 8;
 
-/// A snapshot on its way.
+/// A snapshot that was requested.
 struct Incoming {
-    std::uint64_t request = 0;  ///< 0: not asked for on this connection
+    std::uint64_t request = 0;  ///< 0: not requested on this connection
     std::optional<LayerOpened> opened;
-    std::optional<LayerDoc> content;  ///< once it is whole
+    std::optional<LayerDoc> content;  ///< when it is complete
 };
-/// A layer whose content is not there yet.
+/// A layer whose content has not arrived.
 struct Joining {
     Incoming snapshot;
-    std::vector<std::pair<Revision, Edit>> later;  ///< committed while it is on its way
-    bool again = false;                            ///< it was joined in a history that is gone
-    std::optional<std::int64_t> askAtMs;           ///< the server could not read it; not asked now
+    std::vector<std::pair<Revision, Edit>> later;  ///< committed since the request
+    bool again = false;                            ///< it was joined before, in another history
+    std::optional<std::int64_t> retryAtMs;  ///< the server could not read it; requested again then
 };
 
-/// Parts: Session.cpp (the class itself, layers), SessionConnection.cpp (what arrives, what is
-/// sent), SessionCommits.cpp (the confirmed side), SessionView.cpp (the predicted side),
-/// SessionAuthor.cpp (edits and gestures).
+/// Parts: Session.cpp (layers), SessionConnection.cpp (hello, resuming, received messages),
+/// SessionRequests.cpp (requests, content that arrives for them), SessionSending.cpp,
+/// SessionCommits.cpp (the confirmed side), SessionView.cpp (the predicted side), SessionAuthor.cpp
+/// (edits and gestures), SessionPreviews.cpp (previews of others), SessionPresence.cpp.
 class Session::Impl {
 public:
     Impl(Options options, SessionHost& host, LayerView& editor);
@@ -72,15 +71,7 @@ public:
               std::function<void(Result<LayerDoc>, Revision)> done);
     void requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
                     std::function<void(Result<void>)> done);
-    std::uint64_t save(std::vector<LayerId> layers, bool force);
-    std::uint64_t reload(std::vector<LayerId> layers);
-    std::uint64_t createCheckpoint(std::string name);
-    std::uint64_t listCheckpoints();
-    void compactHistory(std::optional<std::uint64_t> days,
-                        std::function<void(Result<HistoryCompacted>)> done);
-    void requestStorage(std::function<void(Result<Storage>)> done);
-    std::uint64_t createLayer(const LayerId& layer);
-    std::uint64_t listSkipped();
+    std::uint64_t request(AnyRequest request);
     void requestBlob(const Hash& hash);
     [[nodiscard]] std::set<Hash> namedBlobs() const;
 
@@ -101,18 +92,18 @@ public:
     Revision revision_ = 0;
     PendingTransactions pending_;
     std::optional<Gesture> gesture_;
-    bool online_ = false;  ///< greeted
+    bool online_ = false;  ///< the welcome was received
     std::map<LayerId, LayerState> layerStates_;
     std::map<ClientId, Presence> presences_;  ///< of others
 
 private:
     struct OpenedLayer {
-        // False: closed by the editor, kept until one's own work on it is answered.
+        // False: the editor has closed it. It is kept until own work on it is answered.
         bool wanted = true;
         std::optional<Joining> joining;  // nothing: joined
 
-        // What has come so far is of no use any more.
-        void joinAnew() {
+        // Drops what has arrived so far.
+        void restart() {
             const bool again = !joining || joining->again;
             joining.emplace().again = again;
         }
@@ -127,87 +118,70 @@ private:
         std::uint64_t request = 0;
         bool begun = false;
         std::function<void(const Commit&)> each;
-        std::function<void(Result<void>)> done;
     };
-    // Work of one's own whose commit did not come here, until it has been read.
+    // Own work whose commit was not received. It is read from the log.
     struct Missed {
         Revision revision = 0;
         Pending pending;
-        bool asked = false;  // for its commit, on this connection
+        bool asked = false;  // its commit was requested on this connection
     };
-    // A gesture of somebody else. Of its previews the newest is shown whose big values are here.
+    // A gesture of another client. The view shows its newest preview whose big values are here.
     struct Preview {
-        std::uint64_t slot = 0;               // in order of their beginning
+        std::uint64_t slot = 0;               // the order in which gestures began
         std::optional<PreviewFrame> frame;    // shown
-        std::optional<PreviewFrame> waiting;  // for its big values
-        std::set<Hash> missing;               // of these
-        std::optional<PreviewFrame> newest;   // came while another one waits
+        std::optional<PreviewFrame> waiting;  // waits for its big values
+        std::set<Hash> missing;               // those that are not here
+        std::optional<PreviewFrame> newest;   // arrived while another one waits
     };
     using Previews = std::map<std::pair<ClientId, std::uint64_t>, Preview>;
-    // While the layers are joined again in another history: what the editor sees meanwhile.
+    // The view while the layers are joined again in another history.
     struct Frozen {
         LayerDocs views;
     };
-    // The prediction as it is made anew, some transactions at a time. Meanwhile the editor sees the
-    // one before.
+    // The prediction that is being computed, some transactions at a time. Until it is complete, the
+    // view is the one before.
     struct Rebuild {
         Prediction next;
-        std::size_t done = 0;   // pending transactions that are in it
-        bool outdated = false;  // another one has to follow
+        std::size_t done = 0;   // number of pending transactions that it contains
+        bool outdated = false;  // it has to be computed again afterwards
     };
-    // A transaction that goes in parts, and has not gone whole (FR8).
+    // A transaction of which some parts have been sent (FR8).
     struct Sending {
         std::uint64_t sequence = 0;
         PartsAt at;
     };
-    // Edits the editor made that the model does not hold: what the editor is to be told.
+    // Edits of the editor that the view does not have, and that have to be undone there.
     struct Repairs {
         std::set<LayerId> resets;
         std::vector<AuthoredEdit> fields;
     };
 
-    // Session.cpp
-    template <class Request>
-    std::uint64_t request(Request message);
-    template <class Answer, class Request>
-    void askStorage(Request message, std::function<void(Result<Answer>)> done);
-    template <class Request>
-    std::uint64_t requestFeature(std::string_view feature, Request message);
-
-    // SessionConnection.cpp
+    // SessionConnection.cpp, SessionRequests.cpp, SessionPreviews.cpp, SessionSending.cpp
     void handle(ControlMessage&& message);
     void handle(ReceivedCommit&& received);
     void handle(PreviewFrame&& frame);
     void handle(ReceivedSnapshot&& received);
     void handle(RefusalFrame&& frame);
     void handle(ReceivedBlob&& blob);
-    template <class Event, class Answer>
-    void answer(const Answer& message);
     void on(const Welcome& message);
     void on(const ProjectLayers& message);
     void on(const LayerOpened& message);
     void on(const BlobStored& message);
     void on(const AlreadyCommitted& message);
-    void on(const LayersSaved& message);
-    void on(const LayersReloaded& message);
-    void on(const CheckpointCreated& message);
-    void on(const Checkpoints& message);
-    void on(const HistoryCompacted& message) { answerAsked(message.request, message); }
-    void on(const Storage& message) { answerAsked(message.request, message); }
-    void answerAsked(std::uint64_t request, Result<ControlMessage> answer);
-    void on(const LayerCreated& message);
-    void on(const SkippedFiles& message);
     void on(const RequestProgress& message);
     void on(const LayerStates& message);
     void on(const Presences& message);
     void on(const LogBegin& message);
-    void on(const LogEnd& message);
     void on(const ErrorMessage& message);
-    void on(const auto&) {}  // messages to a server
+    /// An answer ends its request. Messages for a server are ignored.
+    template <class Message>
+    void on(const Message& message) {
+        if constexpr (requires { message.request; } && !IsRequest<Message>)
+            requests_.end(message.request, message);
+    }
     void loseSent(const Error& why);
     void readMissed();
     void readMissed(const Missed& missed);
-    [[nodiscard]] bool answered(const ErrorMessage& message, const Error& error);
     void protocolFault(Error error);
     void report(Error error, ErrorMessage about = {});
     void sendControl(const ControlMessage& message);
@@ -220,8 +194,8 @@ private:
     [[nodiscard]] bool preparePreview();
     [[nodiscard]] bool sendPreviewValues();
     void sendPresence();
-    void askForBlobs(const std::vector<Hash>& hashes);
-    void blobCame(const Hash& hash, SharedBytes bytes);
+    void requestBlobs(const std::vector<Hash>& hashes);
+    void blobReceived(const Hash& hash, SharedBytes bytes);
     void blobFailed(const Hash& hash, Error error);
     void present(Previews::value_type& entry, PreviewFrame frame);
     void presentNewest(Previews::value_type& entry);
@@ -229,10 +203,15 @@ private:
     [[nodiscard]] std::set<Hash> missingOf(const PreviewFrame& frame);
     void forgetOthers();
     void withdrawPreview(std::uint64_t gesture);
-    void tellPending(const Pending& pending);
-    void tellGesture();
-    void ask(Incoming& snapshot, const LayerId& layer, Revision revision);
-    void askAgain();
+    void reportPending(const Pending& pending);
+    void reportGesture();
+    template <class Request>
+    std::uint64_t sendRequest(Request& request);
+    [[nodiscard]] std::optional<ErrorMessage> whyNot(std::uint64_t number, std::string_view type,
+                                                     std::string_view feature) const;
+    void join(const LayerId& layer, Joining& joining);
+    void joinFailed(const OpenLayer& open, const ErrorMessage& message);
+    void joinAgain();
 
     // SessionCommits.cpp
     void apply(const Commit& commit);
@@ -251,8 +230,8 @@ private:
     [[nodiscard]] bool isCaughtUp() const;
 
     // SessionView.cpp
-    void settle();
-    void disturb();
+    void updateView();
+    void restartPrediction();
     void discard(Prediction old);
     void previewsChanged();
     void rebuild();
@@ -264,8 +243,8 @@ private:
     void readdress(Edit& edit, Revision since, const Creation& number) const;
     void readdress(Pending& pending);
     void readdressGesture();
-    void seal(Pending& pending, std::vector<std::optional<AuthoredEdit>> edits);
-    void tellEditor(const LayerDocs& before);
+    void addressCarried(Pending& pending, std::vector<std::optional<AuthoredEdit>> edits);
+    void showDifference(const LayerDocs& before);
     void flushResets();
     void freeze();
     void carryOver();
@@ -292,22 +271,21 @@ private:
 
     // The connection.
     bool linked_ = false;
-    std::optional<Error> forgotten_;          // the server said so before its welcome (M14)
-    std::optional<ErrorMessage> notResumed_;  // the same, of another history (SE3)
+    std::optional<Error> forgotten_;          // an error before the welcome (M14)
+    std::optional<ErrorMessage> notResumed_;  // an error before the welcome (SE3)
     std::deque<Result<Received>> inbox_;
-    std::uint64_t lastRequest_ = 0;
-    bool takesPreviewValues_ = false;  // the server does (B3)
-    bool takesParts_ = false;          // likewise (FR8)
+    PendingRequests requests_;
+    bool takesPreviewValues_ = false;  // the server forwards them (B3)
+    bool takesParts_ = false;          // the server knows FR8
     std::optional<Sending> sending_;
     std::int64_t nowMs_ = 0;
-    std::int64_t gestureToldMs_ = 0;
-    double deadlineMs_ = 0;  // of this advance(), by options_.clockMs
-    /// A spec was authored that the editor does not show and the prediction has: another's preview
-    /// brought it.
+    std::int64_t gestureReportedMs_ = 0;
+    double deadlineMs_ = 0;  // end of this advance(), by options_.clockMs
+    /// The editor has created a spec that the prediction already has, from a preview of another.
     bool createdExisting_ = false;
-    bool moreToSend_ = false;  // than there was time for
+    bool moreToSend_ = false;  // the time was over first
 
-    // One's own presence.
+    // The own presence.
     std::optional<Presence> presence_;
     std::optional<Presence> presenceSent_;  // on this connection
     std::int64_t presenceSentMs_ = 0;
@@ -317,18 +295,18 @@ private:
     Epoch epoch_ = 0;        // of the server
     Epoch commitEpoch_ = 0;  // of the newest commit
     Hash hash_;
-    /// Transactions up to `last` were sent when the history at `since` was the client's, and are
-    /// not answered. A client that loses the line again says that it is still there: were they
-    /// committed and the client forgotten meanwhile, the server could not tell (M14).
-    struct Unsettled {
+    /// Transactions up to `last` were sent when the client had the history at `since`, and are not
+    /// answered. Until they are, hello resumes at `since`: the server can then tell whether it has
+    /// forgotten what it knew about them (M14).
+    struct Unanswered {
         Hello::Resume since;
         std::uint64_t last = 0;
     };
-    std::optional<Unsettled> unsettled_;
-    bool saidSince_ = false;  // by the last hello
+    std::optional<Unanswered> unanswered_;
+    bool saidSince_ = false;  // the last hello resumed at `since`
     [[nodiscard]] Hello::Resume here() const;
-    [[nodiscard]] bool isUnsettled() const;
-    void noteUnsettled();
+    [[nodiscard]] bool hasUnanswered() const;
+    void noteUnanswered();
     LayerDocs confirmed_;
     NamespaceLog log_;
     OwnCreations creations_;
@@ -341,19 +319,16 @@ private:
     Previews previews_;
     std::uint64_t lastSlot_ = 0;
     std::deque<Missed> missed_;
-    bool dirty_ = false;              // the prediction has to be made anew
-    std::optional<Rebuild> rebuild_;  // as far as that was done; only when dirty_
+    bool dirty_ = false;              // the prediction has to be computed again
+    std::optional<Rebuild> rebuild_;  // only when dirty_
     std::size_t answered_ = 0;        // own structural edits since the prediction was made
-    std::set<LayerId> resets_;        // the editor gets their whole content next
+    std::set<LayerId> resets_;        // layers whose whole content the editor gets next
 
     BlobUploads uploads_;
     BlobDownloads downloads_;
     std::vector<Peek> peeks_;
     std::deque<LogReader> logs_;
     std::uint64_t writtenAgain_ = 0;
-    std::set<std::uint64_t> requests_;  ///< that an event answers, and has not
-    /// By request: what is to be called with the answer.
-    std::map<std::uint64_t, std::function<void(Result<ControlMessage>)>> asked_;
 };
 
 }  // namespace usdlive::client

@@ -1,4 +1,4 @@
-// Where one is oneself, and where the others are (PS1-PS3).
+// Presence: where this user and the others are (PS1-PS3).
 #include <algorithm>
 
 #include "SessionImpl.h"
@@ -33,7 +33,7 @@ void Session::Impl::on(const Presences& message) {
     if (!changed.shown.empty() || !changed.gone.empty()) events_.push_back(std::move(changed));
 }
 
-/// Without a connection nobody knows where they are.
+/// Without a connection, the presences of others are unknown.
 void Session::Impl::forgetOthers() {
     presenceSent_.reset();
     event::PresenceChanged changed;

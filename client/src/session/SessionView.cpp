@@ -1,3 +1,4 @@
+// The view: predictions, addresses, and joining another history.
 #include <algorithm>
 #include <stdexcept>
 
@@ -14,13 +15,13 @@ std::set<LayerId> layersOf(const LayerDocs& left, const LayerDocs& right) {
     return layers;
 }
 
-// An address that no server resolves: the edit itself does not create a spec for itself. The edit
-// keeps its place in the transaction, is dropped (M4), and comes back to its author as such.
-Address nowhere(const Creation& number) { return {{}, number}; }
+// An address that no server can resolve: the creation by the edit itself. The edit keeps its place
+// in the transaction, is dropped (M4), and is reported to its author as dropped.
+Address unresolvable(const Creation& number) { return {{}, number}; }
 
 }  // namespace
 
-void Session::Impl::settle() {
+void Session::Impl::updateView() {
     if (frozen_) thaw();
     if (frozen_) return;
     dropClosed();
@@ -29,14 +30,14 @@ void Session::Impl::settle() {
     flushResets();
 }
 
-// One that has predicted little is destroyed here: to hand it over takes as long.
+// Destroys a small prediction here: handing it over would take as long.
 void Session::Impl::discard(Prediction old) {
     constexpr std::size_t kLittle = 256;
     if (old.fieldsNoted() > kLittle) host_.discard(std::make_shared<Prediction>(std::move(old)));
 }
 
-// The prediction has to be made anew, from the start.
-void Session::Impl::disturb() {
+// Computes the prediction again, from the start, with the next rebuild().
+void Session::Impl::restartPrediction() {
     dirty_ = true;
     if (rebuild_) discard(std::move(rebuild_->next));
     rebuild_.reset();
@@ -47,9 +48,8 @@ void Session::Impl::previewsChanged() {
     if (rebuild_) rebuild_->outdated = true;
 }
 
-// M7: the confirmed layers, previews of others, one's own transactions, the open gesture. Stops
-// when the time is over; the editor goes on with what it sees, and the next call goes on from
-// there.
+// M7: the confirmed layers, previews of others, own transactions, the open gesture. Stops when the
+// time is over; the view stays as it is, and the next call continues.
 void Session::Impl::rebuild() {
     if (!rebuild_) predictPreviews(rebuild_.emplace(Rebuild{Prediction(confirmedSide_)}).next);
     for (std::size_t count = 0; rebuild_->done < pending_.size(); ++rebuild_->done) {
@@ -62,7 +62,7 @@ void Session::Impl::rebuild() {
     dirty_ = rebuild_->outdated;
     rebuild_.reset();
     answered_ = 0;
-    tellEditor(before.docs());
+    showDifference(before.docs());
     discard(std::move(before));
 }
 
@@ -73,8 +73,8 @@ void Session::Impl::predictPreviews(Prediction& prediction) const {
     for (const auto& [slot, frame] : inOrder) prediction.preview(slot, *frame);
 }
 
-// An edit that stands against an open gesture is taken out of it, rather than all of it hidden: its
-// author is still at it, and learns at once. What only stands against a preview may come to be.
+// An edit for which the executor would refuse the open gesture is removed from it, so that the rest
+// stays visible. Its author learns at once. An edit that only conflicts with a preview stays.
 void Session::Impl::predictGesture(Prediction& prediction) {
     if (!gesture_) return;
     Pending& pending = gesture_->pending;
@@ -95,7 +95,7 @@ void Session::Impl::predictGesture(Prediction& prediction) {
     run();
 }
 
-// What was predicted step by step has to be what comes of all of it at once.
+// The prediction computed step by step has to equal one that is computed at once.
 void Session::Impl::checkPrediction() const {
     if (!options_.checksPrediction || dirty_ || frozen_) return;
     Prediction anew(confirmedSide_);
@@ -112,8 +112,9 @@ void Session::Impl::checkPrediction() const {
 
 // ---- addresses
 
-// Tells an address that is meant as of `since` as of the present revision (M3). What pending work
-// creates is still addressed by its creation; what is committed by its path. False: it is gone.
+// Translates an address at revision `since` to the current revision (M3). Specs that pending work
+// creates keep the address by creation; committed ones get a path. Returns false for a deleted
+// spec.
 bool Session::Impl::readdress(Address& address, const LayerId& layer, Revision since,
                               bool creates) const {
     std::string path = address.path;
@@ -122,7 +123,7 @@ bool Session::Impl::readdress(Address& address, const LayerId& layer, Revision s
         const auto* created = creations_.find(*address.creation);
         if (!created || created->layer != layer) return true;
         auto absolute = absolutePath(address.path, created->path);
-        if (!absolute || !specpath::parse(*absolute)) return true;  // for the server to refuse
+        if (!absolute || !specpath::parse(*absolute)) return true;  // the server refuses it
         path = *std::move(absolute);
         mark = created->mark;
     }
@@ -148,7 +149,7 @@ void Session::Impl::readdress(Edit& edit, Revision since, const Creation& number
     auto* move = std::get_if<MoveSpec>(&edit.action);
     if (!readdress(edit.address, edit.layer, since, creates) ||
         (move && !readdress(move->parent, edit.layer, since, false)))
-        edit.address = nowhere(number);
+        edit.address = unresolvable(number);
 }
 
 void Session::Impl::readdress(Pending& pending) {
@@ -163,21 +164,22 @@ void Session::Impl::readdressGesture() {
     gesture_->pending.transaction.base = revision_;
 }
 
-void Session::Impl::seal(Pending& pending, std::vector<std::optional<AuthoredEdit>> edits) {
+void Session::Impl::addressCarried(Pending& pending,
+                                   std::vector<std::optional<AuthoredEdit>> edits) {
     pending.prognosis = {};
     pending.transaction.base = revision_;
     for (std::size_t index = 0; index < edits.size(); ++index) {
         const Creation number{pending.transaction.id.sequence, std::uint32_t(index)};
-        auto told = edits[index] ? prediction_.author(*edits[index], number, pending.prognosis)
-                                 : fail(ErrorCode::SpecDeleted, "dropped");
-        if (!told) pending.prognosis.complete = false;
+        auto addressed = edits[index] ? prediction_.author(*edits[index], number, pending.prognosis)
+                                      : fail(ErrorCode::SpecDeleted, "dropped");
+        if (!addressed) pending.prognosis.complete = false;
         const AuthoredEdit& edit = pending.authored[index];
         pending.transaction.edits[index] =
-            told ? std::move(*told) : Edit{edit.layer, nowhere(number), edit.action};
+            addressed ? std::move(*addressed) : Edit{edit.layer, unresolvable(number), edit.action};
     }
 }
 
-void Session::Impl::tellEditor(const LayerDocs& before) {
+void Session::Impl::showDifference(const LayerDocs& before) {
     for (const LayerId& layer : layersOf(before, prediction_.docs())) {
         const LayerDoc* now = prediction_.find(layer);
         if (!now || !isJoined(layer) || resets_.contains(layer)) continue;
@@ -199,17 +201,17 @@ void Session::Impl::flushResets() {
 
 // ---- another history
 
-// The confirmed layers are worth nothing any more. The editor keeps what it sees until all its
-// layers have been fetched again; one's own work is carried over by where it stands now.
+// Called when the confirmed layers are not valid any more. The view stays until all layers have
+// been joined again. Own work is carried over by its paths in the view.
 void Session::Impl::freeze() {
     if (!frozen_) carryOver();
-    if (sending_) {  // it is addressed anew, and sent from its first part on
+    if (sending_) {  // it gets new addresses, and is sent again from its first part
         if (Pending* pending = pending_.find(sending_->sequence)) pending_.markUnsent(*pending);
         sending_.reset();
     }
-    // Also what was on its way: the commits that have to follow it are not known any more.
-    for (auto& [layer, opened] : layers_) opened.joinAnew();
-    disturb();
+    // Also those that are being joined: the commits that follow their content are unknown.
+    for (auto& [layer, opened] : layers_) opened.restart();
+    restartPrediction();
     dirty_ = false;
     host_.discard(std::make_shared<LayerDocs>(std::exchange(confirmed_, {})));
     log_ = {};
@@ -224,7 +226,7 @@ void Session::Impl::carryOver() {
     for (Pending& pending : pending_) pending.carried = prediction_.land(pending.transaction).edits;
     if (gesture_) gesture_->pending.carried = prediction_.land(gesture_->pending.transaction).edits;
     dirty_ = false;
-    tellEditor(before.docs());
+    showDifference(before.docs());
     discard(std::move(before));
 
     frozen_.emplace();
@@ -239,25 +241,25 @@ void Session::Impl::thaw() {
     host_.discard(std::make_shared<LayerDocs>(std::move(frozen_->views)));
     frozen_.reset();
     discard(prediction_.startAnew());
-    const auto homeless = [this](const Pending& pending) {
+    const auto withoutLayer = [this](const Pending& pending) {
         return std::any_of(pending.carried.begin(), pending.carried.end(), [&](const auto& edit) {
             return edit && !confirmed_.contains(edit->layer);
         });
     };
     for (Pending& pending : pending_.takeAll()) {
-        if (homeless(pending)) {
+        if (withoutLayer(pending)) {
             lose(std::move(pending), {ErrorCode::LayerNotFound, "its layer is gone"});
             continue;
         }
-        seal(pending, std::exchange(pending.carried, {}));
+        addressCarried(pending, std::exchange(pending.carried, {}));
         pending_.add(std::move(pending));
     }
-    if (gesture_) seal(gesture_->pending, std::exchange(gesture_->pending.carried, {}));
+    if (gesture_) addressCarried(gesture_->pending, std::exchange(gesture_->pending.carried, {}));
     for (const auto& [layer, opened] : layers_)
         if (!opened.joining && opened.wanted) resets_.insert(layer);
-    // The edits are addressed as if they were made now. What becomes of them the executor says: a
-    // spec that they create may be there already (M13).
-    disturb();
+    // The edits have addresses as if they were made now. The executor decides about them: a spec
+    // that they create may exist already (M13).
+    restartPrediction();
     presentAgain();
 }
 
@@ -282,7 +284,7 @@ void Session::Impl::dropClosed() {
         if (online_ && asked) sendControl(CloseLayer{layer});
         if (auto closed = confirmed_.extract(layer))
             host_.discard(std::make_shared<LayerDoc>(std::move(closed.mapped())));
-        if (rebuild_ || prediction_.predicts(layer)) disturb();
+        if (rebuild_ || prediction_.predicts(layer)) restartPrediction();
         entry = layers_.erase(entry);
     }
 }

@@ -11,10 +11,6 @@
 
 namespace usdlive::client {
 
-[[nodiscard]] inline Error toError(const ErrorMessage& message) {
-    return {errorFromName(message.code).value_or(ErrorCode::Internal), message.message};
-}
-
 /// Answers by the numbers of their requests. Several requests may wait, when an event handler asks
 /// while its caller waits.
 class Answers {

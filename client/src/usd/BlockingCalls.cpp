@@ -73,7 +73,7 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::createLayer(const LayerId& id) {
                     "cannot create " + id.value +
                         " without a connection: only the server knows which names are free. Try "
                         "again when it is there");
-    const auto answer = answerTo(session_.createLayer(id), kSilenceMs);
+    const auto answer = answerTo(session_.request(CreateLayer{.layer = id}), kSilenceMs);
     if (!answer)
         return fail(ErrorCode::NotConnected, "the server did not say in time whether " + id.value +
                                                  " was created; it may be there");
@@ -144,8 +144,7 @@ Result<LayersSaved> Client::Impl::saveAndWait(std::vector<LayerId> layers, bool 
     if (!answer)
         return fail(ErrorCode::NotConnected,
                     "the server did not say in time that it has saved; it may still do it");
-    return answer->map(
-        [](const client::Event& one) { return std::get<event::Saved>(one).outcome; });
+    return answer->map([](const client::Event& one) { return std::get<event::Saved>(one).answer; });
 }
 
 // Ticks until the server has answered. Nothing: not in time. Event handlers run meanwhile, and may

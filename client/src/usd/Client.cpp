@@ -151,6 +151,17 @@ const std::map<ClientId, Presence>& Client::presences() const {
 
 // --- files and checkpoints
 
+std::uint64_t Client::request(AnyRequest request) {
+    return here("request").session().request(std::move(request));
+}
+
+Result<client::Event> Client::waitFor(std::uint64_t request, double timeoutMs) {
+    if (const auto error = misuse("waitFor", true)) return tl::unexpected(*error);
+    if (auto answer = impl_->answerTo(request, timeoutMs)) return *std::move(answer);
+    return fail(ErrorCode::NotConnected, "the server did not answer within " +
+                                             std::to_string(std::int64_t(timeoutMs)) + " ms");
+}
+
 std::uint64_t Client::save(std::vector<LayerId> layers, bool force) {
     return here("save").save(std::move(layers), force);
 }
@@ -161,18 +172,18 @@ Result<LayersSaved> Client::saveAndWait(std::vector<LayerId> layers, bool force,
 }
 
 std::uint64_t Client::reload(std::vector<LayerId> layers) {
-    return here("reload").session().reload(std::move(layers));
+    return here("reload").session().request(ReloadLayers{.layers = std::move(layers)});
 }
 
 std::uint64_t Client::createCheckpoint(std::string name) {
-    return here("createCheckpoint").session().createCheckpoint(std::move(name));
+    return here("createCheckpoint").session().request(CreateCheckpoint{.name = std::move(name)});
 }
 
 std::uint64_t Client::listCheckpoints() {
-    return here("listCheckpoints").session().listCheckpoints();
+    return here("listCheckpoints").session().request(ListCheckpoints{});
 }
 
-std::uint64_t Client::listSkipped() { return here("listSkipped").session().listSkipped(); }
+std::uint64_t Client::listSkipped() { return here("listSkipped").session().request(ListSkipped{}); }
 
 // --- work that was lost or not sent
 

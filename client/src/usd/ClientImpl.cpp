@@ -175,7 +175,8 @@ std::uint64_t Client::Impl::save(std::vector<LayerId> layers, bool force) {
     TickResult ticked;
     if (!ticking_) work(0, ticked, Seal::Now);
     saveAgain(layers_.live(), session_);
-    return session_.save(std::move(layers), force);
+    const auto forced = force ? std::optional(true) : std::nullopt;
+    return session_.request(SaveLayers{.layers = std::move(layers), .force = forced});
 }
 
 // --- events
@@ -199,6 +200,12 @@ void Client::Impl::reportJoined() {
 }
 
 bool Client::Impl::note(client::Event& one) {
+    std::visit(
+        [&](const auto& each) {
+            if constexpr (requires { each.answer.request; })
+                answers_.add(each.answer.request, client::Event(each));
+        },
+        one);
     if (const auto* connected = std::get_if<event::Connected>(&one)) {
         line_.welcomed();
         std::vector<LayerId> layers;
@@ -220,10 +227,6 @@ bool Client::Impl::note(client::Event& one) {
     } else if (auto* lost = std::get_if<event::Lost>(&one)) {
         lost_.add(std::move(lost->work));
         return false;
-    } else if (const auto* saved = std::get_if<event::Saved>(&one)) {
-        answers_.add(saved->outcome.request, one);
-    } else if (const auto* made = std::get_if<event::LayerMade>(&one)) {
-        answers_.add(made->answer.request, one);
     } else if (const auto* error = std::get_if<event::ServerError>(&one)) {
         return noteError(error->message);
     }
@@ -231,7 +234,7 @@ bool Client::Impl::note(client::Event& one) {
 }
 
 bool Client::Impl::noteError(const ErrorMessage& message) {
-    if (message.request) answers_.add(*message.request, tl::unexpected(client::toError(message)));
+    if (message.request) answers_.add(*message.request, tl::unexpected(toError(message)));
     if (message.blob) values_.failed(*message.blob);
     return !message.closing || line_.closing(message, session_);
 }

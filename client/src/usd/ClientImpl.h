@@ -71,6 +71,8 @@ public:
     void close(const LayerId& id);
     bool flush(double timeoutMs);
     Result<LayersSaved> saveAndWait(std::vector<LayerId> layers, bool force, double timeoutMs);
+    /// Nothing: the server has not answered in time.
+    std::optional<Result<client::Event>> answerTo(std::uint64_t request, double timeoutMs);
     std::optional<client::UnsentWork> leave(double timeoutMs);
 
     // Layers.
@@ -133,7 +135,6 @@ private:
     void reportJoined();
 
     Result<void> waitForOpen(std::uint64_t request);
-    std::optional<Result<client::Event>> answerTo(std::uint64_t request, double timeoutMs);
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
     [[nodiscard]] std::optional<client::UnsentWork> unsent();
 

@@ -57,7 +57,7 @@ void saveAgain(LiveSet& layers, Session& session) {
     std::vector<LayerId> written;
     for (LiveLayer* live : layers.active())
         if (live->takeSaved()) written.push_back(live->id());
-    if (!written.empty()) session.save(std::move(written), true);
+    if (!written.empty()) session.request(SaveLayers{.layers = std::move(written), .force = true});
 }
 
 }  // namespace usdlive::client

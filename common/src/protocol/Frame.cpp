@@ -1,3 +1,4 @@
+// Messages to frames, compression, chain hashes.
 #include "usdlive/common/protocol/Frame.h"
 
 #include <zstd.h>
@@ -12,7 +13,7 @@ namespace usdlive {
 
 namespace {
 
-// A context is large: making one costs more than most of what is compressed with it.
+// A context is large: creating one takes longer than most compressions with it.
 struct FreeContext {
     void operator()(ZSTD_CCtx* context) const { ZSTD_freeCCtx(context); }
     void operator()(ZSTD_DCtx* context) const { ZSTD_freeDCtx(context); }
@@ -35,15 +36,15 @@ Result<std::vector<ByteView>> splitMessage(ByteView message, std::size_t maxFram
         if (reader.failed())
             return fail(ErrorCode::MalformedFrame, "a message ends within a frame");
         if (frame.size() < kMinFrameBytes)
-            return fail(ErrorCode::MalformedFrame, "a message holds what is too small for a frame");
+            return fail(ErrorCode::MalformedFrame, "a message contains a frame that is too small");
         frames.push_back(frame);
     }
-    if (frames.empty()) return fail(ErrorCode::MalformedFrame, "a message holds no frame");
+    if (frames.empty()) return fail(ErrorCode::MalformedFrame, "a message contains no frame");
     return frames;
 }
 
 Bytes deflate(ByteView raw) {
-    thread_local Bytes data;  // as large as it has ever had to be
+    thread_local Bytes data;  // keeps its largest size
     data.resize(std::max(data.size(), ZSTD_compressBound(raw.size())));
     const std::size_t size =
         ZSTD_compressCCtx(compressor.get(), data.data(), data.size(), raw.data(), raw.size(), 1);
@@ -55,9 +56,10 @@ Result<void> inflate(ByteView data, std::size_t rawBytes, std::size_t limit, Byt
     if (rawBytes > limit)
         return fail(ErrorCode::MalformedFrame,
                     "a compressed part inflates to more than " + std::to_string(limit) + " bytes");
-    // Our own encoder always writes the size, so that a bomb is known before anything is allocated.
+    // Our encoder always writes the size, so that a bomb is refused before memory is allocated.
     if (ZSTD_getFrameContentSize(data.data(), data.size()) != rawBytes)
-        return fail(ErrorCode::MalformedFrame, "a compressed part is not of the size it claims");
+        return fail(ErrorCode::MalformedFrame,
+                    "a compressed part does not have the size that it names");
     raw.resize(rawBytes);
     const std::size_t size =
         ZSTD_decompressDCtx(decompressor.get(), raw.data(), raw.size(), data.data(), data.size());

@@ -1,3 +1,4 @@
+// Frames from bytes: everything is verified before it is used (FR3, FR7).
 #include <algorithm>
 #include <cmath>
 
@@ -17,8 +18,8 @@ using ByteVector = flatbuffers::Vector<std::uint8_t>;
 template <class T>
 using TableVector = flatbuffers::Vector<flatbuffers::Offset<T>>;
 
-// What cannot be told by return values without drowning the code in checks; never leaves
-// decodeFrame().
+// Ends the decoding of a frame. Does not leave decodeFrame(); return values would need a check at
+// every call.
 struct Undecodable {
     Error error;
 };
@@ -43,8 +44,8 @@ bool isSpecKind(std::uint8_t kind) {
     return false;
 }
 
-/// Turns a verified FlatBuffer into our types. FlatBuffers may refer to one text or table many
-/// times; what is copied and built is therefore counted against the size of the frame (FR7).
+/// Converts a verified FlatBuffer into our types. A FlatBuffer may refer to one text or table many
+/// times, so the memory of the result is limited by the size of the frame (FR7).
 class FrameDecoder {
 public:
     explicit FrameDecoder(std::size_t frameBytes)
@@ -74,9 +75,9 @@ public:
     }
 
 private:
-    // What our encoder writes stays below the budget even if every edit repeats a long name.
+    // Frames of our encoder stay below the budget even if every edit repeats a long name.
     static constexpr std::size_t kCountedLayerBytes = 256;
-    // About what the decoded takes beside the bytes of its texts; entries of a composite are small.
+    // Estimated memory of a decoded edit without its texts; entries of a composite are small.
     static constexpr std::size_t kEditBytes = 256, kTextBytes = 32, kCompositeFactor = 6;
 
     void spend(std::size_t bytes, std::size_t times = 1) {
@@ -116,7 +117,7 @@ private:
         return std::move(*value);
     }
     ErrorCode errorCode(const Text* name) {
-        // A code of a newer version: the message still tells people what it was.
+        // A code of a newer version: the message still explains it.
         return errorFromName(view(name)).value_or(ErrorCode::Internal);
     }
     ClientId clientId(const Text* text) {
@@ -318,10 +319,10 @@ private:
     std::vector<LayerId> layers_;
 };
 
-/// Whether a frame that is not verified yet has no more parts of dictionary keys than there is room
-/// for, each counted as often as referred to. The verifier looks at every one of them, and a
-/// thousand edits that share a key of a million parts would cost it a minute. What is damaged
-/// counts nothing: it is the verifier's affair.
+/// Counts the parts of dictionary keys in a frame that is not verified yet, each as often as the
+/// frame refers to it, and returns whether they are within the limit. The verifier visits every one
+/// of them: a thousand edits that share a key of a million parts would take it a minute. Damaged
+/// parts count nothing; the verifier finds them.
 class KeyCounter {
 public:
     explicit KeyCounter(ByteView frame)
@@ -349,14 +350,14 @@ public:
 private:
     using Table = flatbuffers::Table;
 
-    // It counts tables, and levels as long as nobody says that they end.
+    // The verifier counts tables, and levels that it is not told the end of.
     static flatbuffers::Verifier::Options unlimited() {
         flatbuffers::Verifier::Options options;
         options.max_depth = options.max_tables = ~flatbuffers::uoffset_t(0);
         return options;
     }
 
-    /// What a field of the table refers to; nullptr when there is nothing, or it is damaged.
+    /// Returns the target of a table's field; nullptr if there is none or it is damaged.
     const Table* below(const Table* table, flatbuffers::voffset_t field) {
         const bool there =
             table && table->VerifyTableStart(verifier_) && table->VerifyOffset(verifier_, field);
@@ -368,7 +369,7 @@ private:
         return there ? table->GetField<std::uint8_t>(field, 0) : 0;
     }
 
-    /// `tables`: a vector of edits, or of what has one in the field `edit`.
+    /// `tables`: a vector of edits, or of tables with an edit in their field `edit`.
     bool edits(const Table* tables, flatbuffers::voffset_t edit = 0) {
         const auto* all = reinterpret_cast<const TableVector<Table>*>(tables);
         if (!all || !verifier_.VerifyVector(all)) return true;
@@ -400,21 +401,21 @@ private:
     std::size_t left_;
 };
 
-/// The frame's root, its structure verified; nothing when it is no frame.
+/// Verifies the structure of a frame and returns its root; nullptr if it is not a frame.
 const wire::Frame* verified(ByteView frame) {
     if (frame.size() < kMinFrameBytes || frame.size() >= FLATBUFFERS_MAX_BUFFER_SIZE ||
         !KeyCounter(frame).areFew())
         return nullptr;
     flatbuffers::Verifier::Options options;
     options.max_depth = 16;
-    // No table of ours takes less than 8 bytes with the offset that refers to it.
+    // Each of our tables takes at least 8 bytes, with the offset that refers to it.
     options.max_tables = flatbuffers::uoffset_t(frame.size() / 8);
     flatbuffers::Verifier verifier(frame.data(), frame.size(), options);
     return wire::VerifyFrameBuffer(verifier) ? wire::GetFrame(frame.data()) : nullptr;
 }
 
-/// The frame where FlatBuffers can read it: numbers want addresses that are multiples of four, and
-/// a frame stands where the one before it ends. Ours have such lengths, so only others are copied.
+/// Returns the frame at an aligned address: FlatBuffers needs multiples of four. The lengths of our
+/// own frames are such multiples, so only frames of others are copied.
 ByteView aligned(ByteView frame, Bytes& copy) {
     if (reinterpret_cast<std::uintptr_t>(frame.data()) % sizeof(flatbuffers::uoffset_t) == 0)
         return frame;
@@ -422,7 +423,7 @@ ByteView aligned(ByteView frame, Bytes& copy) {
     return copy;
 }
 
-/// Calls `visit` with the values that an edit sets.
+/// Calls `visit` with each value that an edit sets.
 Result<void> forEachContent(const wire::Edit& edit,
                             const std::function<void(const FieldValue&)>& visit) {
     const auto* set = edit.action_as_SetField();

@@ -1,3 +1,4 @@
+// Frames to bytes.
 #include <sys/mman.h>
 
 #include <algorithm>
@@ -21,8 +22,8 @@ using Vector = Offset<flatbuffers::Vector<std::uint8_t>>;
 using EditVector = Offset<flatbuffers::Vector<Offset<wire::Edit>>>;
 using DroppedVector = Offset<flatbuffers::Vector<Offset<wire::Dropped>>>;
 
-/// Memory of which only the pages that were written count. A buffer as large as the largest frame
-/// never has to grow, which would hold what is written twice.
+/// Memory in which only written pages count. The buffer is as large as the largest frame and never
+/// grows: growing would keep the content twice.
 class PagedMemory final : public flatbuffers::Allocator {
 public:
     std::uint8_t* allocate(std::size_t size) override {
@@ -33,7 +34,7 @@ public:
     }
     void deallocate(std::uint8_t* memory, std::size_t size) override { munmap(memory, size); }
 
-    /// The whole pages between them are not needed any more.
+    /// Releases the whole pages between two addresses.
     static void release(const std::uint8_t* begin, const std::uint8_t* end) {
         constexpr std::uintptr_t kPage = 4096;
         const auto first = (reinterpret_cast<std::uintptr_t>(begin) + kPage - 1) / kPage * kPage;
@@ -42,8 +43,8 @@ public:
     }
 };
 
-/// Writes one frame. Texts up to kSharedTextBytes are written once, however often they occur:
-/// longer ones are not, so that a decoder can bound what it copies by the size of the frame (FR7).
+/// Writes one frame. A text up to kSharedTextBytes is written once, however often it occurs. Longer
+/// texts are repeated, so that a decoder can limit its memory by the size of the frame (FR7).
 class FrameEncoder {
 public:
     FrameEncoder() : builder_(1024) {}
@@ -99,7 +100,7 @@ public:
 
 private:
     static constexpr std::size_t kSharedTextBytes = 128;
-    // However often they name the same long texts, a frame of these is read (FR7).
+    // A decoder accepts a frame of these, however often they name the same long texts (FR7).
     static constexpr std::size_t kPartEdits = 20'000;
 
     [[nodiscard]] Bytes take() const {
@@ -134,7 +135,7 @@ private:
         if (added) entry->second = builder_.CreateString(value);
         return entry->second;
     }
-    /// Most paths are new, or that of the edit before.
+    /// Most paths are new, or equal to that of the edit before.
     TextOffset path(const std::string& value) {
         if (lastPath_ && *lastPath_ == value && value.size() <= kSharedTextBytes)
             return lastPathText_;
@@ -236,7 +237,7 @@ private:
 
     Offset<wire::Edit> edit(const Edit& edit) {
         const std::uint32_t layer = layerIndex(edit.layer);
-        // FR7: an edit has at least 32 bytes, which without a value it has with a path of its own.
+        // FR7: an edit has at least 32 bytes. An edit without a value has them with its own path.
         if (!std::holds_alternative<SetField>(edit.action)) lastPath_ = nullptr;
         const TextOffset path = this->path(edit.address.path);
         const Creation creation = edit.address.creation.value_or(Creation{});
@@ -244,7 +245,7 @@ private:
         return wire::CreateEdit(builder_, layer, path, creation.sequence, creation.edit, type,
                                 action);
     }
-    /// What makes a spec with its fields.
+    /// Adds the edits that create a spec with its fields.
     void writeSpec(const LayerId& layer, const LayerDoc::SpecView& spec,
                    std::vector<Offset<wire::Edit>>& out) {
         const std::uint32_t index = layerIndex(layer);
@@ -270,7 +271,7 @@ private:
         for (const Edit& one : edits) written.push_back(edit(one));
         return builder_.CreateVector(written);
     }
-    /// Those from `at` on that go into one part: one at least.
+    /// The edits from `at` on that fit into one part, at least one.
     EditVector editsOfPart(const std::vector<Edit>& edits, PartsAt& at, std::size_t bytes) {
         std::vector<Offset<wire::Edit>> written;
         for (; at.edit < edits.size(); ++at.edit) {

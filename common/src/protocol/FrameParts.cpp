@@ -1,3 +1,4 @@
+// Transactions and commits in parts (FR8).
 #include "usdlive/common/protocol/FrameParts.h"
 
 #include <iterator>
@@ -64,7 +65,7 @@ std::uint64_t leastFrameBytes(const Edit& edit) {
 std::uint64_t leastFrameBytes(const std::vector<Edit>& edits) {
     constexpr std::uint64_t kEditBytes = 32;  // FR7
     std::uint64_t bytes = kEditBytes * edits.size();
-    const std::string* last = nullptr;  // the path of the edit before is written once
+    const std::string* last = nullptr;  // a repeated path is written once
     for (const Edit& edit : edits) {
         bytes += leastFrameBytes(edit);
         if (last && *last == edit.address.path) bytes -= last->size();

@@ -1,3 +1,4 @@
+// A layer's content as records in chunks, and back (SN1-SN4).
 #include "usdlive/common/protocol/Snapshot.h"
 
 #include "usdlive/common/core/ByteStream.h"
@@ -7,11 +8,11 @@ namespace usdlive {
 
 namespace {
 
-// SN2: what a record is.
+// SN2: the kind of a record.
 enum class Record : std::uint8_t { Spec = 1, Field = 2, FieldPart = 3 };
 
-// A chunk is closed once it holds kFullBytes; a record takes at most kFieldPartBytes of content, so
-// that no chunk passes kChunkBytes.
+// A chunk ends when it has kFullBytes. A record has at most kFieldPartBytes of content, so that no
+// chunk has more than kChunkBytes.
 constexpr std::size_t kFullBytes = 128 * 1024;
 constexpr std::size_t kFieldPartBytes = 96 * 1024;
 constexpr std::uint64_t kMaxFieldBytes = 1ull << 30;  // of one field; a decoder refuses more
@@ -168,7 +169,8 @@ private:
         if (name != partName || size != partSize || size > kMaxFieldBytes ||
             part.size() + bytes.size() > size)
             return malformed("a snapshot's field has parts that do not fit");
-        appendBytes(part, bytes);  // grows by what has arrived, not by what is claimed
+        appendBytes(part,
+                    bytes);  // grows with the received bytes, not by the size that the record names
         if (part.size() < size) return {};
         auto done = put(name, part);  // the names of all parts are the same
         part = {};

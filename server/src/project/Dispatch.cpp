@@ -82,7 +82,8 @@ void Project::Impl::receive(Session& session, const ControlMessage& message) {
                    [&](const ListCheckpoints& request) { checkpoints_.list(session, request); },
                    [&](const CompactHistory& request) { compaction_.request(session, request); },
                    [&](const RequestStorage& request) { compaction_.measure(session, request); },
-                   [&](const auto&) {
+                   [&]<class Message>(const Message&) {
+                       static_assert(!IsRequest<Message>, "every request needs its meaning here");
                        sessions_.close(session, {ErrorCode::MalformedControl,
                                                  "a message of a type that only the server sends"});
                    },

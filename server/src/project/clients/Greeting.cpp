@@ -9,11 +9,6 @@ namespace usdlive::server {
 
 namespace {
 
-// PR1: features that the server has, beyond the basics.
-const std::vector<std::string> kFeatures{"history",  "log",         "previews",   "previewValues",
-                                         "states",   "presence",    "conflation", "storage",
-                                         "progress", "createLayer", "skipped",    kPartsFeature};
-
 // A client further behind than this cannot resume: snapshots are then quicker than commits.
 constexpr Revision kMaxResumeCommits = 50'000;
 
@@ -26,7 +21,7 @@ bool isClientId(const std::string& text) {
 
 std::vector<std::string> common(const std::vector<std::string>& asked) {
     std::vector<std::string> both;
-    for (const std::string& feature : kFeatures)
+    for (const std::string& feature : protocolFeatures())
         if (std::find(asked.begin(), asked.end(), feature) != asked.end()) both.push_back(feature);
     return both;
 }

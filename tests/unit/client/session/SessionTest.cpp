@@ -922,11 +922,11 @@ TEST_F(SessionTest, RequestsOnTheirWayAreSentAgain) {
 }
 
 TEST_F(SessionTest, CP1ACheckpointIsAnsweredOrFailsWithTheReason) {
-    const auto offline = peer.session.createCheckpoint("lunch");
+    const auto offline = peer.session.request(CreateCheckpoint{.name = "lunch"});
     peer.advance();
     EXPECT_EQ(peer.eventsOf<event::ServerError>().at(0).message.request, offline);
     joinShot();
-    const auto first = peer.session.createCheckpoint("lunch");
+    const auto first = peer.session.request(CreateCheckpoint{.name = "lunch"});
     EXPECT_EQ(*peer.takeControl<CreateCheckpoint>(), (CreateCheckpoint{first, "lunch"}));
     const Checkpoint lunch{"lunch", 1, {"ada"}, 7};
     peer.deliver(CheckpointCreated{first, lunch});
@@ -934,11 +934,11 @@ TEST_F(SessionTest, CP1ACheckpointIsAnsweredOrFailsWithTheReason) {
     const auto made = peer.eventsOf<event::CheckpointMade>();
     ASSERT_EQ(made.size(), 1u);
     EXPECT_EQ(made[0].answer, (CheckpointCreated{first, lunch}));
-    const auto listing = peer.session.listCheckpoints();
+    const auto listing = peer.session.request(ListCheckpoints{});
     peer.deliver(Checkpoints{listing, {lunch}});
-    const auto again = peer.session.createCheckpoint("lunch");
+    const auto again = peer.session.request(CreateCheckpoint{.name = "lunch"});
     peer.deliver(ErrorMessage{"checkpointExists", "there is one", false, again, {}});
-    const auto cut = peer.session.createCheckpoint("dinner");
+    const auto cut = peer.session.request(CreateCheckpoint{.name = "dinner"});
     peer.advance();
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
     peer.advance();
@@ -1531,7 +1531,7 @@ TEST_F(SessionTest, ARequestLostWithItsConnectionIsAnswered) {
     std::optional<Error> error;
     peer.session.requestLog(
         1, 0, [](const Commit&) {}, [&](Result<void> result) { error = result.error(); });
-    peer.session.save({});
+    peer.session.request(SaveLayers{});
     peer.session.disconnected({ErrorCode::NotConnected, "away"});
     peer.advance();
     ASSERT_TRUE(error);

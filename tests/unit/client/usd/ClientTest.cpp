@@ -620,7 +620,7 @@ TEST_F(ClientTest, SavesOnTheServer) {
     bool isSaved = false;
     ada->setEventHandler([&](const client::Event& event) {
         if (const auto* saved = std::get_if<event::Saved>(&event))
-            isSaved = saved->outcome.saved == std::vector{kRoot};
+            isSaved = saved->answer.saved == std::vector{kRoot};
     });
     ada->save({kRoot});
     tick({ada.get()});

@@ -12,28 +12,28 @@
 
 namespace usdlive::client {
 
-/// An edit as the editor made it: absolute path in the layer as the editor sees it, each valid
-/// after the ones before.
+/// An edit as the editor made it: the absolute path in the layer that the editor sees, after the
+/// edits before it.
 struct AuthoredEdit {
     LayerId layer;
     std::string path;
-    EditAction action;  ///< MoveSpec::parent absolute, likewise
+    EditAction action;  ///< MoveSpec::parent is absolute, too
 };
 
-/// Why work of one's own is not in the project (M12).
+/// Own work that is not in the project, and the reason (M12).
 struct LostWork {
     std::uint64_t sequence = 0;
-    std::uint64_t gesture = 0;  ///< that it was, 0 for none
+    std::uint64_t gesture = 0;  ///< the gesture that it was; 0: none
     Error reason;
-    bool refused = false;  ///< the whole transaction; otherwise single edits were dropped
+    bool refused = false;  ///< the whole transaction was refused; else single edits were dropped
     std::vector<AuthoredEdit> edits;  ///< as the editor made them
 };
 
-/// Work of an earlier connection of the same user that the server has not acknowledged. It is kept
-/// in a journal on this machine.
+/// Work of an earlier connection of the same user that the server has not acknowledged. A journal
+/// on this machine keeps it.
 struct UnsentWork {
-    ClientId client;          ///< of that connection; names the work
-    std::int64_t timeMs = 0;  ///< of the newest of it, milliseconds since 1970
+    ClientId client;          ///< of that connection; it names the work
+    std::int64_t timeMs = 0;  ///< of the newest edit, since 1970
     std::size_t transactions = 0, edits = 0;
     std::vector<LayerId> layers;
     std::string file;  ///< the journal
@@ -51,7 +51,7 @@ struct JoinProgress {
     std::uint64_t specs = 0, specsTotal = 0;
 };
 
-/// What has happened, in order, for the editor's callbacks. Fetched by takeEvents().
+/// Events for the editor, in order.
 namespace event {
 struct Connected {
     Welcome welcome;
@@ -60,7 +60,7 @@ struct Connected {
 struct Disconnected {
     Error reason;
 };
-/// The project has other layers than before; these are all of them now.
+/// The layers of the project have changed. `layers` are all of them now.
 struct LayersChanged {
     std::vector<LayerId> layers;
 };
@@ -86,78 +86,79 @@ struct LayerOpenFailed {
     LayerId layer;
     Error reason;
 };
-/// Anybody's commit, own ones too, after it was applied. In the order of revisions, without gaps
-/// since Connected, but for those that were missed.
+/// A commit of any client, own ones too, after it was applied. In the order of revisions without
+/// gaps since Connected, except for `missed` ones.
 struct Committed {
     Commit commit;
-    /// One's own, of before Connected: it was made while the line was lost, and the layers held it
-    /// when they were joined anew (M9).
+    /// An own commit from before Connected. It was made while the connection was lost, and the
+    /// layers contained it when they were joined again (M9).
     bool missed = false;
 };
+/// Own work was refused or dropped.
 struct Lost {
     LostWork work;
     std::uint64_t index = 0;  ///< for Client::lostWork(); set by the client, not by the session
-    /// Of so many losts in a row of the same registers for the same reason, within a second, this
-    /// is the newest; the others are kept as well, before it.
+    /// So many losses of the same registers for the same reason, within a second. This is the
+    /// newest; the others are kept before it.
     std::uint64_t count = 1;
-};  ///< refused or dropped work of one's own
+};
 struct PreviewChanged {
     ClientId author;
     std::uint64_t gesture = 0;
     bool withdrawn = false;
 };
-struct Saved {
-    LayersSaved outcome;
+/// The answer to a request: Client::request(), Session::request().
+template <IsSingleRequest Request>
+struct Answered {
+    typename Request::Answer answer;
 };
-struct Reloaded {
-    LayersReloaded outcome;
-};
-struct CheckpointMade {
-    CheckpointCreated answer;
-};
-struct CheckpointsListed {
-    Checkpoints answer;
-};
-struct LayerMade {
-    LayerCreated answer;
-};
-struct SkippedListed {
-    SkippedFiles answer;
-};
-/// How far something is that takes long: told about twice a second after the first half second
-/// of an import or save, on the server, or an upload. The content of a layer on its way here is
-/// told by Joining; that of a peek by Task::Fetch.
+using Saved = Answered<SaveLayers>;
+using Reloaded = Answered<ReloadLayers>;
+using LayerMade = Answered<CreateLayer>;
+using SkippedListed = Answered<ListSkipped>;
+using CheckpointMade = Answered<CreateCheckpoint>;
+using CheckpointsListed = Answered<ListCheckpoints>;
+/// The progress of something that takes long, about twice a second after the first half second:
+/// an import or save of the server, an upload, or the content that a peek waits for (Fetch).
+/// Joining reports the content of layers that are being opened.
 struct Progress {
     enum class Task { Import, Save, Upload, Fetch, Open };
     Task task{};
-    LayerId layer;              ///< that it is at; empty for Upload
+    LayerId layer;              ///< the one in work; empty for Upload
     std::uint64_t done = 0;     ///< Save: layers; Upload: bytes; Fetch: specs
-    std::uint64_t total = 0;    ///< of the same; 0: not known, as with an Import
-    std::uint64_t request = 0;  ///< Save: the number that Session::save() returned
+    std::uint64_t total = 0;    ///< in the same unit; 0: unknown, as for an Import
+    std::uint64_t request = 0;  ///< Save: the number of the request
 };
 struct ServerError {
     ErrorMessage message;
 };
-/// There is unsent work of earlier connections: see Client::sendUnsent() and what follows it.
+/// Unsent work of earlier connections exists: see Client::sendUnsent().
 struct UnsentFound {
     std::vector<UnsentWork> work;
 };
-/// These layers are in another state than before; Session::layerStates() has all.
+/// The states of these layers have changed. Session::layerStates() has all states.
 struct LayerStatesChanged {
     std::vector<LayerState> layers;
 };
-/// Others are elsewhere, or gone; Session::presences() has all.
+/// Presences of others have changed, or they are gone. Session::presences() has all presences.
 struct PresenceChanged {
     std::vector<Presence> shown;
     std::vector<ClientId> gone;
 };
 }  // namespace event
+/// The events above, and event::Answered for each request.
+template <class Events, class Requests>
+struct WithAnswers;
+template <class... Events, class... Requests>
+struct WithAnswers<std::variant<Events...>, std::variant<Requests...>> {
+    using Type = std::variant<Events..., event::Answered<Requests>...>;
+};
 using Event =
-    std::variant<event::Connected, event::Disconnected, event::LayersChanged, event::Joining,
-                 event::Joined, event::JoinFailed, event::Committed, event::Lost,
-                 event::PreviewChanged, event::Saved, event::Reloaded, event::CheckpointMade,
-                 event::CheckpointsListed, event::ServerError, event::LayerStatesChanged,
-                 event::PresenceChanged, event::UnsentFound, event::LayerMade, event::SkippedListed,
-                 event::Progress, event::LayerOpened, event::LayerOpenFailed>;
+    WithAnswers<std::variant<event::Connected, event::Disconnected, event::LayersChanged,
+                             event::Joining, event::Joined, event::JoinFailed, event::Committed,
+                             event::Lost, event::PreviewChanged, event::ServerError,
+                             event::LayerStatesChanged, event::PresenceChanged, event::UnsentFound,
+                             event::Progress, event::LayerOpened, event::LayerOpenFailed>,
+                AnyRequest>::Type;
 
 }  // namespace usdlive::client

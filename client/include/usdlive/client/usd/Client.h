@@ -180,9 +180,22 @@ public:
     /// Where the others are, by client.
     [[nodiscard]] const std::map<ClientId, Presence>& presences() const;
 
-    // --- files and checkpoints
-    // Each request returns a number, which the event that answers it has: the one named here, or
-    // event::ServerError.
+    // --- requests
+    // Each ends with one event that has its number: event::Answered, or event::ServerError, also
+    // when the connection is lost (NotConnected).
+
+    /// Sends a request (common/protocol/Requests.h) and returns its number.
+    std::uint64_t request(AnyRequest request);
+    /// Sends a request and waits for its answer. NotConnected: also when the time is over.
+    ///
+    ///     auto created = live.ask(usdlive::CreateCheckpoint{.name = "before lunch"});
+    ///     if (!created) std::cerr << created.error().message << "\n";
+    template <IsSingleRequest Request>
+    [[nodiscard]] Result<typename Request::Answer> ask(Request what, double timeoutMs = 10'000);
+    /// Waits until a request has ended; returns the event::Answered.
+    [[nodiscard]] Result<client::Event> waitFor(std::uint64_t request, double timeoutMs);
+
+    // --- files and checkpoints: requests by name
 
     /// Asks the server to write layers (none: all that have changed) to their files, with what is
     /// confirmed; answered by event::Saved. A layer whose file somebody else has changed fails
@@ -236,5 +249,13 @@ private:
 
     std::unique_ptr<Impl> impl_;
 };
+
+template <IsSingleRequest Request>
+Result<typename Request::Answer> Client::ask(Request what, double timeoutMs) {
+    if (const auto error = misuse("ask", true)) return tl::unexpected(*error);
+    return waitFor(request(std::move(what)), timeoutMs).map([](client::Event&& event) {
+        return std::get<client::event::Answered<Request>>(std::move(event)).answer;
+    });
+}
 
 }  // namespace usdlive

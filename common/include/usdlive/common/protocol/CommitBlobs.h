@@ -1,6 +1,6 @@
 #pragma once
 
-// Which big values (V9) an encoded commit names.
+// Finds the big values (V9) that an encoded commit names.
 
 #include <functional>
 
@@ -10,8 +10,8 @@
 
 namespace usdlive {
 
-/// Calls `visit` for every blob that an encoded commit names, in what it dropped, too. Holds one
-/// value of it at a time. MalformedFrame, InvalidValue.
+/// Calls `visit` for every big value that an encoded commit names, also in its dropped edits. Reads
+/// one value at a time. Errors: MalformedFrame, InvalidValue.
 [[nodiscard]] Result<void> forEachBlob(ByteView encodedCommit,
                                        const std::function<void(const Hash&)>& visit);
 

@@ -1,7 +1,7 @@
 #pragma once
 
-// Transactions and commits that no frame can hold travel in parts (FR8): frames of their kind, each
-// with some of the edits, in order.
+// Splits transactions and commits that are too large for a frame into parts (FR8), and joins them:
+// frames of the same kind, each with some of the edits, in order.
 
 #include <optional>
 
@@ -10,41 +10,42 @@
 
 namespace usdlive {
 
-/// The feature of sessions that know parts. Others get the layers anew instead.
+/// The feature of sessions that know parts. Other sessions open their layers again instead.
 inline constexpr const char* kPartsFeature = "parts";
 
-/// A part has about so many bytes. What one holds is then below FR7's bounds, however often its
-/// edits name the same things, and other messages pass between two of them.
+/// The approximate size of a part in bytes. Such a part is within the bounds of FR7 however often
+/// its edits name the same things, and other messages can be sent between two parts.
 inline constexpr std::size_t kPartBytes = 2 * 1024 * 1024;
-/// A transaction has no more edits than this, in one frame or in parts.
+/// The most edits of a transaction, in one frame or in parts.
 inline constexpr std::size_t kMaxTransactionEdits = 16'000'000;
-/// Neither is a transaction larger unless configured otherwise, all its parts together.
+/// The largest transaction unless configured otherwise: all its parts together, in bytes.
 inline constexpr std::uint64_t kMaxTransactionBytes = std::uint64_t(1) << 30;
 
-/// The bytes of names and values of an edit. Costs no copy.
+/// Returns the bytes of the names and values of an edit. Copies nothing.
 [[nodiscard]] std::uint64_t leastFrameBytes(const Edit& edit);
-/// What a frame with these edits has at least, about: an encoder cannot build more than 2 GiB.
+/// Estimates the least size of a frame with these edits. An encoder cannot build more than 2 GiB.
 [[nodiscard]] std::uint64_t leastFrameBytes(const std::vector<Edit>& edits);
 
-/// Where the next part begins.
+/// The beginning of the next part.
 struct PartsAt {
     std::uint32_t part = 0;
     std::size_t edit = 0, dropped = 0;
-    bool isEnd = false;  ///< there is none
+    bool isEnd = false;  ///< there is no next part
 };
-/// Encodes the next part with its length in front, and moves `at` on. It has about `bytes`, or is
-/// larger with a single edit.
+/// Encodes the next part with its length in front, and advances `at`. The part has about `bytes`,
+/// or more if it is a single edit.
 [[nodiscard]] Bytes encodePart(const Transaction& transaction, PartsAt& at,
                                std::size_t bytes = kPartBytes);
 [[nodiscard]] Bytes encodePart(const Commit& commit, PartsAt& at, std::size_t bytes = kPartBytes);
 
-/// Joins the parts of one transaction as they come. The caller bounds what is joined.
+/// Joins the parts of one transaction as they arrive. The caller bounds their size.
 class SubmitParts {
 public:
-    /// The whole with the last part; nothing before. MalformedFrame: it does not follow.
+    /// Returns the transaction with the last part, and nothing before. MalformedFrame: the part
+    /// does not follow the one before.
     [[nodiscard]] Result<std::optional<Transaction>> add(SubmitFrame part);
     [[nodiscard]] const TransactionId& id() const { return whole_.id; }
-    /// Of the parts so far.
+    /// The edits of the parts so far.
     [[nodiscard]] const std::vector<Edit>& edits() const { return whole_.edits; }
 
 private:
@@ -52,11 +53,12 @@ private:
     std::uint32_t next_ = 0;
 };
 
-/// The same of a commit, and its chain hash.
+/// A commit that came in parts, and its chain hash.
 struct JoinedCommit {
     Commit commit;
     Hash hashAfter;
 };
+/// Joins the parts of one commit as they arrive.
 class CommitParts {
 public:
     /// `encoded`: the part's frame without its length.

@@ -1,5 +1,7 @@
 #pragma once
 
+// A layer's content as snapshot frames (SN1-SN4), and back.
+
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -9,13 +11,13 @@
 
 namespace usdlive {
 
-/// SN1, SN4: a layer's content as records, parents before children, cut into chunks of about
-/// kChunkBytes. Any thread; `doc` is a copy and costs nothing.
+/// Encodes a layer's content as records, parents before children, in chunks of about kChunkBytes
+/// (SN1, SN4). Can be used on any thread; `doc` is a cheap copy.
 class SnapshotEncoder {
 public:
     SnapshotEncoder(LayerDoc doc, std::uint64_t request);
     ~SnapshotEncoder();
-    /// The next chunk; nothing after the last.
+    /// Returns the next chunk, and nothing after the last.
     [[nodiscard]] std::optional<SnapshotFrame> next();
 
 private:
@@ -23,26 +25,27 @@ private:
     std::unique_ptr<State> state_;
 };
 
-/// What a snapshot's records say, in their order. An error ends the reading.
+/// Receives the records of a snapshot, in order. An error ends the reading.
 class SnapshotRecords {
 public:
     virtual ~SnapshotRecords() = default;
     virtual Result<void> spec(NodeId node, NodeId parent, std::uint64_t order, SpecKind kind,
                               std::string_view name) = 0;
-    /// Of the last spec.
+    /// A field of the last spec.
     virtual Result<void> field(std::string_view name, FieldValue value) = 0;
 };
 
-/// The other end. Any thread.
+/// Reads the records of a snapshot. Can be used on any thread.
 class SnapshotReader {
 public:
     explicit SnapshotReader(SnapshotRecords& records);
     ~SnapshotReader();
-    /// Chunks in order; MalformedFrame, InvalidValue otherwise, or the error of `records`. True
-    /// after the last.
+    /// Reads the next chunk. Returns true after the last one. Errors: MalformedFrame, InvalidValue,
+    /// or the error of `records`.
     Result<bool> add(const SnapshotFrame& frame);
     [[nodiscard]] std::uint64_t specs() const;  ///< so far
-    /// What the names of the last chunk's records are views of; else they end with the next add().
+    /// Takes the bytes that the names of the last chunk's records refer to. Otherwise the names are
+    /// valid until the next add().
     [[nodiscard]] Bytes takeBytes();
 
 private:
@@ -50,14 +53,14 @@ private:
     std::unique_ptr<State> state_;
 };
 
-/// Likewise, into a doc.
+/// Reads a snapshot into a LayerDoc.
 class SnapshotDecoder {
 public:
     SnapshotDecoder();
     ~SnapshotDecoder();
     Result<bool> add(const SnapshotFrame& frame) { return reader_.add(frame); }
     [[nodiscard]] std::uint64_t specs() const { return reader_.specs(); }
-    /// Precondition: add() returned true. Once.
+    /// Takes the doc, once. Precondition: add() returned true.
     [[nodiscard]] LayerDoc take();
 
 private:

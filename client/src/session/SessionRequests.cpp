@@ -1,0 +1,258 @@
+// The requests of a session and what ends them; layers and commits of the past that arrive for
+// them.
+#include <algorithm>
+
+#include "SessionImpl.h"
+
+namespace usdlive::client {
+
+namespace {
+
+constexpr std::int64_t kAskAgainMs = 1000;
+
+}  // namespace
+
+std::uint64_t Session::Impl::request(AnyRequest request) {
+    return std::visit([this](auto& each) { return sendRequest(each); }, request);
+}
+
+template <class Request>
+std::uint64_t Session::Impl::sendRequest(Request& request) {
+    request.request = requests_.nextNumber();
+    auto refused = whyNot(request.request, Request::kType, featureOf<Request>());
+    // The server would end the session over a request that it cannot read.
+    if (const auto read = decodeControl(encodeControl(request)); !read && !refused)
+        refused = PendingRequests::errorOf(request.request, read.error().code,
+                                           "the request '" + std::string(Request::kType) +
+                                               "' is not valid: " + read.error().message);
+    if (refused) {
+        events_.push_back(event::ServerError{*std::move(refused)});
+        return request.request;
+    }
+    requests_.add(request, [this](auto outcome) {
+        if (outcome)
+            events_.push_back(event::Answered<Request>{std::move(*outcome)});
+        else
+            events_.push_back(event::ServerError{std::move(outcome.error())});
+    });
+    sendControl(request);
+    return request.request;
+}
+
+// A server of an earlier version would end the session over a message that it does not know.
+std::optional<ErrorMessage> Session::Impl::whyNot(std::uint64_t number, std::string_view type,
+                                                  std::string_view feature) const {
+    const std::string request = "the request '" + std::string(type) + "'";
+    if (!online_)
+        return PendingRequests::errorOf(number, ErrorCode::NotConnected,
+                                        request + " needs a connection, and there is none");
+    if (!feature.empty() && std::ranges::count(welcome_->features, feature) == 0)
+        return PendingRequests::errorOf(
+            number, ErrorCode::UnsupportedProtocol,
+            "the server is of an earlier version, which does not know " + request + ": update it");
+    return std::nullopt;
+}
+
+void Session::Impl::on(const ErrorMessage& message) {
+    if (message.request && requests_.end(*message.request, tl::unexpected(message))) return;
+    const Error error = toError(message);
+    if (error.code == ErrorCode::ClientForgotten && !online_) forgotten_ = error;
+    if (error.code == ErrorCode::HistoryDiverged && !online_ && !message.closing) {
+        notResumed_ = message;  // reported when the welcome has come
+        return;
+    }
+    if (message.blob) {
+        if (downloads_.isAsked(*message.blob)) return blobFailed(*message.blob, error);
+        uploads_.refused(*message.blob, error.code, nowMs_);
+    }
+    events_.push_back(event::ServerError{message});
+}
+
+void Session::Impl::on(const RequestProgress& message) {
+    using Task = event::Progress::Task;
+    if (message.task != "import" && message.task != "save") return;
+    const Task task = message.task == "save" ? Task::Save : Task::Import;
+    events_.push_back(
+        event::Progress{task, message.layer, message.done, message.total, message.request});
+}
+
+// ---- a layer's content
+
+void Session::Impl::join(const LayerId& layer, Joining& joining) {
+    const OpenLayer open{requests_.nextNumber(), layer, 0};
+    joining.snapshot = {open.request, {}, {}};
+    requests_.add(open, [this, open](const auto& outcome) {
+        if (!outcome) joinFailed(open, outcome.error());
+    });
+    sendControl(open);
+}
+
+void Session::Impl::joinFailed(const OpenLayer& open, const ErrorMessage& message) {
+    const auto entry = layers_.find(open.layer);
+    if (entry == layers_.end()) return;
+    auto& joining = entry->second.joining;
+    if (!joining || joining->snapshot.request != open.request) return;  // requested again
+    const Error error = toError(message);
+    // The store comes back, and own work may wait for this layer.
+    if (joining->again && error.code == ErrorCode::StorageFailed) {
+        entry->second.restart();
+        joining->retryAtMs = nowMs_ + kAskAgainMs;
+        events_.push_back(event::ServerError{message});
+        return;
+    }
+    if (entry->second.wanted) events_.push_back(event::JoinFailed{entry->first, error});
+    if (frozen_) frozen_->views.erase(entry->first);
+    layers_.erase(entry);
+}
+
+// Requests again what the server could not read.
+void Session::Impl::joinAgain() {
+    for (auto& [layer, opened] : layers_) {
+        if (!opened.joining || !opened.joining->retryAtMs || *opened.joining->retryAtMs > nowMs_)
+            continue;
+        opened.joining->retryAtMs.reset();
+        join(layer, *opened.joining);
+    }
+}
+
+void Session::Impl::peek(const LayerId& layer, Revision revision,
+                         std::function<void(Result<LayerDoc>, Revision)> done) {
+    const LayerDoc* here = revision == 0 && online_ && isCaughtUp() ? confirmed(layer) : nullptr;
+    if (here) return done(*here, revision_);
+    const OpenLayer open{requests_.nextNumber(), layer, revision};
+    if (const auto refused = whyNot(open.request, open.kType, {}))
+        return done(tl::unexpected(toError(*refused)), 0);
+    peeks_.push_back({layer, revision, {open.request, {}, {}}, std::move(done)});
+    requests_.add(open, [this, open](const auto& outcome) {
+        const auto peek = std::ranges::find(peeks_, open.request,
+                                            [](const Peek& one) { return one.snapshot.request; });
+        if (outcome || peek == peeks_.end()) return;
+        const auto failed = std::move(peek->done);
+        peeks_.erase(peek);
+        failed(tl::unexpected(toError(outcome.error())), 0);
+    });
+    sendControl(open);
+}
+
+void Session::Impl::completePeeks() {
+    for (std::size_t index = 0; index < peeks_.size();) {
+        Incoming& snapshot = peeks_[index].snapshot;
+        if (!snapshot.content || !snapshot.opened) {
+            ++index;
+            continue;
+        }
+        Peek peek = std::move(peeks_[index]);
+        peeks_.erase(peeks_.begin() + std::ptrdiff_t(index));
+        requests_.forget(peek.snapshot.request);
+        if (peek.revision == 0 && online_ && !layers_.contains(peek.layer))
+            sendControl(CloseLayer{peek.layer});
+        peek.done(std::move(*peek.snapshot.content), peek.snapshot.opened->revision);
+    }
+}
+
+void Session::Impl::on(const LayerOpened& message) {
+    for (auto& [layer, opened] : layers_)
+        if (opened.joining && opened.joining->snapshot.request == message.request)
+            opened.joining->snapshot.opened = message;
+    for (Peek& peek : peeks_)
+        if (peek.snapshot.request == message.request) peek.snapshot.opened = message;
+}
+
+void Session::Impl::handle(ReceivedSnapshot&& received) {
+    for (auto& [layer, opened] : layers_) {
+        if (!opened.joining || opened.joining->snapshot.request != received.request) continue;
+        Incoming& snapshot = opened.joining->snapshot;
+        snapshot.content = std::move(received.whole);
+        if (!opened.wanted) return;
+        editor_.arriving(layer, std::move(received.part));
+        const std::uint64_t total = snapshot.opened ? snapshot.opened->specs : 0;
+        events_.push_back(event::Joining{{layer, received.specs, total}});
+        return;
+    }
+    for (Peek& peek : peeks_) {
+        if (peek.snapshot.request != received.request) continue;
+        peek.snapshot.content = std::move(received.whole);
+        const std::uint64_t total = peek.snapshot.opened ? peek.snapshot.opened->specs : 0;
+        events_.push_back(event::Progress{event::Progress::Task::Fetch, peek.layer, received.specs,
+                                          total, received.request});
+    }
+}
+
+// ---- commits of the past
+
+void Session::Impl::requestLog(Revision from, Revision to, std::function<void(const Commit&)> each,
+                               std::function<void(Result<void>)> done) {
+    const RequestLog log{requests_.nextNumber(), from, to};
+    if (const auto refused = whyNot(log.request, log.kType, {}))
+        return done(tl::unexpected(toError(*refused)));
+    logs_.push_back({log.request, false, std::move(each)});
+    requests_.add(log, [this, log, done = std::move(done)](const auto& outcome) {
+        std::erase_if(logs_, [&](const LogReader& one) { return one.request == log.request; });
+        if (outcome)
+            done({});
+        else
+            done(tl::unexpected(toError(outcome.error())));
+    });
+    sendControl(log);
+}
+
+void Session::Impl::on(const LogBegin& message) {
+    if (!logs_.empty() && logs_.front().request == message.request) logs_.front().begun = true;
+}
+
+// Its commit was missed with a history that is gone: what it did is in the layers as they were
+// joined again, and what was dropped of it only its commit says (M12). Otherwise its commit is on
+// its way.
+void Session::Impl::on(const AlreadyCommitted& message) {
+    if (message.revision > revision_) return;
+    auto pending = pending_.take(message.sequence);
+    if (!pending) return;
+    restartPrediction();
+    missed_.push_back({message.revision, std::move(*pending)});
+    readMissed();
+}
+
+// A server reads a few logs at once for a client, and there may be many of these.
+void Session::Impl::readMissed() {
+    constexpr std::ptrdiff_t kAtOnce = 8;
+    auto asked = std::ranges::count(missed_, true, &Missed::asked);
+    for (std::size_t index = 0; index < missed_.size() && asked < kAtOnce; ++index) {
+        if (missed_[index].asked) continue;
+        missed_[index].asked = true;
+        ++asked;
+        readMissed(missed_[index]);
+    }
+}
+
+void Session::Impl::readMissed(const Missed& missed) {
+    const std::uint64_t sequence = missed.pending.transaction.id.sequence;
+    const auto found = [this, sequence] {
+        return std::find_if(missed_.begin(), missed_.end(), [&](const Missed& other) {
+            return other.pending.transaction.id.sequence == sequence;
+        });
+    };
+    const auto each = [this, found](const Commit& commit) {
+        const auto entry = found();
+        if (entry == missed_.end() || commit.id != entry->pending.transaction.id) return;
+        if (!commit.dropped.empty()) reportDropped(entry->pending, commit);
+        missed_.erase(entry);
+        events_.push_back(event::Committed{commit, true});
+        readMissed();
+    };
+    const auto done = [this, found](const Result<void>& read) {
+        const auto entry = found();
+        if (!online_ || entry == missed_.end()) return;  // asked again, or answered
+        events_.push_back(
+            event::Lost{{.sequence = entry->pending.transaction.id.sequence,
+                         .gesture = entry->pending.transaction.gesture,
+                         .reason = {read ? ErrorCode::HistoryDiverged : read.error().code,
+                                    "it was committed in a history that cannot be read any more"},
+                         .refused = false,
+                         .edits = std::move(entry->pending.authored)}});
+        missed_.erase(entry);
+        readMissed();
+    };
+    requestLog(missed.revision, missed.revision, each, done);
+}
+
+}  // namespace usdlive::client
