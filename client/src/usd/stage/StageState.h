@@ -15,7 +15,7 @@
 #include "Kinds.h"
 #include "PrimNode.h"
 #include "Prototypes.h"
-#include "usdlive/client/usd/stage/Composition.h"
+#include "usd/stage/Composition.h"
 #include "usdlive/client/usd/stage/Stage.h"
 
 namespace usdlive::stage {

@@ -9,7 +9,6 @@
 #include <string>
 #include <vector>
 
-#include "usdlive/client/usd/stage/Composition.h"
 #include "usdlive/client/usd/stage/EditTarget.h"
 #include "usdlive/client/usd/stage/LoadRules.h"
 #include "usdlive/client/usd/stage/PopulationMask.h"
@@ -24,6 +23,7 @@ class SchemaRegistry;
 
 namespace usdlive::stage {
 
+class Composition;
 class StageState;
 
 /// How a stage is opened.
@@ -73,8 +73,8 @@ public:
     [[nodiscard]] pxr::SdfLayerRefPtrVector localLayers() const;
     [[nodiscard]] bool hasLocalLayer(const pxr::SdfLayerHandle& layer) const;
     [[nodiscard]] pxr::SdfLayerHandleSet usedLayers() const;
-    /// The cache below, for what reads or plans over all of it; and for `layers::StageHost`. Change
-    /// what is muted or loaded through the stage.
+    /// The composition below, which `layers::StageHost` returns from composition(). Its class is
+    /// private to the client library.
     [[nodiscard]] Composition& composition() const;
     [[nodiscard]] const schema::SchemaRegistry& schemas() const;
 
