@@ -19,6 +19,7 @@
 
 #include "support/Figures.h"
 #include "support/Server.h"
+#include "usd/stage/Composition.h"
 #include "usdlive/client/usd/layers/LayerStackHost.h"
 #include "usdlive/client/usd/layers/Layers.h"
 

@@ -6,7 +6,6 @@ import pathlib
 import re
 import shutil
 import subprocess
-import textwrap
 
 import pytest
 from conftest import cat
@@ -18,8 +17,10 @@ OUT_OF_REACH = (str(CHECKOUT), os.environ["USDLIVE_BUILD"], "/usr/include/python
 
 
 def output(*command, **options) -> str:
-    return subprocess.run([str(word) for word in command], check=True, text=True, stdout=subprocess.PIPE,
-                          env=bare_environment(), **options).stdout
+    done = subprocess.run([str(word) for word in command], check=False, text=True, stdout=subprocess.PIPE,
+                          env=bare_environment(), **options)
+    assert done.returncode == 0, done.stdout[-5000:]
+    return done.stdout
 
 
 def bare_environment() -> dict[str, str]:
@@ -96,30 +97,6 @@ def test_the_package_asks_only_for_what_programs_need(prefix):
     text = "".join(path.read_text() for path in package.glob("*.cmake"))
     assert not re.findall(r"find_package\((?!Threads|OpenSSL|zstd|tl-expected|CycloneDDS)\w+", text)
     assert "flatbuffers" not in text and "Boost" not in text and "nlohmann" not in text
-
-
-def cpp_examples(prefix) -> list[str]:
-    """The C++ of the README, and of the comments in all installed headers."""
-    readme = (CHECKOUT / "README.md").read_text()
-    blocks = [re.search(r"\n\n(    auto client = .*?)\n\n", readme, re.DOTALL).group(1)]
-    for header in sorted((prefix / "include" / "usdlive").rglob("*.h")):
-        for block in re.findall(r"(?:^ *///     .*\n)+", header.read_text(), re.MULTILINE):
-            blocks.append(re.sub(r"^ *///", "", block, flags=re.MULTILINE))
-    return [textwrap.dedent(block) for block in blocks]
-
-
-def test_the_examples_of_readme_and_headers_compile(tmp_path, prefix):
-    examples = cpp_examples(prefix)
-    assert len(examples) >= 2
-    source, build = tmp_path / "examples", tmp_path / "build"
-    shutil.copytree(EXAMPLE, source)
-    functions = "".join(f"void example{number}() {{\n{example}\n}}\n" for number, example in enumerate(examples))
-    (source / "main.cpp").write_text(
-        "#include <usdlive/client/usd/Client.h>\n"
-        "void edit(const pxr::SdfLayerRefPtr&) {}\nvoid editAndDraw() {}\n"
-        f"{functions}int main() {{}}\n")
-    output("cmake", "-G", "Ninja", "-S", source, "-B", build, f"-DCMAKE_PREFIX_PATH={prefix}")
-    output("cmake", "--build", build)
 
 
 def test_installed_programs_need_no_checkout(tmp_path, project, serve, prefix):

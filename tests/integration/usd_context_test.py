@@ -1055,6 +1055,26 @@ def test_a_live_stage_is_edited_by_two_and_saved_by_the_server(live, editor, cal
                    "result = 1") == 1
 
 
+def test_a_live_stage_opens_beside_the_event_loop(live, ctx):
+    """Other tasks run while the layers of a live stage arrive, and a layer that is not there is a failure."""
+    _, url = live
+
+    async def main(address):
+        opening = asyncio.create_task(ctx.open_stage_async(address))
+        frames = 0
+        while not opening.done():
+            await asyncio.sleep(0)
+            frames += ctx.get_stage_state() == StageState.OPENING
+        return opening.result(), frames
+
+    result, frames = asyncio.run(main(url))
+    assert result == (True, "") and frames > 10
+    assert radius(ctx.get_stage()).Get() == 1
+    assert ctx.close_stage()
+    (opened, error), _ = asyncio.run(main(url.replace("shot.usda", "none.usda")))
+    assert not opened and "none.usda" in error
+
+
 def test_a_stage_opens_over_dds(project, serve, ctx, monkeypatch):
     domain = str(random.SystemRandom().randint(1, 90))  # runs on one machine do not interfere
     monkeypatch.setenv("USDLIVE_DDS_DOMAIN", domain)

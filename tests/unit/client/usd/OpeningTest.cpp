@@ -119,8 +119,8 @@ TEST_F(OpeningTest, WithoutPayloadsTheirLayersAreLeftOut) {
 }
 
 // The work is spread over ticks, each of which ends soon after its budget.
-TEST_F(OpeningTest, ManyLayersOpenWhileTheEditorTicksWithinItsBudget) {
-    constexpr double kBudgetMs = 2;
+TEST_F(OpeningTest, ManyLayersOpenInManyTicks) {
+    constexpr double kBudgetMs = 0.2;  // far less than all of them take
     for (std::size_t i = 0; i < kMany; ++i) ada->requestOpenLayer(manyth(i));
     std::vector<double> tookMs;
     const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(120);

@@ -377,9 +377,8 @@ class UsdContext:
             if not address or address.folder:
                 root = yield loading.read
             else:
-                root = live.live.open_layer(
-                    # Blocks here, because layers belong to this thread.
-                    address.layer, _load(load_set) == Usd.Stage.LoadAll)
+                root = yield from live.open_layer(address.layer, _load(load_set) == Usd.Stage.LoadAll,
+                                                  self.settings.connect_timeout)
             session = yield (lambda: open_root(session_layer_url)) if session_layer_url else (lambda: None)
             text = ""
             self._check_not_shared(loading.layers.values())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import math
+import time
 import typing
 
 from pxr import Sdf, Usd
@@ -34,6 +36,35 @@ class LiveStage:
             if error.code != "notConnected":
                 raise
             _log.error("%s", error.message)
+
+    def open_layer(self, layer: str, payloads: bool, timeout: float) -> Steps[Sdf.Layer]:
+        """Opens a layer of the project while frames go on. Raises an error if the server refuses it, and a Failure
+        after `timeout` seconds without a connection."""
+        ends: list[events.LayerOpened | events.LayerOpenFailed] = []
+        connected = time.monotonic()
+
+        def receive(event: events.Event) -> None:
+            if isinstance(event, (events.LayerOpened, events.LayerOpenFailed)) and event.request == request:
+                ends.append(event)
+
+        def ended() -> bool:
+            nonlocal connected
+            self.tick()
+            if self.live.connected:
+                connected = time.monotonic()
+            return bool(ends) or time.monotonic() - connected > timeout
+
+        request = self.live.request_open_layer(layer, payloads)
+        self.live.add_handler(receive)
+        try:
+            yield Until(ended, lambda: None, math.inf)
+        finally:
+            self.live.remove_handler(receive)
+        if not ends:
+            raise Failure(f"cannot open {layer}: no connection to its server for {timeout:.0f} s")
+        if isinstance(ends[0], events.LayerOpenFailed):
+            raise usdlive.Error(ends[0].code, ends[0].message)
+        return self.live.opened_layer(layer)
 
     def name_of(self, layer: Sdf.Layer) -> str | None:
         """Returns the layer's name in the project, if it is live."""
@@ -118,10 +149,10 @@ class LiveStage:
                 return [event for event in received if getattr(event, "request", None) == number]
 
             yield Until(lambda: bool(answers()), self.tick, _SAVE_SECONDS)
-            told = answers()
+            answer = answers()
         finally:
             self.live.remove_handler(received.append)
-        return told[0] if told else events.ServerError(
+        return answer[0] if answer else events.ServerError(
             "notConnected", f"the server did not answer within {_SAVE_SECONDS:.0f} s", number)
 
     def leave(self, discard: bool) -> Steps[str]:

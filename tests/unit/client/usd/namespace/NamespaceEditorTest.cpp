@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "unit/client/usd/MemoryServer.h"
+#include "usd/ClientInternals.h"
 #include "usdlive/client/usd/Client.h"
 #include "usdlive/client/usd/Misuse.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
@@ -309,7 +310,8 @@ TEST(NamespaceEditor, EditorsWhoEditTheNamespaceAtOnceConverge) {
         for (unsigned i = 0; i < 3; ++i) {
             Client::Options options;
             options.user = "user" + std::to_string(i);
-            clients.push_back(std::move(*Client::connectBy(server.connect(), options)));
+            clients.push_back(
+                std::move(*client::ClientInternals::connectBy(server.connect(), options)));
             layers.push_back(*clients.back()->openLayer(id));
             editors.push_back(std::make_unique<RandomNamespace>(layers.back(), unsigned(random())));
         }

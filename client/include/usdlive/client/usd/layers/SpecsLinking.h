@@ -1,5 +1,7 @@
 #pragma once
 
+#include <pxr/usd/sdf/layer.h>
+
 #include <map>
 #include <set>
 #include <string>
