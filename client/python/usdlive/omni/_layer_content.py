@@ -1,4 +1,4 @@
-"""Moves content between layers and adjusts its asset paths."""
+"""What contexts and layers share: edit targets, and content that moves between layers with its asset paths."""
 
 from __future__ import annotations
 
@@ -26,6 +26,21 @@ def is_locked(layer: Sdf.Layer, root: Sdf.Layer) -> bool:
     """Returns True if the layer is locked by its own customLayerData, or by Kit's map in the root layer. The
     root layer is never locked."""
     return _usdlive.layer_utils.is_layer_locked(layer.identifier, root.identifier)
+
+
+def set_edit_target(stage: Usd.Stage, layer_identifier: str) -> bool:
+    """Returns False for a layer that is not local, or is locked."""
+    layer = find_layer(layer_identifier)
+    if not layer or not stage.HasLocalLayer(layer) or is_locked(layer, stage.GetRootLayer()):
+        return False
+    stage.SetEditTarget(stage.GetEditTargetForLocalLayer(layer))
+    return True
+
+
+def restore_edit_target(stage: Usd.Stage) -> bool:
+    """Restores the edit target of the last save, which Kit stores in the root layer."""
+    layer = _usdlive.layer_utils.authoring_layer(stage.GetRootLayer().identifier)
+    return bool(layer) and set_edit_target(stage, layer)
 
 
 # -- asset paths

@@ -13,6 +13,7 @@ from pxr import Sdf, Tf, Usd, UsdUtils
 
 import usdlive
 from usdlive.omni._events import EventStream
+from usdlive.omni._layer_content import restore_edit_target
 from usdlive.omni._registers import hold
 from usdlive.omni.kit.app import ORDER_EVENTS, ORDER_LAYERS, ORDER_LIVE, get_app
 
@@ -391,7 +392,7 @@ class UsdContext:
             if address:
                 make_live(live, address, stage)
             self._diagnose(stage)
-            _restore_edit_target(stage)
+            restore_edit_target(stage)
             name = url if is_live_address(url) else root.realPath or root.identifier
             done, _ = self._adopt(_Opened(stage, name, load_set, live=live))
             return done, text
@@ -745,10 +746,3 @@ def _reload_discarded(layers: typing.Iterable[Sdf.Layer]) -> None:
     chosen = [layer for layer in layers if layer.identifier in _discarded]
     Sdf.Layer.ReloadLayers([layer for layer in chosen if layer.dirty], True)
     _discarded.difference_update(layer.identifier for layer in chosen)
-
-
-def _restore_edit_target(stage: Usd.Stage) -> None:
-    """Restores the edit target of the last save, which Kit stores in the root layer."""
-    from usdlive.omni.kit.usd.layers import LayerUtils
-
-    LayerUtils.restore_authoring_layer_from_custom_data(stage)

@@ -10,7 +10,7 @@ import typing
 from pxr import Sdf, Usd
 
 from usdlive import _usdlive
-from usdlive.omni._layer_content import is_locked
+from usdlive.omni._layer_content import restore_edit_target, set_edit_target
 from usdlive.omni.usd import UsdContext, get_context_from_live_layer
 
 from ._layers import distribute_all
@@ -151,11 +151,7 @@ class LayerUtils:
     @staticmethod
     def set_edit_target(stage: Usd.Stage, layer_identifier: str) -> bool:
         """Returns False for a layer that is not local, or is locked."""
-        layer = Sdf.Layer.Find(layer_identifier) if layer_identifier else None
-        if not layer or not stage.HasLocalLayer(layer) or is_locked(layer, stage.GetRootLayer()):
-            return False
-        stage.SetEditTarget(stage.GetEditTargetForLocalLayer(layer))
-        return True
+        return set_edit_target(stage, layer_identifier)
 
     @staticmethod
     def save_authoring_layer_to_custom_data(stage: Usd.Stage) -> bool:
@@ -167,8 +163,7 @@ class LayerUtils:
 
     @staticmethod
     def restore_authoring_layer_from_custom_data(stage: Usd.Stage) -> bool:
-        layer = _utils.authoring_layer(stage.GetRootLayer().identifier)
-        return bool(layer) and LayerUtils.set_edit_target(stage, layer)
+        return restore_edit_target(stage)
 
     # -- flags in the root layer
 
