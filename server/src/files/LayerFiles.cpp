@@ -292,6 +292,7 @@ private:
             if (*written) return stampOf(file);
         }
         if (auto done = exportWhole(file, doc, format); !done) return tl::unexpected(done.error());
+        startWritingBack(file);  // while it is checked
         // Both hash the whole content, which takes most of the time, so they run in parallel.
         auto stamp = std::async(std::launch::async, [&file] { return stampOf(file); });
         if (auto same = compare(file, doc); !same) return tl::unexpected(same.error());

@@ -38,6 +38,13 @@ Result<void> syncPath(const fs::path& path, int flags) {
 
 }  // namespace
 
+void startWritingBack(const fs::path& path) {
+    const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    if (file < 0) return;
+    ::sync_file_range(file, 0, 0, SYNC_FILE_RANGE_WRITE);
+    ::close(file);
+}
+
 bool isWritable(const fs::path& path, mode_t mode) {
     return (mode & kWriteBits) != 0 && ::access(path.c_str(), W_OK) == 0;
 }

@@ -15,6 +15,10 @@ namespace usdlive::server {
 /// may write any file, but respects a file without write permission.)
 [[nodiscard]] bool isWritable(const std::filesystem::path& path, mode_t mode);
 
+/// Starts to write the file's content to the disk and returns at once, so that a later sync has
+/// less to wait for. Failures show in that sync.
+void startWritingBack(const std::filesystem::path& file);
+
 /// A temporary file beside a target file. It replaces the target in one step or not at all. The
 /// destructor removes it if it has not replaced the target.
 class SafeFile {
