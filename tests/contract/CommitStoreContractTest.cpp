@@ -215,7 +215,7 @@ TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
     EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
     this->reopen();
     EXPECT_EQ(*this->store->unsavedLayers(), std::vector{kLayer});
-    const SavedState saved{3, FileStamp{{9, 8, 7, 6}, {}}, SavedState::Coming{4, sha256({})}};
+    const SavedState saved{3, FileStamp{{9, 8, 7, 6}, {}}, SavedState::PendingSave{4, sha256({})}};
     ASSERT_TRUE(this->store->setSaved(kLayer, saved));
     this->reopen();
     EXPECT_EQ(*this->store->saved(kLayer), saved);

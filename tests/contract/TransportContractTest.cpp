@@ -305,7 +305,7 @@ Presence presenceOf(const std::string& client, double time) {
 
 /// Returns the received states and presences in order, mixed with the commits: "c1 a.usda=3 ada=1
 /// -bo".
-std::string newsIn(const std::vector<std::string>& texts) {
+std::string statesIn(const std::vector<std::string>& texts) {
     std::string news;
     for (const std::string& text : texts) {
         const auto frame = decodeFrame(asBytes(text));
@@ -327,19 +327,19 @@ std::string newsIn(const std::vector<std::string>& texts) {
 
 }  // namespace
 
-TEST_P(TransportContract, NewsReachSessionsThatGotTheFirst) {
+TEST_P(TransportContract, UpdatesReachSessionsThatHaveTheInitialState) {
     World world(GetParam());
     const auto one = world.connect();
     const auto other = world.connect();
     Inbox inbox, otherInbox;
     ASSERT_TRUE(inbox.open(*one, world) && otherInbox.open(*other, world));
     const auto has = [&](const std::string& end) {
-        return inbox.readUntil(*one, [&] { return newsIn(inbox.texts).ends_with(end); });
+        return inbox.readUntil(*one, [&] { return statesIn(inbox.texts).ends_with(end); });
     };
     world.call([&] {
         // No session listens yet: sessions get this later, with their first states.
-        world.transport().tell({}, LayerStates{{stateOf("a.usda", 1)}});
-        world.transport().tell({}, Presences{{presenceOf("ada", 1)}, {}});
+        world.transport().sendUpdate({}, LayerStates{{stateOf("a.usda", 1)}});
+        world.transport().sendUpdate({}, Presences{{presenceOf("ada", 1)}, {}});
     });
     // Both are connected, but only one has asked for states and presences.
     std::vector<SessionId> listening;
@@ -352,21 +352,22 @@ TEST_P(TransportContract, NewsReachSessionsThatGotTheFirst) {
     ASSERT_EQ(listening.size(), 1u);
     world.call([&] {
         world.transport().releaseCommits(listening[0], 1);
-        world.transport().tellFirst(listening[0], LayerStates{{stateOf("a.usda", 1)}});
-        world.transport().tellFirst(listening[0], Presences{{presenceOf("ada", 1)}, {}});
+        world.transport().sendInitialState(listening[0], LayerStates{{stateOf("a.usda", 1)}});
+        world.transport().sendInitialState(listening[0], Presences{{presenceOf("ada", 1)}, {}});
     });
     ASSERT_TRUE(has("hello a.usda=1 ada=1 "));
     world.call([&] {
-        world.transport().tell(listening,
-                               LayerStates{{stateOf("a.usda", 2), stateOf("b.usda", 2)}});
+        world.transport().sendUpdate(listening,
+                                     LayerStates{{stateOf("a.usda", 2), stateOf("b.usda", 2)}});
     });
     ASSERT_TRUE(has("ada=1 a.usda=2 b.usda=2 "));
-    world.call([&] { world.transport().tell(listening, Presences{{presenceOf("bo", 7)}, {}}); });
+    world.call(
+        [&] { world.transport().sendUpdate(listening, Presences{{presenceOf("bo", 7)}, {}}); });
     ASSERT_TRUE(has("b.usda=2 bo=7 "));
-    world.call([&] { world.transport().tell(listening, Presences{{}, {{"bo"}}}); });
+    world.call([&] { world.transport().sendUpdate(listening, Presences{{}, {{"bo"}}}); });
     ASSERT_TRUE(has("bo=7 -bo "));
     ASSERT_TRUE(otherInbox.read(*other, 1));
-    EXPECT_EQ(newsIn(otherInbox.texts), "hello ");
+    EXPECT_EQ(statesIn(otherInbox.texts), "hello ");
 }
 
 TEST_P(TransportContract, LS1AStateFollowsItsCommit) {
@@ -374,7 +375,7 @@ TEST_P(TransportContract, LS1AStateFollowsItsCommit) {
     const auto connection = world.connect();
     Inbox inbox;
     ASSERT_TRUE(inbox.open(*connection, world));
-    world.call([&] { world.transport().tellFirst(world.sessions[0], LayerStates{}); });
+    world.call([&] { world.transport().sendInitialState(world.sessions[0], LayerStates{}); });
     constexpr int kCommits = 300;
     for (int index = 1; index <= kCommits; ++index)
         world.call([&] {
@@ -383,19 +384,19 @@ TEST_P(TransportContract, LS1AStateFollowsItsCommit) {
                 world.sessions,
                 frame("c" + std::to_string(index) + std::string(large ? 100'000 : 0, '+')),
                 Revision(index));
-            world.transport().tell(
+            world.transport().sendUpdate(
                 world.sessions,
                 LayerStates{{stateOf("l" + std::to_string(index % 3) + ".usda", Revision(index))}});
         });
     ASSERT_TRUE(inbox.readUntil(*connection, [&] {
-        const std::string news = newsIn(inbox.texts);
+        const std::string news = statesIn(inbox.texts);
         return news.find("c300") != std::string::npos && news.find("=300 ") != std::string::npos &&
                news.find("=299 ") != std::string::npos && news.find("=298 ") != std::string::npos;
     }));
     Revision reached = 0;
     std::map<std::string, Revision> latest;
     for (const std::string& text : inbox.texts) {
-        const std::string news = newsIn({text});
+        const std::string news = statesIn({text});
         if (news.starts_with("c")) {
             reached = Revision(std::stoi(news.substr(1)));
             continue;

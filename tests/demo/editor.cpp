@@ -50,7 +50,7 @@ struct Report {
                                   std::size_t(share * double(latencies.size())))];
     }
 
-    void tell(const Client& client) {
+    void print(const Client& client) {
         std::cout << "{\"edits\":" << edits << ",\"lost\":" << lost
                   << ",\"p50\":" << percentile(0.5) << ",\"p99\":" << percentile(0.99)
                   << ",\"revision\":" << client.revision()
@@ -120,7 +120,7 @@ int main(int count, char** arguments) {
             report.sent.push_back(begin);
         }
         client.tick();
-        if (++frame % 6 == 0) report.tell(client);
+        if (++frame % 6 == 0) report.print(client);
         std::this_thread::sleep_until(begin + std::chrono::microseconds(16'667));
     }
 
@@ -130,5 +130,5 @@ int main(int count, char** arguments) {
         layer(name)->ExportToString(&text);
         std::ofstream(std::filesystem::path(arguments[2]) / (name + ".txt")) << text;
     }
-    report.tell(client);
+    report.print(client);
 }

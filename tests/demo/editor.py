@@ -125,7 +125,7 @@ class Report:
             self.extra["saved"] = not event.failed
             print(event, file=sys.stderr, flush=True)
 
-    def tell(self) -> None:
+    def show(self) -> None:
         ordered = sorted(self.latencies)
         at = lambda share: ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else 0
         print(json.dumps({"edits": self.edits, "p50": at(0.5), "p99": at(0.99), "lost": self.lost,
@@ -164,13 +164,13 @@ def main() -> None:
             live.save()
         if begin - printed > 0.1 or word:
             printed = begin
-            report.tell()
+            report.show()
         time.sleep(max(0.0, FRAME - (time.monotonic() - begin)))
     pathlib.Path(output).mkdir(parents=True)
     for name in LAYERS:
         layer = Sdf.Layer.Find(stage.GetRootLayer().ComputeAbsolutePath("./" + name))
         pathlib.Path(output, name + ".txt").write_text(layer.ExportToString())
-    report.tell()
+    report.show()
 
 
 if __name__ == "__main__":

@@ -79,18 +79,18 @@ public:
         if (file < 0 || file >= kMostFiles) return;
         files_[file] = true;
         const std::uint64_t what = (flags & O_CREAT ? 1 : 0) | (flags & O_TRUNC ? 2 : 0);
-        tell(Did::Open, file, what, inFolder(path));
+        record(Did::Open, file, what, inFolder(path));
     }
     void forget(int file) {
         if (file >= 0 && file < kMostFiles) files_[file] = false;
     }
 
-    void tell(Did did, int file, std::uint64_t number, std::string_view first = {},
-              std::string_view second = {}) {
+    void record(Did did, int file, std::uint64_t number, std::string_view first = {},
+                std::string_view second = {}) {
         if (trace_ < 0) return;
         if (!begun_) {
             begun_ = true;
-            tell(Did::Begin, -1, 0);
+            record(Did::Begin, -1, 0);
         }
         Header header{
             did, {}, file, number, std::uint32_t(first.size()), std::uint32_t(second.size())};
@@ -158,12 +158,12 @@ int sync(int file, int (*function)(int)) {
     if (!trace.has(file)) return function(file);
     if (trace.fault("sync") != What::Nothing) {
         const int error = errno;
-        trace.tell(Did::Lost, file, 0);
+        trace.record(Did::Lost, file, 0);
         errno = error;
         return -1;
     }
     const int done = function(file);
-    if (done == 0) trace.tell(Did::Sync, file, 0);
+    if (done == 0) trace.record(Did::Sync, file, 0);
     return done;
 }
 
@@ -177,14 +177,15 @@ ssize_t written(int file, const void* data, size_t size, Write&& write, Offset&&
     if (what == What::Error) return -1;
     const ssize_t done = write(what == What::Half ? (size + 1) / 2 : size);
     if (done > 0)
-        trace.tell(Did::Write, file, offset(done), {static_cast<const char*>(data), size_t(done)});
+        trace.record(Did::Write, file, offset(done),
+                     {static_cast<const char*>(data), size_t(done)});
     return done;
 }
 
-void tellSize(int file) {
+void recordSize(int file) {
     struct stat status{};
     if (::fstat(file, &status) == 0)
-        recorder().tell(Did::Size, file, std::uint64_t(status.st_size));
+        recorder().record(Did::Size, file, std::uint64_t(status.st_size));
 }
 
 }  // namespace
@@ -238,7 +239,7 @@ int ftruncate(int file, off_t size) noexcept {
     Recorder& trace = recorder();
     const std::lock_guard lock(trace.mutex);
     const int done = NEXT(ftruncate)(file, size);
-    if (done == 0 && trace.has(file)) tellSize(file);
+    if (done == 0 && trace.has(file)) recordSize(file);
     return done;
 }
 
@@ -246,7 +247,7 @@ int fallocate(int file, int mode, off_t offset, off_t size) {
     Recorder& trace = recorder();
     const std::lock_guard lock(trace.mutex);
     const int done = NEXT(fallocate)(file, mode, offset, size);
-    if (done == 0 && trace.has(file)) tellSize(file);
+    if (done == 0 && trace.has(file)) recordSize(file);
     return done;
 }
 
@@ -254,7 +255,7 @@ int posix_fallocate(int file, off_t offset, off_t size) {
     Recorder& trace = recorder();
     const std::lock_guard lock(trace.mutex);
     const int done = NEXT(posix_fallocate)(file, offset, size);
-    if (done == 0 && trace.has(file)) tellSize(file);
+    if (done == 0 && trace.has(file)) recordSize(file);
     return done;
 }
 
@@ -264,7 +265,7 @@ int rename(const char* from, const char* to) noexcept {
     const std::lock_guard lock(trace.mutex);
     if (trace.fault("rename") != What::Nothing) return -1;
     const int done = NEXT(rename)(from, to);
-    if (done == 0) trace.tell(Did::Rename, -1, 0, trace.inFolder(from), trace.inFolder(to));
+    if (done == 0) trace.record(Did::Rename, -1, 0, trace.inFolder(from), trace.inFolder(to));
     return done;
 }
 
@@ -273,7 +274,7 @@ int unlink(const char* path) noexcept {
     if (!trace.isBelow(path)) return NEXT(unlink)(path);
     const std::lock_guard lock(trace.mutex);
     const int done = NEXT(unlink)(path);
-    if (done == 0) trace.tell(Did::Remove, -1, 0, trace.inFolder(path));
+    if (done == 0) trace.record(Did::Remove, -1, 0, trace.inFolder(path));
     return done;
 }
 
@@ -291,7 +292,7 @@ int unlinkat(int folder, const char* name, int flags) noexcept {
     const std::lock_guard lock(trace.mutex);
     const int done = NEXT(unlinkat)(folder, name, flags);
     if (done == 0 && trace.isBelow(path.c_str()))
-        trace.tell(Did::Remove, -1, 0, trace.inFolder(path.c_str()));
+        trace.record(Did::Remove, -1, 0, trace.inFolder(path.c_str()));
     return done;
 }
 
@@ -300,7 +301,7 @@ int rmdir(const char* path) noexcept {
     if (!trace.isBelow(path)) return NEXT(rmdir)(path);
     const std::lock_guard lock(trace.mutex);
     const int done = NEXT(rmdir)(path);
-    if (done == 0) trace.tell(Did::Remove, -1, 0, trace.inFolder(path));
+    if (done == 0) trace.record(Did::Remove, -1, 0, trace.inFolder(path));
     return done;
 }
 
@@ -309,7 +310,7 @@ int mkdir(const char* path, mode_t mode) noexcept {
     if (!trace.isBelow(path)) return NEXT(mkdir)(path, mode);
     const std::lock_guard lock(trace.mutex);
     const int done = NEXT(mkdir)(path, mode);
-    if (done == 0) trace.tell(Did::MakeFolder, -1, 0, trace.inFolder(path));
+    if (done == 0) trace.record(Did::MakeFolder, -1, 0, trace.inFolder(path));
     return done;
 }
 

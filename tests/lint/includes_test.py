@@ -71,7 +71,7 @@ EDGES = {
         "tests/fuzz",
         "bench",
     ],
-    r"(dds|ddsc)/|usdlive/common/dds/(Topics|NewsSamples|usdlive)\.h": [
+    r"(dds|ddsc)/|usdlive/common/dds/(Topics|StateSamples|usdlive)\.h": [
         "common/dds",
         "tests/unit/common/dds",
         "tests/stranger",

@@ -190,11 +190,11 @@ public:
         now->jobs_.push_back(SendSnapshot{session, request, std::move(doc)});
     }
     void readClient(const ClientId& client) override { now->jobs_.push_back(ReadClient{client}); }
-    void tell(std::span<const SessionId> sessions, const News& news) override {
-        for (const SessionId session : sessions) tellFirst(session, news);
+    void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) override {
+        for (const SessionId session : sessions) sendInitialState(session, update);
     }
-    void tellFirst(SessionId session, const News& all) override {
-        if (SharedBytes frame = encodeNews(all)) send(session, std::move(frame));
+    void sendInitialState(SessionId session, const StateUpdate& all) override {
+        if (SharedBytes frame = encodeStateUpdate(all)) send(session, std::move(frame));
     }
     void sendCommit(std::span<const SessionId> sessions, SharedBytes frame, Revision) override {
         for (const SessionId session : sessions) send(session, frame);
@@ -205,7 +205,7 @@ public:
     bool lags(SessionId) override { return false; }
     std::int64_t wallClockMs() override { return 0; }
     void keepSnapshot(const LayerId&, LayerDoc, Revision, const Hash&) override {}
-    void happened(const Happening&) override {}  // the project's log entries are not tested
+    void record(const ActivityEvent&) override {}  // the project's log entries are not tested
 
     void importLayer(const LayerId&) override { notModelled(); }
     void readLayer(SessionId, std::uint64_t, const LayerId&) override { notModelled(); }

@@ -28,15 +28,15 @@ std::shared_ptr<SimDds> SimNetwork::openDds(SessionId id) {
                                                      if (links_.at(id).serverOpen)
                                                          server.received(id, message);
                                                  },
-                                                 [this, id] { tellClientClosed(id, 0); },
+                                                 [this, id] { notifyClientClosed(id, 0); },
                                                  [this, id] {
                                                      if (links_.at(id).serverOpen)
                                                          server.drained(id);
                                                  },
                                                  [this, id] {
                                                      links_.at(id).dds->end();
-                                                     tellClientClosed(id, delayUs());
-                                                     tellServerClosed(id, 0);
+                                                     notifyClientClosed(id, delayUs());
+                                                     notifyServerClosed(id, 0);
                                                  }});
 }
 
@@ -115,7 +115,7 @@ bool SimNetwork::congested(SessionId id) {
     return link.congested;
 }
 
-void SimNetwork::tellClientClosed(SessionId id, std::int64_t delayUs) {
+void SimNetwork::notifyClientClosed(SessionId id, std::int64_t delayUs) {
     clock_.in(delayUs, [this, id] {
         Link& link = links_.at(id);
         if (!link.clientOpen) return;
@@ -125,7 +125,7 @@ void SimNetwork::tellClientClosed(SessionId id, std::int64_t delayUs) {
     });
 }
 
-void SimNetwork::tellServerClosed(SessionId id, std::int64_t delayUs) {
+void SimNetwork::notifyServerClosed(SessionId id, std::int64_t delayUs) {
     clock_.in(delayUs, [this, id] {
         Link& link = links_.at(id);
         if (!link.serverOpen) return;
@@ -138,10 +138,10 @@ void SimNetwork::closeByServer(SessionId id) {
     Link& link = links_.at(id);
     if (link.dds) {
         link.dds->close();
-        return tellServerClosed(id, delayUs());
+        return notifyServerClosed(id, delayUs());
     }
-    tellClientClosed(id, std::max<std::int64_t>(link.toClientUs - clock_.nowUs(), 0) + delayUs());
-    tellServerClosed(id, delayUs());
+    notifyClientClosed(id, std::max<std::int64_t>(link.toClientUs - clock_.nowUs(), 0) + delayUs());
+    notifyServerClosed(id, delayUs());
 }
 
 void SimNetwork::cut(SessionId id, bool halfOpen) {
@@ -151,7 +151,7 @@ void SimNetwork::cut(SessionId id, bool halfOpen) {
     // Over DDS sent data arrives only while the sender can repeat it.
     if (link.dds) link.dds->end();
     clock_.in(0, [this, id] { links_.at(id).client.clientClosed(); });
-    if (halfOpen) return tellServerClosed(id, random_.between(50'000, 2'000'000));
+    if (halfOpen) return notifyServerClosed(id, random_.between(50'000, 2'000'000));
     if (!link.serverOpen) return;
     link.serverOpen = false;
     clock_.in(delayUs(), [this, id] { server.closed(id); });
@@ -161,7 +161,7 @@ void SimNetwork::cutAll() {
     for (auto& [id, link] : links_) {
         // Over DDS, a client whose session the server has closed may still wait for the
         // notification.
-        if (link.clientOpen && (link.serverOpen || link.dds)) tellClientClosed(id, delayUs());
+        if (link.clientOpen && (link.serverOpen || link.dds)) notifyClientClosed(id, delayUs());
         link.serverOpen = false;
         if (link.dds) link.dds->end();
     }

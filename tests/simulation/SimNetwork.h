@@ -64,8 +64,8 @@ private:
     };
     std::shared_ptr<SimDds> openDds(server::SessionId link);
     std::int64_t delayUs();
-    void tellClientClosed(server::SessionId link, std::int64_t delayUs);
-    void tellServerClosed(server::SessionId link, std::int64_t delayUs);
+    void notifyClientClosed(server::SessionId link, std::int64_t delayUs);
+    void notifyServerClosed(server::SessionId link, std::int64_t delayUs);
 
     SimClock& clock_;
     SimRandom& random_;

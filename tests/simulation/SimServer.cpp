@@ -105,11 +105,11 @@ void SimServer::readClient(const ClientId& client) {
     });
 }
 
-void SimServer::tell(std::span<const SessionId> sessions, const News& news) {
-    for (const SessionId session : sessions) tellFirst(session, news);
+void SimServer::sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) {
+    for (const SessionId session : sessions) sendInitialState(session, update);
 }
-void SimServer::tellFirst(SessionId session, const News& all) {
-    if (SharedBytes frame = encodeNews(all)) send(session, std::move(frame));
+void SimServer::sendInitialState(SessionId session, const StateUpdate& all) {
+    if (SharedBytes frame = encodeStateUpdate(all)) send(session, std::move(frame));
 }
 void SimServer::sendBeside(SessionId session, std::vector<SharedBytes> frames) {
     for (SharedBytes& frame : frames) send(session, std::move(frame));
@@ -263,7 +263,7 @@ void SimServer::compact(Revision revision) {
         require(done.has_value(), "the history cannot be compacted");
         require(store().base().revision == revision, "the history has another base");
         ++compactions;
-        project_->baseIs(store().base());
+        project_->baseChanged(store().base());
         project_->compacted(CompactOutcome{});
     });
 }
@@ -453,10 +453,10 @@ void SimServer::checkBlobs() {
     const std::set<Hash> named = namedByCommits();
     // A disk that forgot the commit that replaced a value still remembers that the value was
     // removed.
-    std::set<Hash> gone;
+    std::set<Hash> dropped;
     for (const Hash& hash : named)
-        if (!disk.blobs->has(hash)) gone.insert(hash);
-    for (const Hash& hash : gone)
+        if (!disk.blobs->has(hash)) dropped.insert(hash);
+    for (const Hash& hash : dropped)
         require(disk.forgot && dropped_.contains(hash), "a commit names a value that was removed");
     while (!*named_.read(store(), ~std::size_t(0))) {
     }
@@ -467,7 +467,7 @@ void SimServer::checkBlobs() {
     // Runs two rounds, and waits between them as long as values are kept.
     for (const std::int64_t afterMs : {0, 3'600'000, 7'200'000})
         drop(project_->unusedBlobs(unnamed, named_.upTo(), clock_.nowMs() + afterMs));
-    require(disk.blobs->list()->size() == named.size() - gone.size(),
+    require(disk.blobs->list()->size() == named.size() - dropped.size(),
             "unused values are never removed");
 }
 

@@ -62,14 +62,16 @@ public:
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
-    void happened(const server::Happening&) override {}  // the project's log entries are not tested
+    void record(const server::ActivityEvent&) override {
+    }  // the project's log entries are not tested
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
     void readClient(const ClientId& client) override;
     void importLayer(const LayerId& layer) override;
     void readLayer(server::SessionId session, std::uint64_t request, const LayerId& layer) override;
     void sendBeside(server::SessionId session, std::vector<SharedBytes> frames) override;
-    void tell(std::span<const server::SessionId> sessions, const server::News& news) override;
-    void tellFirst(server::SessionId session, const server::News& all) override;
+    void sendUpdate(std::span<const server::SessionId> sessions,
+                    const server::StateUpdate& update) override;
+    void sendInitialState(server::SessionId session, const server::StateUpdate& all) override;
     // The simulation never requests these.
     void checkFile(const LayerId&) override {}
     void setSaved(const LayerId&, const server::SavedState&) override {}

@@ -8,10 +8,10 @@
 #include "MailboxConnection.h"
 #include "RetryDelay.h"
 #include "transport/CommitOrder.h"
-#include "transport/NewsOrder.h"
-#include "usdlive/common/dds/NewsSamples.h"
+#include "transport/StateOrder.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
+#include "usdlive/common/dds/StateSamples.h"
 #include "usdlive/common/dds/Topics.h"
 #include "usdlive/common/protocol/Frame.h"
 
@@ -125,7 +125,7 @@ public:
         takeReplies(now);
         takeBeside(now);
         takeCommits();
-        takeNews(now);
+        takeStateUpdates(now);
         deliver(now);
         if (now - lastReceived_ >=
             (generation_ == 0 ? seconds(kConnectTimeout) : seconds(kPeerTime)))
@@ -141,7 +141,7 @@ public:
     [[nodiscard]] TimePoint deadline() const {
         TimePoint earliest = lastSent_ + (generation_ == 0 ? milliseconds(kAskPause) : kKeepAlive);
         for (const auto& due : {out_.deadline(), order_.deadline(), leaveBy_, order_.ackDue(),
-                                besideIn_.ackDue(), news_.deadline()})
+                                besideIn_.ackDue(), stateOrder_.deadline()})
             if (due) earliest = std::min(earliest, *due);
         return earliest;
     }
@@ -189,32 +189,34 @@ private:
         });
     }
 
-    void takeNews(TimePoint now) {
+    void takeStateUpdates(TimePoint now) {
         states_.take([&](const dds::LayerStateSample& sample, const dds::SampleInfo& info) {
             if (!info.alive || !info.isOf(participant_) || sample.server != server_) return;
             if (auto state = dds::layerStateOf(sample))
-                news_.state(sample.number, sample.afterCommit, std::move(*state));
+                stateOrder_.state(sample.number, sample.afterCommit, std::move(*state));
         });
         presences_.take([&](const dds::PresenceSample& sample, const dds::SampleInfo& info) {
             if (!info.isOf(participant_) || sample.server != server_) return;
-            if (!info.alive) return news_.gone({sample.client ? sample.client : ""});
+            if (!info.alive) return stateOrder_.gone({sample.client ? sample.client : ""});
             if (auto presence = dds::presenceOf(sample))
-                news_.presence(sample.number, std::move(*presence), now);
+                stateOrder_.presence(sample.number, std::move(*presence), now);
         });
     }
 
     void deliver(TimePoint now) {
         while (const auto message = order_.take(now)) {
             deliver(message->bytes);
-            if (message->mark.statesFrom != 0) news_.statesFrom(message->mark.statesFrom);
+            if (message->mark.statesFrom != 0) stateOrder_.statesFrom(message->mark.statesFrom);
             if (message->mark.presencesFrom != 0)
-                news_.presencesFrom(message->mark.presencesFrom, presencesIn(message->bytes), now);
+                stateOrder_.presencesFrom(message->mark.presencesFrom, presencesIn(message->bytes),
+                                          now);
             if (message->end) end("the server has closed the session");
         }
         while (const auto message = besideIn_.take(now)) deliver(message->bytes);
-        if (auto states = news_.takeStates(order_); !states.layers.empty())
+        if (auto states = stateOrder_.takeStates(order_); !states.layers.empty())
             deliver(encoded(std::move(states)));
-        if (auto people = news_.takePresences(now); !people.shown.empty() || !people.gone.empty())
+        if (auto people = stateOrder_.takePresences(now);
+            !people.shown.empty() || !people.gone.empty())
             deliver(encoded(std::move(people)));
         if (order_.replies().isTooLarge() || besideIn_.isTooLarge())
             end("the server sent a message that is too large");
@@ -307,7 +309,7 @@ private:
     dds::Writer<dds::SubmitSample> writer_;
 
     CommitOrder order_;
-    NewsOrder news_;
+    StateOrder stateOrder_;
     dds::SegmentReceiver besideIn_;
     dds::SegmentSender out_;
     std::size_t unacknowledged_ = 0;  // bytes of the mailbox's messages in out_

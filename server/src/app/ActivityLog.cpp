@@ -13,26 +13,26 @@ using std::chrono::steady_clock;
 
 }  // namespace
 
-void ActivityLog::happened(const Happening& happening) {
+void ActivityLog::record(const ActivityEvent& event) {
     const auto now =
         std::chrono::duration_cast<milliseconds>(steady_clock::now().time_since_epoch());
-    std::string key(happening.what);
-    key += '\n' + happening.user.value;
+    std::string key(event.what);
+    key += '\n' + event.user.value;
     const auto leftOut = limit_.take(key, now.count());
     if (!leftOut) return;
-    const std::string_view user = happening.user.value, layer = happening.layer.value;
+    const std::string_view user = event.user.value, layer = event.layer.value;
     if (*leftOut > 0)
         log_.write(LogLevel::Warning, "lines left out",
-                   {{"of", happening.what}, {"user", user}, {"count", *leftOut}});
-    if (layer.empty() && happening.detail.empty())
-        log_.write(LogLevel::Info, happening.what, {{"user", user}});
+                   {{"of", event.what}, {"user", user}, {"count", *leftOut}});
+    if (layer.empty() && event.detail.empty())
+        log_.write(LogLevel::Info, event.what, {{"user", user}});
     else if (layer.empty())
-        log_.write(LogLevel::Info, happening.what, {{"user", user}, {"detail", happening.detail}});
-    else if (happening.detail.empty())
-        log_.write(LogLevel::Info, happening.what, {{"user", user}, {"layer", layer}});
+        log_.write(LogLevel::Info, event.what, {{"user", user}, {"detail", event.detail}});
+    else if (event.detail.empty())
+        log_.write(LogLevel::Info, event.what, {{"user", user}, {"layer", layer}});
     else
-        log_.write(LogLevel::Info, happening.what,
-                   {{"user", user}, {"layer", layer}, {"detail", happening.detail}});
+        log_.write(LogLevel::Info, event.what,
+                   {{"user", user}, {"layer", layer}, {"detail", event.detail}});
 }
 
 }  // namespace usdlive::server

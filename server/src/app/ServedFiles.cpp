@@ -85,11 +85,11 @@ Result<FileStamp> ServedFiles::save(const SaveJob& job) {
         written != written_.end() && written->second.revision >= job.saved.revision;
     const SavedState known = isNewer ? written->second : job.saved;
     std::vector<Hash> expected;
-    if (job.minds && known.file) expected.push_back(known.file->hash);
-    if (job.minds && known.coming) expected.push_back(known.coming->hash);
+    if (job.onlyIfUnchanged && known.file) expected.push_back(known.file->hash);
+    if (job.onlyIfUnchanged && known.pending) expected.push_back(known.pending->hash);
     auto saved = files_.save(job.layer, job.doc, expected, [&](const Hash& hash) {
         SavedState state = known;
-        state.coming = SavedState::Coming{job.revision, hash};
+        state.pending = SavedState::PendingSave{job.revision, hash};
         return store_.use([&](CommitStore& store) { return store.setSaved(job.layer, state); });
     });
     faultPoint("save-after");
@@ -103,11 +103,11 @@ Result<FileStamp> ServedFiles::save(const SaveJob& job) {
 SaveOutcome ServedFiles::save(SessionId session, std::uint64_t request,
                               const std::vector<SaveJob>& jobs) {
     SaveOutcome outcome;
-    auto told = steady_clock::now();
+    auto reported = steady_clock::now();
     for (std::size_t index = 0; index < jobs.size(); ++index) {
         const SaveJob& job = jobs[index];
-        if (steady_clock::now() - told >= kProgressPause) {
-            told = steady_clock::now();
+        if (steady_clock::now() - reported >= kProgressPause) {
+            reported = steady_clock::now();
             strand_.post([=, layer = job.layer, total = jobs.size()](Project& project) {
                 project.layersBeingSaved(session, request, layer, index, total);
             });

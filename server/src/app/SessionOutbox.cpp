@@ -33,14 +33,14 @@ void SessionOutbox::sendCommit(std::span<const SessionId> sessions, SharedBytes 
     });
 }
 
-void SessionOutbox::tell(std::span<const SessionId> sessions, const News& news) {
+void SessionOutbox::sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) {
     forTransports(sessions, [&](Transport& transport, std::span<const SessionId> its) {
-        transport.tell(its, news);
+        transport.sendUpdate(its, update);
     });
 }
 
-void SessionOutbox::tellFirst(SessionId session, const News& all) {
-    transports_.of(session).tellFirst(session, all);
+void SessionOutbox::sendInitialState(SessionId session, const StateUpdate& all) {
+    transports_.of(session).sendInitialState(session, all);
 }
 
 bool SessionOutbox::holdCommits(SessionId session) {

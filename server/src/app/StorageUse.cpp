@@ -72,7 +72,7 @@ void addFiles(Storage& storage, const std::filesystem::path& folder) {
 }  // namespace
 
 Result<Storage> measureStorage(const CommitStore& store, const std::filesystem::path& blobs,
-                               const CommitStore::GoesOn& goesOn) {
+                               const CommitStore::KeepRunning& keepRunning) {
     LayerUses uses;
     Storage storage;
     Result<void> counted;
@@ -80,7 +80,7 @@ Result<Storage> measureStorage(const CommitStore& store, const std::filesystem::
     storage.revision = store.head().revision;
     const auto read = store.read(0, storage.revision, [&](const StoredCommit& stored) {
         counted = decodeCommit(stored).and_then([&](const Commit& commit) -> Result<void> {
-            if (!goesOn()) return fail(ErrorCode::ShuttingDown, "the server is stopping");
+            if (!keepRunning()) return fail(ErrorCode::ShuttingDown, "the server is stopping");
             if (storage.oldestMs == 0) storage.oldestMs = std::uint64_t(commit.timeMs);
             uses.add(commit, stored.frame->size());
             return {};

@@ -189,7 +189,7 @@ void StoreHistory::compact(Revision revision) {
             // A project that was created meanwhile needs to know, too.
             const auto base = store_.use(
                 [](CommitStore& store) -> Result<CommitStore::Base> { return store.base(); });
-            if (base) strand_.post([base](Project& project) { project.baseIs(*base); });
+            if (base) strand_.post([base](Project& project) { project.baseChanged(*base); });
             return outcome;
         },
         [](Project& project, const Result<CompactOutcome>& outcome) {
@@ -236,7 +236,7 @@ void StoreHistory::measureStorage(SessionId session, std::uint64_t request) {
         });
 }
 
-CommitStore::GoesOn StoreHistory::whileServing() const {
+CommitStore::KeepRunning StoreHistory::whileServing() const {
     return [this] {
         faultPoint("keeping");
         return !stopping_;

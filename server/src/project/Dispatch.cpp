@@ -17,7 +17,7 @@ void Project::Impl::connected(SessionId id) {
 void Project::Impl::disconnected(SessionId id) {
     const Session* session = sessions_.find(id);
     if (session && session->wasGreeted)
-        activity_->happened({"user left", session->subject.user, {}, session->application});
+        activity_->record({"user left", session->subject.user, {}, session->application});
     sessions_.remove(id);
 }
 

@@ -22,13 +22,13 @@ Result<StoreState> readState(const CommitStore& store, const Project::Options& o
     return state;
 }
 
-SharedBytes encodeNews(const News& news) {
+SharedBytes encodeStateUpdate(const StateUpdate& update) {
     const auto isEmpty = Overloaded{
         [](const LayerStates& states) { return states.layers.empty(); },
         [](const Presences& people) { return people.shown.empty() && people.gone.empty(); }};
-    if (std::visit(isEmpty, news)) return nullptr;
+    if (std::visit(isEmpty, update)) return nullptr;
     return std::visit([](const auto& message) { return sharedFrame(ControlMessage(message)); },
-                      news);
+                      update);
 }
 
 Project::Project(Options options, Ports ports, StoreState store,
@@ -120,7 +120,7 @@ void Project::checkpointsRead(SessionId session, std::uint64_t request,
 }
 void Project::boundHistory() { impl_->compaction_.boundHistory(); }
 void Project::baseFound(Result<BaseLimit> limit) { impl_->compaction_.baseFound(std::move(limit)); }
-void Project::baseIs(const CommitStore::Base& base) { impl_->start_.moveTo(base); }
+void Project::baseChanged(const CommitStore::Base& base) { impl_->start_.moveTo(base); }
 void Project::clientsForgotten(Revision upTo) { impl_->authors_.clientsForgotten(upTo); }
 void Project::setSpace(bool hasSpace) { impl_->store_.hasSpace = hasSpace; }
 void Project::compacted(const Result<CompactOutcome>& outcome) {

@@ -113,7 +113,7 @@ void Project::Impl::clientRead(const ClientId& client, const Result<ClientRecord
         else
             submissions_.work(id);
     }
-    authors_.forgetIfGone(client);
+    authors_.forgetIfUnused(client);
 }
 
 void Project::Impl::commitsRead(SessionId id, Result<std::vector<StoredCommit>> commits) {

@@ -55,7 +55,7 @@ public:
         const std::lock_guard lock(disk_->mutex);
         return disk_->base;
     }
-    Result<void> compact(Revision revision, const GoesOn& goesOn) override {
+    Result<void> compact(Revision revision, const KeepRunning& keepRunning) override {
         const std::lock_guard lock(disk_->mutex);
         const Revision base = disk_->base.revision;
         if (revision <= base) return {};
@@ -64,7 +64,7 @@ public:
                         "there is no commit " + std::to_string(revision) + " yet");
         std::map<LayerId, LayerDoc> held;
         for (const auto& [name, layer] : disk_->layers) {
-            if (!goesOn()) return fail(ErrorCode::ShuttingDown, "the operation was cancelled");
+            if (!keepRunning()) return fail(ErrorCode::ShuttingDown, "the operation was cancelled");
             LayerDoc& doc = held[name] = layer.base;
             if (const auto done = follow(doc, name, base, revision); !done)
                 return tl::unexpected(done.error());

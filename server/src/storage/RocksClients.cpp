@@ -113,7 +113,7 @@ Result<std::pair<std::size_t, std::size_t>> RocksCommitStore::forgetSome(
     std::span<const std::pair<Revision, ClientId>> byAge) {
     const std::lock_guard lock(clientsMutex_);  // no commit is appended meanwhile
     rocksdb::WriteBatch batch;
-    std::vector<ClientId> gone;
+    std::vector<ClientId> inactive;
     std::size_t looked = 0;
     Revision upTo = forgotten_;
     for (; looked < byAge.size() && std::size_t(batch.Count()) < kForgottenAtOnce; ++looked) {
@@ -124,7 +124,7 @@ Result<std::pair<std::size_t, std::size_t>> RocksCommitStore::forgetSome(
         if (*newest != revision) continue;
         for (const std::string& key : keys) batch.Delete(family(Family::Clients), key);
         upTo = std::max(upTo, revision);
-        gone.push_back(client);
+        inactive.push_back(client);
     }
     batch.Put(family(Family::Meta), kForgottenKey, slice(encoded<Revision>(upTo)));
     const auto written =
@@ -132,9 +132,9 @@ Result<std::pair<std::size_t, std::size_t>> RocksCommitStore::forgetSome(
             return write(batch);
         });
     if (!written) return tl::unexpected(written.error());
-    for (const ClientId& client : gone) highest_.erase(client);
+    for (const ClientId& client : inactive) highest_.erase(client);
     forgotten_ = upTo;
-    return std::pair(looked, gone.size());
+    return std::pair(looked, inactive.size());
 }
 
 }  // namespace usdlive::server

@@ -38,7 +38,7 @@ public:
 
     [[nodiscard]] Head head() const override;
     [[nodiscard]] Base base() const override;
-    Result<void> compact(Revision revision, const GoesOn& goesOn) override;
+    Result<void> compact(Revision revision, const KeepRunning& keepRunning) override;
     Result<void> append(std::span<const CommitRecord> commits) override;
     Result<void> read(Revision from, Revision to,
                       const std::function<bool(const StoredCommit&)>& visit) const override;
@@ -123,11 +123,11 @@ private:
     Result<void> checkThere() const;
 
     // Compacting.
-    Result<void> verifyReplaced(Revision to, const GoesOn& goesOn) const;
+    Result<void> verifyReplaced(Revision to, const KeepRunning& keepRunning) const;
     /// Writes the file with the layer's content at `to`. Returns nothing if the existing file is
     /// still right, or if the layer was added later.
     Result<std::optional<LayerBase>> makeBase(const LayerId& layer, const Layer& known,
-                                              const Base& to, const GoesOn& goesOn);
+                                              const Base& to, const KeepRunning& keepRunning);
     Result<void> removeReplaced();
     Result<void> removeReplacedRecords();
     Result<void> removeCommitsBefore(const std::string& end);
@@ -182,7 +182,7 @@ private:
     [[nodiscard]] Result<std::vector<Run>> runsAfter(std::uint32_t layer, Revision revision) const;
     /// Applies the layer's commits of the runs to `doc`. Returns their replayCost().
     Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, const std::vector<Run>& runs,
-                               const GoesOn& goesOn) const;
+                               const KeepRunning& keepRunning) const;
     [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
     /// Returns the layer's content at the base, with the base's revision. Nothing if it was added
     /// later.

@@ -16,15 +16,15 @@ const tl::unexpected<Error> kEnded =
 
 /// Nothing refers to the new files until one record is written. From then on nothing reads the old
 /// data, which is removed afterwards or at the next opening.
-Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& wanted) {
+Result<void> RocksCommitStore::compact(Revision revision, const KeepRunning& wanted) {
     const std::lock_guard alone(compactMutex_);
     // Stops if the store has failed, because reopening it waits for this.
-    const GoesOn goesOn = [&] { return wanted() && checkFailed(); };
+    const KeepRunning keepRunning = [&] { return wanted() && checkFailed(); };
     if (revision <= base().revision) return isRemoved() ? Result<void>() : removeReplaced();
     const auto hash = hashAt(revision);
     if (!hash) return tl::unexpected(hash.error());
     const Base to{revision, *hash};
-    if (const auto verified = verifyReplaced(revision, goesOn); !verified) return verified;
+    if (const auto verified = verifyReplaced(revision, keepRunning); !verified) return verified;
 
     Layers known;
     {
@@ -35,7 +35,7 @@ Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& wanted) 
     std::map<LayerId, LayerBase> made;
     const auto makeAll = [&]() -> Result<void> {
         for (const auto& [name, layer] : known) {
-            const auto base = makeBase(name, layer, to, goesOn);
+            const auto base = makeBase(name, layer, to, keepRunning);
             if (!base) return tl::unexpected(base.error());
             if (!*base) continue;
             made[name] = **base;
@@ -70,10 +70,10 @@ Result<void> RocksCommitStore::compact(Revision revision, const GoesOn& wanted) 
 }
 
 /// Data that cannot be read or breaks the chain is not replaced, so that it can be examined.
-Result<void> RocksCommitStore::verifyReplaced(Revision to, const GoesOn& goesOn) const {
+Result<void> RocksCommitStore::verifyReplaced(Revision to, const KeepRunning& keepRunning) const {
     bool ended = false;
     const auto read = this->read(0, to, [&](const StoredCommit&) {
-        ended = !goesOn();
+        ended = !keepRunning();
         return !ended;
     });
     if (!read) return read;
@@ -82,7 +82,7 @@ Result<void> RocksCommitStore::verifyReplaced(Revision to, const GoesOn& goesOn)
 }
 
 Result<std::optional<RocksCommitStore::LayerBase>> RocksCommitStore::makeBase(
-    const LayerId& layer, const Layer& known, const Base& to, const GoesOn& goesOn) {
+    const LayerId& layer, const Layer& known, const Base& to, const KeepRunning& keepRunning) {
     const Base before = base();
     auto runs = runsAfter(known.number, before.revision);
     if (!runs) return tl::unexpected(runs.error());
@@ -93,7 +93,7 @@ Result<std::optional<RocksCommitStore::LayerBase>> RocksCommitStore::makeBase(
     auto found = readBaseOf(layer, before);
     if (!found) return tl::unexpected(found.error());
     LayerSnapshot made{to.revision, to.hash, *found ? std::move((*found)->doc) : LayerDoc()};
-    if (const auto followed = follow(made.doc, layer, *runs, goesOn); !followed)
+    if (const auto followed = follow(made.doc, layer, *runs, keepRunning); !followed)
         return tl::unexpected(followed.error());
     const Bytes content = encodeSnapshot(made);
     if (const Space space = measureSpace(); space.usable < space.least + kCopies * content.size())

@@ -115,13 +115,14 @@ Result<std::vector<RocksCommitStore::Run>> RocksCommitStore::runsAfter(std::uint
 
 Result<std::size_t> RocksCommitStore::follow(LayerDoc& doc, const LayerId& layer,
                                              const std::vector<Run>& runs,
-                                             const GoesOn& goesOn) const {
+                                             const KeepRunning& keepRunning) const {
     std::size_t cost = 0;
     Result<void> followed;
     for (const auto& [first, last] : runs) {
         const auto done = read(first, last, [&](const StoredCommit& stored) {
             followed = decodeCommit(stored).and_then([&](const Commit& commit) -> Result<void> {
-                if (!goesOn()) return fail(ErrorCode::ShuttingDown, "reading the log was ended");
+                if (!keepRunning())
+                    return fail(ErrorCode::ShuttingDown, "reading the log was ended");
                 cost += replayCost(stored.frame->size(), commit.edits.size());
                 return replay(doc, layer, commit);
             });

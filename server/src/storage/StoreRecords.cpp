@@ -17,7 +17,7 @@ constexpr std::size_t kCompressedHeader = sizeof(std::uint32_t) + sizeof(std::ui
 
 namespace {
 
-constexpr std::uint8_t kHasFile = 1, kHasComing = 2;
+constexpr std::uint8_t kHasFile = 1, kHasPending = 2;
 
 }  // namespace
 
@@ -41,7 +41,7 @@ Hash hashOf(ByteView bytes) {
 Bytes encodedSaved(const SavedState& saved) {
     Bytes bytes = encoded<Revision>(saved.revision);
     appendNumber<std::uint8_t>(bytes,
-                               (saved.file ? kHasFile : 0) | (saved.coming ? kHasComing : 0));
+                               (saved.file ? kHasFile : 0) | (saved.pending ? kHasPending : 0));
     if (saved.file) {
         const auto& [trace, hash] = *saved.file;
         appendNumber<std::uint64_t>(bytes, trace.size);
@@ -50,9 +50,9 @@ Bytes encodedSaved(const SavedState& saved) {
         appendNumber<std::int64_t>(bytes, trace.changedNs);
         appendBytes(bytes, hash.bytes);
     }
-    if (saved.coming) {
-        appendNumber<Revision>(bytes, saved.coming->revision);
-        appendBytes(bytes, saved.coming->hash.bytes);
+    if (saved.pending) {
+        appendNumber<Revision>(bytes, saved.pending->revision);
+        appendBytes(bytes, saved.pending->hash.bytes);
     }
     return bytes;
 }
@@ -73,9 +73,9 @@ std::optional<SavedState> decodedSaved(ByteView bytes) {
         file.trace.changedNs = in.i64();
         file.hash = hash();
     }
-    if (has & kHasComing) {
+    if (has & kHasPending) {
         const Revision revision = in.u64();
-        saved.coming = SavedState::Coming{revision, hash()};
+        saved.pending = SavedState::PendingSave{revision, hash()};
     }
     return in.finished() ? std::optional(saved) : std::nullopt;
 }

@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
-#include "DdsNews.h"
 #include "DdsSession.h"
+#include "DdsStatePublisher.h"
 #include "WhileAlive.h"
 #include "usdlive/common/core/Overloaded.h"
 #include "usdlive/common/dds/Topics.h"
@@ -111,7 +111,7 @@ public:
                        .count()),
           projectWriter_(*domain, ""),
           commitWriter_(*domain, dds::partitionOf(server)),
-          news_(*domain, server),
+          statePublisher_(*domain, server),
           timer_(io),
           submitThread_(*domain, server, [this](std::vector<Submit> submits) {
               asio::post(this->io,
@@ -164,18 +164,22 @@ public:
     void releaseCommits(SessionId session, Revision next) override {
         if (const auto found = find(session)) found->releaseCommits(next);
     }
-    void tell(std::span<const SessionId>, const News& news) override {
-        std::visit(Overloaded{
-                       [&](const LayerStates& states) { news_.tell(states, revision_); },
-                       [&](const Presences& people) { news_.tell(people, steady_clock::now()); },
-                   },
-                   news);
+    void sendUpdate(std::span<const SessionId>, const StateUpdate& update) override {
+        std::visit(
+            Overloaded{
+                [&](const LayerStates& states) { statePublisher_.publish(states, revision_); },
+                [&](const Presences& people) {
+                    statePublisher_.publish(people, steady_clock::now());
+                },
+            },
+            update);
         ++DdsHub::counters.framesOut;
     }
-    void tellFirst(SessionId session, const News& all) override {
+    void sendInitialState(SessionId session, const StateUpdate& all) override {
         const bool states = std::holds_alternative<LayerStates>(all);
         if (const auto found = find(session))
-            found->sendFirst(encodeNews(all), states ? news_.next() : 0, states ? 0 : news_.next());
+            found->sendFirst(encodeStateUpdate(all), states ? statePublisher_.next() : 0,
+                             states ? 0 : statePublisher_.next());
     }
     bool congested(SessionId session) override {
         const auto found = find(session);
@@ -193,7 +197,7 @@ public:
     }
     void closeAll(const Error& why) override {
         for (const auto& session : all()) session->close(why);
-        news_.clear();
+        statePublisher_.clear();
     }
     void setReading(SessionId session, bool reading) override {
         if (const auto found = find(session)) found->setReading(reading);
@@ -225,8 +229,8 @@ public:
     void finished(DdsSession& session) override {
         // The session is still executing. It is destroyed after this turn of the event loop.
         const auto entry = sessions_.find(session.id());
-        gone_.push_back(std::move(entry->second));
-        asio::post(io, whileAlive(life_, [this] { gone_.clear(); }));
+        closed_.push_back(std::move(entry->second));
+        asio::post(io, whileAlive(life_, [this] { closed_.clear(); }));
         sessions_.erase(entry);
         const auto client = clients_.find(session.client());
         if (client != clients_.end() && client->second == session.id()) clients_.erase(client);
@@ -358,7 +362,7 @@ private:
             if (now >= session->deadline()) session->flush(now);
             next = std::min(next, std::max(session->deadline(), now + kLeastPause));
         }
-        news_.repeat(now);
+        statePublisher_.repeat(now);
         if (stopDeadline_ && now >= *stopDeadline_)
             for (const auto& session : all()) session->cut();
         const auto pause = revision_ != announced_ ? kAnnouncePause : kAnnounceAnyway;
@@ -392,7 +396,7 @@ private:
     SessionId lastSession_;
     std::unordered_map<SessionId, std::shared_ptr<DdsSession>> sessions_;
     std::unordered_map<std::uint64_t, SessionId> clients_;
-    std::vector<std::shared_ptr<DdsSession>> toFlush_, flushing_, gone_;
+    std::vector<std::shared_ptr<DdsSession>> toFlush_, flushing_, closed_;
     std::set<IgnoredSamples::Participant>
         knownParticipants_;  // participants that have or had a session
     IgnoredSamples ignored_;
@@ -403,7 +407,7 @@ private:
     TimePoint announcedAt_;
     dds::Writer<dds::ProjectSample> projectWriter_;
     dds::Writer<dds::CommitSample> commitWriter_;
-    DdsNews news_;
+    DdsStatePublisher statePublisher_;
 
     asio::steady_timer timer_;
     bool timerSet_ = false;

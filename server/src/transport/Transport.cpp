@@ -7,14 +7,14 @@ void Transport::sendCommit(std::span<const SessionId> sessions, SharedBytes fram
     for (const SessionId session : sessions) send(session, frame);
 }
 
-void Transport::tell(std::span<const SessionId> sessions, const News& news) {
+void Transport::sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) {
     if (sessions.empty()) return;
-    const SharedBytes frame = encodeNews(news);
+    const SharedBytes frame = encodeStateUpdate(update);
     for (const SessionId session : sessions) send(session, frame);
 }
 
-void Transport::tellFirst(SessionId session, const News& all) {
-    if (SharedBytes frame = encodeNews(all)) send(session, std::move(frame));
+void Transport::sendInitialState(SessionId session, const StateUpdate& all) {
+    if (SharedBytes frame = encodeStateUpdate(all)) send(session, std::move(frame));
 }
 
 }  // namespace usdlive::server

@@ -36,7 +36,7 @@ bool AccessPolicy::holds(const Subject& subject, const LayerLock& lock) {
 /// May somebody else take or end it? Its holder is not named, or has been away for long.
 bool AccessPolicy::isFree(const LayerLock& lock) const {
     if (lock.holder.empty()) return true;
-    if (facts_->isHere(lock.holder)) return false;
+    if (facts_->isUserConnected(lock.holder)) return false;
     const auto left = leftMs_.find(lock.holder);
     const std::int64_t since = left == leftMs_.end() ? startedMs_ : left->second;
     return facts_->wallClockMs() - since >= takeoverMs_;

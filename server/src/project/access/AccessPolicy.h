@@ -32,7 +32,7 @@ public:
         /// Also of a layer that is not loaded.
         [[nodiscard]] virtual LayerLock lockAt(const LayerId& layer) const = 0;
         /// Has the user a session?
-        [[nodiscard]] virtual bool isHere(const UserName& user) const = 0;
+        [[nodiscard]] virtual bool isUserConnected(const UserName& user) const = 0;
         [[nodiscard]] virtual std::int64_t wallClockMs() const = 0;
     };
     /// `takeoverMs`: for how long the holder of a lock has to be away until others may end it.

@@ -19,8 +19,8 @@ public:
     [[nodiscard]] LayerLock lockAt(const LayerId& layer) const override {
         return states_->lockAt(layer);
     }
-    [[nodiscard]] bool isHere(const UserName& user) const override {
-        return sessions_->isHere(user);
+    [[nodiscard]] bool isUserConnected(const UserName& user) const override {
+        return sessions_->isUserConnected(user);
     }
     [[nodiscard]] std::int64_t wallClockMs() const override { return clock_->wallClockMs(); }
 

@@ -17,46 +17,47 @@ Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::recei
     using Nothing = std::optional<Arrived>;
     if (frame.part == 0) forget(session.id);
     if (frame.part == 0 && !frame.more) return Arrived{std::move(frame.transaction), bytes, {}};
-    if (frame.part == 0) coming_[session.id] = {};
-    const auto found = coming_.find(session.id);
-    if (found == coming_.end()) return fail(ErrorCode::MalformedFrame, "a part of no transaction");
+    if (frame.part == 0) arriving_[session.id] = {};
+    const auto found = arriving_.find(session.id);
+    if (found == arriving_.end())
+        return fail(ErrorCode::MalformedFrame, "a part of no transaction");
     if (frame.transaction.id.client != session.client)
         return fail(ErrorCode::MalformedFrame, "a transaction of another client");
-    Coming& coming = found->second;
-    if (coming.refused) return Nothing();
-    coming.bytes += bytes;
-    coming.edits += frame.transaction.edits.size();
+    Arriving& arriving = found->second;
+    if (arriving.refused) return Nothing();
+    arriving.bytes += bytes;
+    arriving.edits += frame.transaction.edits.size();
     bytes_ += bytes;
     if (bytes_ > kMaxComing * limits_.bytes)
         return fail(ErrorCode::TransactionTooLarge,
                     "too many large transactions are coming at once; send it again");
     const TransactionId id = frame.transaction.id;
     const std::uint64_t gesture = frame.transaction.gesture;
-    auto whole = coming.parts.add(std::move(frame));
+    auto whole = arriving.parts.add(std::move(frame));
     if (!whole) return tl::unexpected(whole.error());
-    if (coming.bytes > limits_.bytes || coming.edits > limits_.edits) {
+    if (arriving.bytes > limits_.bytes || arriving.edits > limits_.edits) {
         Arrived refused{{id, 0, gesture, {}},
-                        coming.bytes,
-                        transactionTooLarge(coming.edits, coming.bytes, limits_)};
-        bytes_ -= std::exchange(coming.bytes, 0);
-        coming.parts = {};
-        coming.refused = true;
+                        arriving.bytes,
+                        transactionTooLarge(arriving.edits, arriving.bytes, limits_)};
+        bytes_ -= std::exchange(arriving.bytes, 0);
+        arriving.parts = {};
+        arriving.refused = true;
         return refused;
     }
     if (!*whole) return Nothing();
-    Arrived arrived{std::move(**whole), coming.bytes, {}};
+    Arrived arrived{std::move(**whole), arriving.bytes, {}};
     forget(session.id);
     return arrived;
 }
 
 void ArrivingTransactions::forget(SessionId session) {
-    const auto coming = coming_.extract(session);
-    if (!coming.empty()) bytes_ -= coming.mapped().bytes;
+    const auto arriving = arriving_.extract(session);
+    if (!arriving.empty()) bytes_ -= arriving.mapped().bytes;
 }
 
 void ArrivingTransactions::addNamed(std::unordered_set<Hash>& named) const {
-    for (const auto& [session, coming] : coming_)
-        for (const Edit& edit : coming.parts.edits())
+    for (const auto& [session, arriving] : arriving_)
+        for (const Edit& edit : arriving.parts.edits())
             forEachBlob(edit.action, [&](const Value& blob) { named.insert(blob.hash()); });
 }
 

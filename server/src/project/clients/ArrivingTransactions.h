@@ -32,14 +32,14 @@ public:
     void addNamed(std::unordered_set<Hash>& named) const;
 
 private:
-    struct Coming {
+    struct Arriving {
         SubmitParts parts;
         std::size_t bytes = 0;  ///< of the parts so far
         std::size_t edits = 0;
         bool refused = false;  ///< the parts that still come are passed over
     };
     TransactionLimits limits_;
-    std::map<SessionId, Coming> coming_;
+    std::map<SessionId, Arriving> arriving_;
     std::uint64_t bytes_ = 0;  ///< of all sessions' parts
 };
 

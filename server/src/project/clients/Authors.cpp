@@ -24,7 +24,7 @@ bool Authors::answered(const ClientId& client, const Result<ClientRecord>& recor
     return true;
 }
 
-void Authors::forgetIfGone(const ClientId& client) {
+void Authors::forgetIfUnused(const ClientId& client) {
     const auto author = authors_.find(client);
     if (author != authors_.end() && author->second.inFlight.empty() &&
         !sessions_->isConnected(client))
@@ -43,7 +43,7 @@ void Authors::durable(const OrderedCommit& commit) {
     if (author == authors_.end()) return;
     author->second.inFlight.erase(commit.id.sequence);
     if (commit.id.sequence != 0) author->second.committed->add(commit.id.sequence, commit.revision);
-    forgetIfGone(commit.id.client);
+    forgetIfUnused(commit.id.client);
 }
 
 void Authors::takenBack(const Error& /*error*/, const LostCommits& lost) {
@@ -54,12 +54,12 @@ void Authors::takenBack(const Error& /*error*/, const LostCommits& lost) {
         if (author == authors_.end()) continue;
         author->second.creations.forget(commit.id.sequence);
         author->second.inFlight.erase(commit.id.sequence);
-        forgetIfGone(commit.id.client);
+        forgetIfUnused(commit.id.client);
     }
 }
 
 void Authors::left(const Session& session) {
-    if (!session.client.empty()) forgetIfGone(session.client);
+    if (!session.client.empty()) forgetIfUnused(session.client);
 }
 
 }  // namespace usdlive::server

@@ -46,7 +46,7 @@ public:
     bool answered(const ClientId& client, const Result<ClientRecord>& record);
     /// Forgets a client that is not here and has nothing under way. What it has committed is asked
     /// of the store when it comes back.
-    void forgetIfGone(const ClientId& client);
+    void forgetIfUnused(const ClientId& client);
 
     /// The store has forgotten clients whose last commit is this one or an earlier one (M14).
     void clientsForgotten(Revision upTo) { forgottenUpTo_ = std::max(forgottenUpTo_, upTo); }

@@ -186,7 +186,7 @@ void Greeting::welcome(Session& session, std::optional<Error> whyNotResumed) {
             if (layers_->has(layer)) sessions_->open(session, layer);
     if (whyNotResumed) sessions_->sendError(session, *whyNotResumed);
     sendWelcome(session, hello, resumed);
-    activity_->happened({"user joined", session.subject.user, {}, session.application});
+    activity_->record({"user joined", session.subject.user, {}, session.application});
     states_->sendAllTo(session);
     presences_->sendAllTo(session);
     const SessionId id = session.id;

@@ -165,7 +165,7 @@ void Submissions::refuse(const Session& session, const Transaction& transaction,
     ++counters_->refused;
     const LayerId layer =
         refused.edit < transaction.edits.size() ? transaction.edits[refused.edit].layer : LayerId{};
-    activity_->happened({"edits refused", session.subject.user, layer, refused.error.message});
+    activity_->record({"edits refused", session.subject.user, layer, refused.error.message});
     gestures_->refused(session.client, transaction.gesture);
     // When a session resumes, all commits up to its welcome may be its author's.
     const Revision after =

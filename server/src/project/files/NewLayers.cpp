@@ -30,7 +30,7 @@ void NewLayers::created(SessionId id, std::uint64_t request, const LayerId& laye
     fileStates_->addCreated(layer);
     layers_->require(layer);
     if (!session) return;
-    activity_->happened({"layer created", session->subject.user, layer});
+    activity_->record({"layer created", session->subject.user, layer});
     sessions_->send(*session, LayerCreated{request, layer});
 }
 

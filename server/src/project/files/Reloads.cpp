@@ -134,15 +134,15 @@ Result<void> Reloads::take(const Session& session, const LayerId& layer, Reloade
 
 void Reloads::answer(const Request& request) {
     for (const auto& [layer, saved] : request.unchanged) {
-        fileStates_->fileIs(layer, saved);
+        fileStates_->setSaved(layer, saved);
         files_->setSaved(layer, saved);
     }
     const Session* session = sessions_->greeted(request.session);
     if (!session) return;
     for (const LayerId& layer : request.outcome.reloaded)
-        activity_->happened({"layer reloaded", session->subject.user, layer});
+        activity_->record({"layer reloaded", session->subject.user, layer});
     for (const auto& failure : request.outcome.failed)
-        activity_->happened(
+        activity_->record(
             {"reload refused", session->subject.user, failure.layer, failure.message});
     sessions_->send(*session, request.outcome);
 }
@@ -159,7 +159,7 @@ void Reloads::durable(const OrderedCommit& commit) {
     if (taken_.empty() || taken_.front().saved.revision != commit.revision) return;
     const Taken taken = std::move(taken_.front());
     taken_.pop_front();
-    fileStates_->fileIs(taken.layer, taken.saved);
+    fileStates_->setSaved(taken.layer, taken.saved);
 }
 
 void Reloads::becameDurable(Revision upTo) {

@@ -92,15 +92,15 @@ void Saves::saved(SessionId id, std::uint64_t request, const SaveOutcome& outcom
     const UserName user = session ? session->subject.user : UserName();
     for (const auto& [layer, file] : outcome.saved) {
         message.saved.push_back(layer);
-        fileStates_->fileIs(layer, {outcome.revision, file});
-        activity_->happened({"layer saved", user, layer});
+        fileStates_->setSaved(layer, {outcome.revision, file});
+        activity_->record({"layer saved", user, layer});
     }
     if (!session || !session->isGreeted()) return;
     const auto failed = failed_.extract({id, request});
     if (!failed.empty())
         message.failed.insert(message.failed.end(), failed.mapped().begin(), failed.mapped().end());
     for (const auto& failure : message.failed)
-        activity_->happened({"save refused", user, failure.layer, failure.message});
+        activity_->record({"save refused", user, failure.layer, failure.message});
     sessions_->send(*session, message);
 }
 

@@ -84,8 +84,8 @@ void FileStates::checked(const LayerId& layer, const Result<std::optional<FileSt
     if (!*checked) return;
     const FileStamp& stamp = **checked;
     entry.present.trace = entry.looked = stamp.trace;
-    if (const auto& coming = entry.saved.coming; coming && stamp.hash == coming->hash) {
-        const SavedState saved{coming->revision, stamp};
+    if (const auto& pending = entry.saved.pending; pending && stamp.hash == pending->hash) {
+        const SavedState saved{pending->revision, stamp};
         fileWas(layer, saved);
         files_->setSaved(layer, saved);
     } else if (stamp.hash == entry.saved.file->hash) {
@@ -108,7 +108,7 @@ void FileStates::fileWas(const LayerId& layer, const SavedState& saved) {
     checkIfChanged(layer, entry);
 }
 
-void FileStates::fileIs(const LayerId& layer, const SavedState& saved) {
+void FileStates::setSaved(const LayerId& layer, const SavedState& saved) {
     if (!layers_->has(layer)) return;
     Entry& entry = entries_[layer];
     entry.unsaved = false;

@@ -28,7 +28,7 @@ public:
     void addCreated(const LayerId& layer);
     /// The file was just written or read. The folder is looked at again before it may look
     /// otherwise.
-    void fileIs(const LayerId& layer, const SavedState& saved);
+    void setSaved(const LayerId& layer, const SavedState& saved);
 
     [[nodiscard]] bool isDirty(const LayerId& layer) const;
     [[nodiscard]] bool isOutdated(const LayerId& layer) const;

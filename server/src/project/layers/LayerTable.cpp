@@ -21,16 +21,17 @@ Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc) {
     return made;
 }
 
-bool LayerTable::removeUnused(const std::function<bool(const LayerId&)>& isGone) {
-    std::vector<LayerId> gone;
+bool LayerTable::removeUnused(const std::function<bool(const LayerId&)>& isRemoved) {
+    std::vector<LayerId> removed;
     for (const auto& [layer, entry] : layers_)
-        if (std::holds_alternative<NotLoaded>(entry.loading) && entry.changed == 0 && isGone(layer))
-            gone.push_back(layer);
-    for (const LayerId& layer : gone) {
+        if (std::holds_alternative<NotLoaded>(entry.loading) && entry.changed == 0 &&
+            isRemoved(layer))
+            removed.push_back(layer);
+    for (const LayerId& layer : removed) {
         layers_.erase(layer);
         listeners_.notify(&LayerListener::removed, layer);
     }
-    return !gone.empty();
+    return !removed.empty();
 }
 
 void LayerTable::require(const LayerId& layer) {

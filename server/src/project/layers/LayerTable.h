@@ -35,9 +35,9 @@ public:
 
     /// False: it is there already.
     bool add(const LayerId& layer) { return layers_.try_emplace(layer).second; }
-    /// Removes the layers that are not in use, have no commit since the start, and that `isGone`
-    /// says are gone. True if there were some.
-    bool removeUnused(const std::function<bool(const LayerId&)>& isGone);
+    /// Removes the layers that are not in use, have no commit since the start, and that `isRemoved`
+    /// says are removed. True if there were some.
+    bool removeUnused(const std::function<bool(const LayerId&)>& isRemoved);
     /// Begins to load a layer, unless it is or is being loaded.
     void require(const LayerId& layer);
     /// Precondition: it is loaded, and everything in it is durable.

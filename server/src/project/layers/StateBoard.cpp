@@ -70,7 +70,7 @@ void StateBoard::announce() {
         message.layers.push_back(sent->second);
         return true;
     });
-    if (!message.layers.empty()) sessions_->tellAll(kStatesFeature, message);
+    if (!message.layers.empty()) sessions_->sendToSubscribers(kStatesFeature, message);
 }
 
 void StateBoard::sendAllTo(const Session& session) {
@@ -78,7 +78,7 @@ void StateBoard::sendAllTo(const Session& session) {
     LayerStates message;
     for (const auto& [layer, sent] : sent_)
         if (!isSame(sent, plain(sent))) message.layers.push_back(sent);
-    outbox_->tellFirst(session.id, message);
+    outbox_->sendInitialState(session.id, message);
 }
 
 // ---- what changes states
@@ -139,10 +139,10 @@ void StateBoard::logMutes(const UserName& user, const LayerId& root,
     const std::set<LayerId> now = mutedBy(root);
     for (const LayerId& layer : now)
         if (!before.contains(layer))
-            activity_->happened({"layer muted", user, layer, "on " + root.value});
+            activity_->record({"layer muted", user, layer, "on " + root.value});
     for (const LayerId& layer : before)
         if (!now.contains(layer))
-            activity_->happened({"layer unmuted", user, layer, "on " + root.value});
+            activity_->record({"layer unmuted", user, layer, "on " + root.value});
 }
 
 void StateBoard::updateLock(const UserName& user, const LayerId& layer, const LayerDoc& doc) {
@@ -150,10 +150,10 @@ void StateBoard::updateLock(const UserName& user, const LayerId& layer, const La
     const LayerLock before = std::exchange(locks_[layer], now);
     if (now.locked == before.locked && now.holder == before.holder) return;
     if (now.locked)
-        activity_->happened({"layer locked", user, layer});
+        activity_->record({"layer locked", user, layer});
     else
-        activity_->happened({"layer unlocked", user, layer,
-                             before.holder == user ? "" : "it was " + before.holder.value + "'s"});
+        activity_->record({"layer unlocked", user, layer,
+                           before.holder == user ? "" : "it was " + before.holder.value + "'s"});
 }
 
 }  // namespace usdlive::server

@@ -38,15 +38,15 @@ void PresenceBoard::sweep(std::int64_t nowMs) {
     for (auto entry = shown_.begin(); entry != shown_.end();) {
         Shown& shown = entry->second;
         if (std::exchange(shown.isFresh, false)) shown.freshMs = nowMs;
-        const bool isGone = nowMs - shown.freshMs >= kPresenceTimeMs;
-        if (isGone)
+        const bool isExpired = nowMs - shown.freshMs >= kPresenceTimeMs;
+        if (isExpired)
             message.gone.push_back(shown.presence.client);
         else if (!std::exchange(shown.isPassedOn, true))
             message.shown.push_back(shown.presence);
-        entry = isGone ? shown_.erase(entry) : std::next(entry);
+        entry = isExpired ? shown_.erase(entry) : std::next(entry);
     }
     if (message.shown.empty() && message.gone.empty()) return;
-    sessions_->tellAll(kPresenceFeature, message);
+    sessions_->sendToSubscribers(kPresenceFeature, message);
 }
 
 void PresenceBoard::sendAllTo(const Session& session) {
@@ -54,12 +54,12 @@ void PresenceBoard::sendAllTo(const Session& session) {
     Presences message;
     for (const auto& [id, other] : shown_)
         if (id != session.id) message.shown.push_back(other.presence);
-    outbox_->tellFirst(session.id, message);
+    outbox_->sendInitialState(session.id, message);
 }
 
 void PresenceBoard::left(const Session& session) {
     if (shown_.erase(session.id) == 0) return;
-    sessions_->tellAll(kPresenceFeature, Presences{{}, {session.client}});
+    sessions_->sendToSubscribers(kPresenceFeature, Presences{{}, {session.client}});
 }
 
 }  // namespace usdlive::server

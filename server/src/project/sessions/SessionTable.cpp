@@ -48,7 +48,7 @@ Session* SessionTable::greeted(SessionId id) {
     return session && session->isGreeted() ? session : nullptr;
 }
 
-bool SessionTable::isHere(const UserName& user) const {
+bool SessionTable::isUserConnected(const UserName& user) const {
     return std::ranges::any_of(sessions_, [&](const auto& one) {
         return one.second.isGreeted() && one.second.subject.user == user;
     });
@@ -100,11 +100,11 @@ void SessionTable::sendToAll(const ControlMessage& message) {
         if (session.isGreeted()) outbox_->send(id, frame);
 }
 
-void SessionTable::tellAll(const std::string& feature, const News& news) {
+void SessionTable::sendToSubscribers(const std::string& feature, const StateUpdate& update) {
     std::vector<SessionId> listening;
     for (const auto& [id, session] : sessions_)
         if (session.isGreeted() && session.features.contains(feature)) listening.push_back(id);
-    outbox_->tell(listening, news);
+    outbox_->sendUpdate(listening, update);
 }
 
 }  // namespace usdlive::server

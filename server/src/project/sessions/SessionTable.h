@@ -34,7 +34,7 @@ public:
     [[nodiscard]] const std::map<SessionId, Session>& all() const { return sessions_; }
     [[nodiscard]] std::size_t size() const { return sessions_.size(); }
     /// Has the user a session?
-    [[nodiscard]] bool isHere(const UserName& user) const;
+    [[nodiscard]] bool isUserConnected(const UserName& user) const;
     [[nodiscard]] bool isConnected(const ClientId& client) const;
 
     /// False: it was open, or was not, already.
@@ -49,8 +49,8 @@ public:
                    std::optional<std::uint64_t> request = {}, std::optional<Hash> blob = {});
     /// Sends a control message to each session that has its welcome.
     void sendToAll(const ControlMessage& message);
-    /// Sends news to each session that asked for the feature.
-    void tellAll(const std::string& feature, const News& news);
+    /// Sends the update to each session that asked for the feature.
+    void sendToSubscribers(const std::string& feature, const StateUpdate& update);
 
 private:
     Wire<ports::Outbox> outbox_;

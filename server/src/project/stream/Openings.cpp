@@ -66,7 +66,7 @@ void Openings::ready(const LayerId& layer, bool imported) {
     const std::vector<Request>& requests = waiting.mapped();
     if (imported && !requests.empty())
         if (const Session* session = sessions_->find(requests.front().session))
-            activity_->happened({"layer imported", session->subject.user, layer});
+            activity_->record({"layer imported", session->subject.user, layer});
     for (const Request& request : requests) openLoaded(request, layer);
 }
 

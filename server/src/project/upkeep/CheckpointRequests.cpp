@@ -65,7 +65,7 @@ void CheckpointRequests::takenBack(const Error& error, const LostCommits& /*lost
 
 void CheckpointRequests::added(SessionId id, std::uint64_t request,
                                const Result<Checkpoint>& added) {
-    if (added) activity_->happened({"checkpoint made", added->user, {}, added->name});
+    if (added) activity_->record({"checkpoint made", added->user, {}, added->name});
     const Session* session = sessions_->greeted(id);
     if (!session) return;
     if (added)

@@ -106,10 +106,12 @@ public:
     /// Does the same, and sends the commit to the session.
     Commit commitAndTell(const Transaction& transaction) {
         Commit made = commit(transaction);
-        tell(made.revision);
+        deliverCommit(made.revision);
         return made;
     }
-    void tell(Revision revision) { session.received(reader->read(history[revision - 1].first)); }
+    void deliverCommit(Revision revision) {
+        session.received(reader->read(history[revision - 1].first));
+    }
     /// Returns a transaction of somebody else, based on the current content.
     Transaction foreign(std::vector<Edit> edits, std::uint64_t gesture = 0) {
         return {{kOther, ++lastForeign_}, head(), gesture, std::move(edits)};
@@ -143,7 +145,7 @@ public:
         deliver(welcomeMessage(hello.resume.has_value()));
         if (hello.resume)
             for (Revision revision = hello.resume->revision + 1; revision <= head(); ++revision)
-                tell(revision);
+                deliverCommit(revision);
         return hello;
     }
     void join(const LayerId& layer) {

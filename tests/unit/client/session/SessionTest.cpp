@@ -391,7 +391,7 @@ TEST_F(SessionTest, M3EditsAfterACreationApplyToTheSpecThatItCreates) {
     for (const Revision revision :
          {peer.commit(peer.foreign({edit("/A.x", DeleteSpec{})})).revision,
           peer.commit(first).revision, peer.commit(second).revision})
-        peer.tell(revision);
+        peer.deliverCommit(revision);
     peer.advance();
     EXPECT_TRUE(peer.eventsOf<event::Lost>().empty());
     EXPECT_EQ(peer.text("/A.x", "kind"), "one");
@@ -444,8 +444,8 @@ TEST_F(SessionTest, M4WorkOnADeletedSpecComesBack) {
     const Transaction mine = peer.takeTransaction();
     peer.commit(peer.foreign({edit("/A", DeleteSpec{})}));
     peer.commit(mine);
-    peer.tell(2);
-    peer.tell(3);
+    peer.deliverCommit(2);
+    peer.deliverCommit(3);
     peer.advance();
     const auto lost = peer.eventsOf<event::Lost>();
     ASSERT_EQ(lost.size(), 1u);
@@ -732,7 +732,7 @@ TEST_F(SessionTest, M12DroppedEditsOfAMissedCommitAreReadFromTheLog) {
     EXPECT_EQ(request->from, revision);
     EXPECT_EQ(request->to, revision);
     peer.deliver(LogBegin{request->request});
-    peer.tell(revision);
+    peer.deliverCommit(revision);
     peer.deliver(LogEnd{request->request});
     peer.advance();
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
@@ -773,7 +773,7 @@ TEST_F(SessionTest, M14AForgottenClientGetsBackItsSentWork) {
     const Transaction own = peer.takeTransaction();
     ASSERT_EQ(own.edits.size(), 1u);
     EXPECT_EQ(own.edits[0].action, EditAction(setText("kind", "not sent")));
-    peer.tell(peer.commit(own).revision);
+    peer.deliverCommit(peer.commit(own).revision);
     peer.advance();
     EXPECT_EQ(peer.session.pendingTransactions(), 0u);
     EXPECT_TRUE(peer.agrees());
@@ -887,7 +887,7 @@ TEST_F(SessionTest, ACommitOutOfOrderEndsTheConnection) {
 TEST_F(SessionTest, AMalformedFrameEndsTheConnectionAfterTheFramesBeforeIt) {
     joinShot();
     peer.commit(peer.foreign({edit("/B", createPrim())}));
-    peer.tell(peer.head());
+    peer.deliverCommit(peer.head());
     peer.session.received(peer.reader->read(Bytes(40, 7)));
     peer.advance();
     EXPECT_NE(peer.session.view(kShot)->kind("/B"), std::nullopt);
@@ -1516,8 +1516,8 @@ TEST_F(SessionTest, TheLogIsReadBesideTheStream) {
     const auto request = peer.takeControl<RequestLog>();
     ASSERT_TRUE(request);
     peer.deliver(LogBegin{request->request});
-    peer.tell(1);
-    peer.tell(2);
+    peer.deliverCommit(1);
+    peer.deliverCommit(2);
     peer.deliver(LogEnd{request->request});
     peer.commitAndTell(peer.foreign({edit("/C", createPrim())}));
     peer.advance();

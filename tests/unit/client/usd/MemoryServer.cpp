@@ -10,7 +10,7 @@ namespace usdlive::tests {
 class MemoryConnection final : public client::Connection {
 public:
     explicit MemoryConnection(MemoryServer& server) : server_(server) {}
-    ~MemoryConnection() override { server_.gone(*this); }
+    ~MemoryConnection() override { server_.disconnect(*this); }
 
     void send(SharedBytes frames) override {
         if (session_ == 0) return;
@@ -39,7 +39,7 @@ public:
 
     void cut(const std::string& why) {
         if (session_ == 0) return;
-        server_.gone(*this);
+        server_.disconnect(*this);
         inbox.push_back(Lost{{ErrorCode::NotConnected, why}});
     }
 
@@ -104,7 +104,7 @@ bool MemoryServer::open(MemoryConnection& connection) {
     return true;
 }
 
-void MemoryServer::gone(MemoryConnection& connection) {
+void MemoryServer::disconnect(MemoryConnection& connection) {
     const auto session = std::exchange(connection.session_, 0);
     if (lines_.erase(session)) project_->disconnected(session);
 }
@@ -212,10 +212,10 @@ void MemoryServer::listSkipped(server::SessionId session, std::uint64_t request)
 
 void MemoryServer::readClient(const ClientId& client) {
     post([this, client] {
-        server::ClientRecord record;
+        server::ClientRecord known;
         for (const auto& [id, revision] : transactions_)
-            if (id.client == client) record.committed.emplace_back(id.sequence, revision);
-        project_->clientRead(client, record);
+            if (id.client == client) known.committed.emplace_back(id.sequence, revision);
+        project_->clientRead(client, known);
     });
 }
 
@@ -233,12 +233,13 @@ void MemoryServer::sendCommit(std::span<const server::SessionId> sessions, Share
     for (const server::SessionId session : sessions) send(session, frame);
 }
 
-void MemoryServer::tell(std::span<const server::SessionId> sessions, const server::News& news) {
-    for (const server::SessionId session : sessions) tellFirst(session, news);
+void MemoryServer::sendUpdate(std::span<const server::SessionId> sessions,
+                              const server::StateUpdate& update) {
+    for (const server::SessionId session : sessions) sendInitialState(session, update);
 }
 
-void MemoryServer::tellFirst(server::SessionId session, const server::News& all) {
-    if (SharedBytes frame = server::encodeNews(all)) send(session, std::move(frame));
+void MemoryServer::sendInitialState(server::SessionId session, const server::StateUpdate& all) {
+    if (SharedBytes frame = server::encodeStateUpdate(all)) send(session, std::move(frame));
 }
 
 void MemoryServer::sendBeside(server::SessionId session, std::vector<SharedBytes> frames) {

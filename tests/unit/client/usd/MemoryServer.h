@@ -50,17 +50,16 @@ public:
     void readClient(const ClientId& client) override;
     void sendCommit(std::span<const server::SessionId> sessions, SharedBytes frame,
                     Revision revision) override;
-    void tell(std::span<const server::SessionId> sessions, const server::News& news) override;
-    void tellFirst(server::SessionId session, const server::News& all) override;
+    void sendUpdate(std::span<const server::SessionId> sessions,
+                    const server::StateUpdate& update) override;
+    void sendInitialState(server::SessionId session, const server::StateUpdate& all) override;
     void sendBeside(server::SessionId session, std::vector<SharedBytes> frames) override;
     void saveLayers(server::SessionId session, std::uint64_t request,
                     std::vector<server::SaveJob> jobs) override;
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
-    void happened(const server::Happening& happening) override {
-        logged.emplace_back(happening.what);
-    }
+    void record(const server::ActivityEvent& event) override { logged.emplace_back(event.what); }
     // A connection accepts all data, and these tests need none of the other functions.
     bool holdCommits(server::SessionId) override { return false; }
     void releaseCommits(server::SessionId, Revision) override {}
@@ -85,7 +84,7 @@ private:
     void post(std::function<void()> task) { tasks_.push_back(std::move(task)); }
     void work();
     bool open(MemoryConnection& connection);
-    void gone(MemoryConnection& connection);
+    void disconnect(MemoryConnection& connection);
 
     std::unique_ptr<server::Project> project_;
     std::deque<std::function<void()>> tasks_;

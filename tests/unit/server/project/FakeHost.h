@@ -93,11 +93,11 @@ public:
     }
     bool holdCommits(SessionId) override { return sendsToAll; }
     void releaseCommits(SessionId, Revision) override {}
-    void tell(std::span<const SessionId> sessions, const News& news) override {
-        for (const SessionId session : sessions) tellFirst(session, news);
+    void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) override {
+        for (const SessionId session : sessions) sendInitialState(session, update);
     }
-    void tellFirst(SessionId session, const News& all) override {
-        if (const SharedBytes frame = encodeNews(all)) send(session, frame);
+    void sendInitialState(SessionId session, const StateUpdate& all) override {
+        if (const SharedBytes frame = encodeStateUpdate(all)) send(session, frame);
     }
     void sendBeside(SessionId session, std::vector<SharedBytes> frames) override {
         for (const SharedBytes& frame : frames) send(session, frame);
@@ -146,10 +146,10 @@ public:
     void listSkipped(SessionId session, std::uint64_t request) override {
         listing.emplace_back(session, request);
     }
-    void happened(const Happening& happening) override {
-        logged.push_back(happening.user.value + ": " + std::string(happening.what) +
-                         (happening.layer.empty() ? "" : " " + happening.layer.value) +
-                         (happening.detail.empty() ? "" : ", " + happening.detail));
+    void record(const ActivityEvent& event) override {
+        logged.push_back(event.user.value + ": " + std::string(event.what) +
+                         (event.layer.empty() ? "" : " " + event.layer.value) +
+                         (event.detail.empty() ? "" : ", " + event.detail));
     }
     void checkFile(const LayerId& layer) override { checking.push_back(layer); }
     void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
@@ -211,7 +211,7 @@ public:
             if (!host.readingClients.empty()) {
                 const ClientId client = host.readingClients.front();
                 host.readingClients.pop_front();
-                project->clientRead(client, record(client));
+                project->clientRead(client, clientRecord(client));
                 continue;
             }
             const std::vector<Hash> asked = std::move(host.findingBlobs.front());
@@ -222,7 +222,7 @@ public:
             project->blobsFound(asked, stored);
         }
     }
-    [[nodiscard]] ClientRecord record(const ClientId& client) const {
+    [[nodiscard]] ClientRecord clientRecord(const ClientId& client) const {
         ClientRecord known{{}, host.forgotten};
         for (const auto& [id, revision] : host.stored)
             if (id.client == client) known.committed.emplace_back(id.sequence, revision);

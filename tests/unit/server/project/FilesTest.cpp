@@ -124,7 +124,8 @@ TEST_F(FilesTest, FI1AFileThatASaveWasAboutToWriteIsOurs) {
     restarted.host.sent.clear();
     restarted.receive(1, ControlMessage(OpenLayer{1, kLayer, 0}));
     LoadedLayer loaded{World::sample()};
-    loaded.saved = {0, FileStamp{trace(1), hashOf("one")}, SavedState::Coming{0, hashOf("ours")}};
+    loaded.saved = {0, FileStamp{trace(1), hashOf("one")},
+                    SavedState::PendingSave{0, hashOf("ours")}};
     restarted.project->layerLoaded(kLayer, std::move(loaded));
     ASSERT_EQ(restarted.host.checking, std::vector{kLayer});
     const FileStamp stamp{trace(2), hashOf("ours")};
@@ -143,10 +144,10 @@ TEST_F(FilesTest, FI2ASaveNamesWhatTheFileMayHold) {
     world.receive(1, ControlMessage(SaveLayers{5, {kLayer}, {}}));
     world.receive(1, ControlMessage(SaveLayers{6, {kLayer}, true}));
     ASSERT_EQ(world.host.saves.size(), 2u);
-    const auto& minding = world.host.saves[0].jobs.at(0);
-    EXPECT_TRUE(minding.minds);
-    EXPECT_EQ(minding.saved.file->hash, hashOf("one"));
-    EXPECT_FALSE(world.host.saves[1].jobs.at(0).minds);
+    const auto& conditional = world.host.saves[0].jobs.at(0);
+    EXPECT_TRUE(conditional.onlyIfUnchanged);
+    EXPECT_EQ(conditional.saved.file->hash, hashOf("one"));
+    EXPECT_FALSE(world.host.saves[1].jobs.at(0).onlyIfUnchanged);
     world.project->layersSaved(1, 6, {0, {{kLayer, FileStamp{trace(4), hashOf("ours")}}}, {}});
     EXPECT_FALSE(state().outdated);
 }

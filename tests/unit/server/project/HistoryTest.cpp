@@ -30,7 +30,7 @@ protected:
     }
     void compacted(Revision revision) {
         world->base = {revision, world->host.log[revision - 1].hash};
-        world->project->baseIs(world->base);
+        world->project->baseChanged(world->base);
         world->project->compacted(CompactOutcome{900, 300});
     }
     void compactTo(Revision revision) {

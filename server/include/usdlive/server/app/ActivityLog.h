@@ -11,7 +11,7 @@ namespace usdlive::server {
 class ActivityLog final : public ports::Activity {
 public:
     explicit ActivityLog(Log& log) : log_(log) {}
-    void happened(const Happening& happening) override;
+    void record(const ActivityEvent& event) override;
 
 private:
     Log& log_;

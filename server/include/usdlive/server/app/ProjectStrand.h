@@ -40,38 +40,41 @@ public:
         project_.reset();
         ++generation_;
     }
-    /// Calls `tell(Project&)` if there is a project.
-    template <class Tell>
-    void use(Tell&& tell) {
+    /// Calls `function(Project&)` if there is a project.
+    template <class Function>
+    void use(Function&& function) {
         try {
-            if (project_) tell(*project_);
+            if (project_) function(*project_);
         } catch (const std::exception& fault) {
             fault_(fault);
         }
     }
-    /// Runs `work()`, which returns a Result, on `executor`, then calls `tell(Project&, result)`
-    /// here. Counts as `bytes` of the session's share until then.
-    template <class Executor, class Work, class Tell>
+    /// Runs `work()`, which returns a Result, on `executor`, then calls `function(Project&,
+    /// result)` here. Counts as `bytes` of the session's share until then.
+    template <class Executor, class Work, class Function>
     void inBackground(Executor& executor, SessionId session, std::size_t bytes, Work work,
-                      Tell tell) {
+                      Function function) {
         intake_.begin(session, bytes);
-        boost::asio::post(executor, [this, session, bytes, generation = generation_,
-                                     work = std::move(work), tell = std::move(tell)]() mutable {
-            auto result = resultOf(work);
-            boost::asio::post(network_, [this, session, bytes, generation, tell = std::move(tell),
-                                         result = std::move(result)]() mutable {
-                intake_.end(session, bytes);
-                if (generation != generation_) return;
-                use([&](Project& project) { tell(project, std::move(result)); });
+        boost::asio::post(
+            executor, [this, session, bytes, generation = generation_, work = std::move(work),
+                       function = std::move(function)]() mutable {
+                auto result = resultOf(work);
+                boost::asio::post(
+                    network_, [this, session, bytes, generation, function = std::move(function),
+                               result = std::move(result)]() mutable {
+                        intake_.end(session, bytes);
+                        if (generation != generation_) return;
+                        use([&](Project& project) { function(project, std::move(result)); });
+                    });
             });
-        });
     }
 
-    /// Calls `tell(Project&)` on the network thread, with the project of that moment. May be called
-    /// from any thread.
-    template <class Tell>
-    void post(Tell tell) {
-        boost::asio::post(network_, [this, tell = std::move(tell)]() mutable { use(tell); });
+    /// Calls `function(Project&)` on the network thread, with the project of that moment. May be
+    /// called from any thread.
+    template <class Function>
+    void post(Function function) {
+        boost::asio::post(network_,
+                          [this, function = std::move(function)]() mutable { use(function); });
     }
 
 private:

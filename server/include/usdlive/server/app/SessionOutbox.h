@@ -37,8 +37,8 @@ public:
                     Revision revision) override;
     bool holdCommits(SessionId session) override;
     void releaseCommits(SessionId session, Revision next) override;
-    void tell(std::span<const SessionId> sessions, const News& news) override;
-    void tellFirst(SessionId session, const News& all) override;
+    void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) override;
+    void sendInitialState(SessionId session, const StateUpdate& all) override;
     void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) override;
     void sendBeside(SessionId session, std::vector<SharedBytes> frames) override;
     [[nodiscard]] bool congested(SessionId session) override;

@@ -50,7 +50,7 @@ private:
     Result<std::optional<LoadedLayer>> loadStored(const LayerId& layer);
     Result<CompactOutcome> compactStore(Revision revision);
     /// Returns a function that returns false after stop().
-    [[nodiscard]] CommitStore::GoesOn whileServing() const;
+    [[nodiscard]] CommitStore::KeepRunning whileServing() const;
 
     ProjectStrand& strand_;
     Intake& intake_;

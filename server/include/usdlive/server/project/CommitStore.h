@@ -57,12 +57,12 @@ struct SavedState {
     std::optional<FileStamp> file;  ///< the file then; nothing: not known
     /// What a save is about to put in its place. After a crash between the two it tells that the
     /// file is ours.
-    struct Coming {
+    struct PendingSave {
         Revision revision = 0;
         Hash hash;
-        bool operator==(const Coming&) const = default;
+        bool operator==(const PendingSave&) const = default;
     };
-    std::optional<Coming> coming = std::nullopt;
+    std::optional<PendingSave> pending = std::nullopt;
     bool operator==(const SavedState&) const = default;
 };
 
@@ -166,14 +166,14 @@ public:
     [[nodiscard]] virtual Base base() const = 0;
 
     /// Asked again and again by what takes long, which ends when it says false.
-    using GoesOn = std::function<bool()>;
+    using KeepRunning = std::function<bool()>;
     /// Replaces the commits up to `revision`, which is durable, by what each layer held then: as
     /// done again from the log, written, synced, read back and compared. After a crash at any point
     /// the base is what it was or this, and all that can be read is what it was. Beside everything
     /// else, from any thread; one call at a time; takes long. An older revision than base() does
     /// nothing. Errors: FutureRevision, StorageFull, StorageFailed, StorageCorrupt, ShuttingDown
-    /// (`goesOn` said false); nothing was replaced then.
-    virtual Result<void> compact(Revision revision, const GoesOn& goesOn) = 0;
+    /// (`keepRunning` said false); nothing was replaced then.
+    virtual Result<void> compact(Revision revision, const KeepRunning& keepRunning) = 0;
 
     /// Appends a group, all or nothing; durable when it returns (unless opened with durability
     /// `os`). Revisions contiguous from head().revision + 1. Errors: StorageFull (nothing was

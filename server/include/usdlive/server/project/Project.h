@@ -185,7 +185,7 @@ public:
     void boundHistory();
     void baseFound(Result<BaseLimit> limit);
     /// The history begins at this base from now on.
-    void baseIs(const CommitStore::Base& base);
+    void baseChanged(const CommitStore::Base& base);
     void compacted(const Result<CompactOutcome>& outcome);
     void storageMeasured(SessionId session, std::uint64_t request, Result<Storage> storage);
 

@@ -77,11 +77,11 @@ public:
     virtual bool holdCommits(SessionId) { return false; }
     /// Starts commits to the session again, from `next` on, and the states that follow them.
     virtual void releaseCommits(SessionId, Revision /*next*/) {}
-    /// Sends `news` to all `sessions`, in the order of the calls. A multicast transport overrides
-    /// this and tellFirst(), and is called even if `sessions` is empty.
-    virtual void tell(std::span<const SessionId> sessions, const News& news);
-    /// Sends the present state to a session. From then on, tell() includes it.
-    virtual void tellFirst(SessionId session, const News& all);
+    /// Sends `update` to all `sessions`, in the order of the calls. A multicast transport overrides
+    /// this and sendInitialState(), and is called even if `sessions` is empty.
+    virtual void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update);
+    /// Sends the present state to a session. From then on, sendUpdate() includes it.
+    virtual void sendInitialState(SessionId session, const StateUpdate& all);
     /// Returns true if more than kCongestedBytes wait for the session. drained() follows then.
     [[nodiscard]] virtual bool congested(SessionId session) = 0;
     static constexpr std::size_t kCongestedBytes = 1024 * 1024;

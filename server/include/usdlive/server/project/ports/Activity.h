@@ -10,7 +10,7 @@ namespace usdlive::server {
 
 /// A user did something, or was refused it. `what` is one of a few fixed texts; `layer` and
 /// `detail` come from clients and may be empty.
-struct Happening {
+struct ActivityEvent {
     std::string_view what;
     const UserName& user;
     LayerId layer = {};
@@ -23,7 +23,7 @@ namespace ports {
 class Activity {
 public:
     virtual ~Activity() = default;
-    virtual void happened(const Happening& happening) = 0;
+    virtual void record(const ActivityEvent& event) = 0;
 };
 
 }  // namespace ports

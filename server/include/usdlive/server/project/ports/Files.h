@@ -17,7 +17,7 @@ struct SaveJob {
     Revision revision = 0;
     SavedState saved = {};  ///< as far as known
     /// Leave the file as it is if it holds neither what was saved nor what was about to be saved.
-    bool minds = false;
+    bool onlyIfUnchanged = false;
 };
 
 namespace ports {

@@ -37,8 +37,8 @@ public:
     /// server::findBase() in the store, after the checkpoints added so far; answered by
     /// baseFound().
     virtual void findBase(std::int64_t beforeMs, Revision upTo) = 0;
-    /// CommitStore::compact(); takes long, without delaying anything else; answered by baseIs(),
-    /// then compacted().
+    /// CommitStore::compact(); takes long, without delaying anything else; answered by
+    /// baseChanged(), then compacted().
     virtual void compact(Revision revision) = 0;
     /// Measures the space that the store takes; answered by storageMeasured().
     virtual void measureStorage(SessionId session, std::uint64_t request) = 0;

@@ -16,9 +16,9 @@ namespace usdlive::server {
 using SessionId = std::uint64_t;
 
 /// Messages that are the same for all sessions. An older one is obsolete once a newer one was sent.
-using News = std::variant<LayerStates, Presences>;
+using StateUpdate = std::variant<LayerStates, Presences>;
 /// Returns a frame of it; nullptr if it is empty.
-[[nodiscard]] SharedBytes encodeNews(const News& news);
+[[nodiscard]] SharedBytes encodeStateUpdate(const StateUpdate& update);
 
 namespace ports {
 
@@ -40,11 +40,11 @@ public:
     virtual bool holdCommits(SessionId session) = 0;
     /// The session is live: from here on it gets the commits from `next` on, as they are sent.
     virtual void releaseCommits(SessionId session, Revision next) = 0;
-    /// Sends `news` to all of `sessions`, ascending, each of which has got all that was sent
+    /// Sends `update` to all of `sessions`, ascending, each of which has got all that was sent
     /// before. A multicast transport sends it once, and to more sessions than these.
-    virtual void tell(std::span<const SessionId> sessions, const News& news) = 0;
+    virtual void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) = 0;
     /// Sends a session all that is known so far, in order with the rest that it is sent.
-    virtual void tellFirst(SessionId session, const News& all) = 0;
+    virtual void sendInitialState(SessionId session, const StateUpdate& all) = 0;
 
     /// Encodes and sends a snapshot, chunk by chunk, beside the stream.
     virtual void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) = 0;

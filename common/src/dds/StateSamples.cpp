@@ -1,5 +1,5 @@
 // Converts layer states and presences to DDS samples and back.
-#include "usdlive/common/dds/NewsSamples.h"
+#include "usdlive/common/dds/StateSamples.h"
 
 #include <cmath>
 #include <cstdio>

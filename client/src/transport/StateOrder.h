@@ -10,7 +10,7 @@ namespace usdlive::client {
 
 /// Holds back layer states and presences that a server sends once for all clients, until this
 /// session may use them (rules DD11, DD12). No I/O; one thread.
-class NewsOrder {
+class StateOrder {
 public:
     /// Limits for layers and people. A project has fewer, so further samples are dropped.
     static constexpr std::size_t kMostLayers = 100'000, kMostPeople = 10'000;

@@ -3,18 +3,18 @@
 #include <map>
 #include <set>
 
-#include "usdlive/common/dds/NewsSamples.h"
 #include "usdlive/common/dds/SegmentSender.h"  // TimePoint
+#include "usdlive/common/dds/StateSamples.h"
 
 namespace usdlive::server {
 
 /// Sends layer states (DD11) and presences (DD12) once for all clients. Network thread.
-class DdsNews {
+class DdsStatePublisher {
 public:
-    DdsNews(const dds::Domain& domain, std::uint64_t server);
+    DdsStatePublisher(const dds::Domain& domain, std::uint64_t server);
 
-    void tell(const LayerStates& states, Revision afterCommit);
-    void tell(const Presences& presences, dds::TimePoint now);
+    void publish(const LayerStates& states, Revision afterCommit);
+    void publish(const Presences& presences, dds::TimePoint now);
     /// Returns the number of the next sample.
     [[nodiscard]] std::uint64_t next() const { return last_ + 1; }
     /// Sends samples again that may have been lost. Call it a few times a second.
@@ -26,8 +26,8 @@ private:
     struct Person {
         Presence presence;
         std::uint64_t number = 0;
-        dds::TimePoint gone{};  ///< zero: still present
-        [[nodiscard]] bool isGone() const { return gone != dds::TimePoint{}; }
+        dds::TimePoint leftAt{};  ///< zero: still present
+        [[nodiscard]] bool hasLeft() const { return leftAt != dds::TimePoint{}; }
     };
 
     void write(const Person& person);

@@ -1,5 +1,5 @@
 // Tests the samples of layer states and presences (DD11-DD13).
-#include "usdlive/common/dds/NewsSamples.h"
+#include "usdlive/common/dds/StateSamples.h"
 
 #include <gtest/gtest.h>
 
@@ -40,7 +40,7 @@ Presence somePresence() {
 
 }  // namespace
 
-TEST(NewsSamples, DD11AStateKeepsItsContent) {
+TEST(StateSamples, DD11AStateKeepsItsContent) {
     LayerState plain;
     plain.layer = {"a.usda"};
     for (const LayerState& state : {someState(), plain}) {
@@ -49,7 +49,7 @@ TEST(NewsSamples, DD11AStateKeepsItsContent) {
     }
 }
 
-TEST(NewsSamples, DD12APresenceKeepsItsContent) {
+TEST(StateSamples, DD12APresenceKeepsItsContent) {
     for (const Presence& presence : {somePresence(), Presence{}}) {
         const PresenceOut out(presence);
         EXPECT_EQ(presenceOf(out.sample), presence);
@@ -57,7 +57,7 @@ TEST(NewsSamples, DD12APresenceKeepsItsContent) {
     }
 }
 
-TEST(NewsSamples, DD13InvalidSamplesAreIgnored) {
+TEST(StateSamples, DD13InvalidSamplesAreIgnored) {
     const std::string longName(257, 'x');
     LayerState state = someState();
     for (const std::string& layer : {std::string("../a.usda"), std::string(), longName}) {

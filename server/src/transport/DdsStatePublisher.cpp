@@ -1,5 +1,5 @@
 // Publishes layer states and presences to all clients over DDS.
-#include "DdsNews.h"
+#include "DdsStatePublisher.h"
 
 #include <chrono>
 #include <utility>
@@ -13,12 +13,12 @@ constexpr std::chrono::milliseconds kPresenceTime{kPresenceTimeMs};
 
 }  // namespace
 
-DdsNews::DdsNews(const dds::Domain& domain, std::uint64_t server)
+DdsStatePublisher::DdsStatePublisher(const dds::Domain& domain, std::uint64_t server)
     : server_(server),
       states_(domain, dds::partitionOf(server)),
       presences_(domain, dds::partitionOf(server)) {}
 
-void DdsNews::tell(const LayerStates& states, Revision afterCommit) {
+void DdsStatePublisher::publish(const LayerStates& states, Revision afterCommit) {
     for (const LayerState& state : states.layers) {
         layers_.insert(state.layer);
         dds::LayerStateOut out(state);
@@ -31,7 +31,7 @@ void DdsNews::tell(const LayerStates& states, Revision afterCommit) {
     }
 }
 
-void DdsNews::tell(const Presences& presences, dds::TimePoint now) {
+void DdsStatePublisher::publish(const Presences& presences, dds::TimePoint now) {
     for (const Presence& shown : presences.shown) {
         Person& person = people_[shown.client];
         person = {shown, ++last_, {}};
@@ -40,27 +40,27 @@ void DdsNews::tell(const Presences& presences, dds::TimePoint now) {
     for (const ClientId& client : presences.gone) {
         const auto found = people_.find(client);
         if (found == people_.end()) continue;
-        found->second.gone = now;
+        found->second.leftAt = now;
         write(found->second);
     }
 }
 
-void DdsNews::write(const Person& person) {
+void DdsStatePublisher::write(const Person& person) {
     dds::PresenceOut out(person.presence);
     out.sample.server = server_;
     out.sample.number = person.number;
-    if (person.isGone()) return presences_.dispose(out.sample);
+    if (person.hasLeft()) return presences_.dispose(out.sample);
     static_cast<void>(presences_.write(out.sample));
 }
 
-void DdsNews::repeat(dds::TimePoint now) {
+void DdsStatePublisher::repeat(dds::TimePoint now) {
     if (now - repeated_ < kRepeat) return;
     repeated_ = now;
     for (auto entry = people_.begin(); entry != people_.end();) {
         const Person& person = entry->second;
         write(person);
         // After this time, a client that received none of the samples has noticed the silence.
-        if (!person.isGone() || now - person.gone <= kPresenceTime) {
+        if (!person.hasLeft() || now - person.leftAt <= kPresenceTime) {
             ++entry;
             continue;
         }
@@ -71,7 +71,7 @@ void DdsNews::repeat(dds::TimePoint now) {
     }
 }
 
-void DdsNews::clear() {
+void DdsStatePublisher::clear() {
     for (const LayerId& layer : std::exchange(layers_, {})) {
         LayerState state;
         state.layer = layer;
@@ -81,7 +81,7 @@ void DdsNews::clear() {
     }
     Presences all;
     for (const auto& [client, person] : people_) all.gone.push_back(client);
-    tell(all, std::chrono::steady_clock::now());
+    publish(all, std::chrono::steady_clock::now());
 }
 
 }  // namespace usdlive::server

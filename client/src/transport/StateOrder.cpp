@@ -1,5 +1,5 @@
 // Holds back samples of layer states and presences until the session may use them.
-#include "transport/NewsOrder.h"
+#include "transport/StateOrder.h"
 
 #include <algorithm>
 #include <utility>
@@ -12,7 +12,7 @@ constexpr std::chrono::milliseconds kPresenceTime{kPresenceTimeMs};
 
 }  // namespace
 
-void NewsOrder::state(std::uint64_t number, Revision afterCommit, LayerState state) {
+void StateOrder::state(std::uint64_t number, Revision afterCommit, LayerState state) {
     const auto known = layers_.find(state.layer);
     if (known == layers_.end() && layers_.size() >= kMostLayers) return;
     Layer& layer = known == layers_.end() ? layers_[state.layer] : known->second;
@@ -21,13 +21,13 @@ void NewsOrder::state(std::uint64_t number, Revision afterCommit, LayerState sta
     layer = {number, afterCommit, std::move(state)};
 }
 
-void NewsOrder::statesFrom(std::uint64_t number) {
+void StateOrder::statesFrom(std::uint64_t number) {
     statesFrom_ = number;
     for (auto& [id, layer] : layers_)
         if (layer.number < number && std::exchange(layer.waiting, std::nullopt)) --waitingStates_;
 }
 
-LayerStates NewsOrder::takeStates(const CommitOrder& commits) {
+LayerStates StateOrder::takeStates(const CommitOrder& commits) {
     LayerStates ready;
     if (statesFrom_ == 0 || waitingStates_ == 0) return ready;
     for (auto& [id, layer] : layers_) {
@@ -39,7 +39,7 @@ LayerStates NewsOrder::takeStates(const CommitOrder& commits) {
     return ready;
 }
 
-void NewsOrder::presence(std::uint64_t number, Presence presence, dds::TimePoint now) {
+void StateOrder::presence(std::uint64_t number, Presence presence, dds::TimePoint now) {
     const auto known = people_.find(presence.client);
     if (known == people_.end() && people_.size() >= kMostPeople) return;
     Person& person = known == people_.end() ? people_[presence.client] : known->second;
@@ -49,11 +49,11 @@ void NewsOrder::presence(std::uint64_t number, Presence presence, dds::TimePoint
     person.waiting = std::move(presence);
 }
 
-void NewsOrder::gone(const ClientId& client) {
+void StateOrder::gone(const ClientId& client) {
     if (people_.erase(client) > 0 && presencesFrom_ != 0) gone_.push_back(client);
 }
 
-void NewsOrder::presencesFrom(std::uint64_t number, const Presences& first, dds::TimePoint now) {
+void StateOrder::presencesFrom(std::uint64_t number, const Presences& first, dds::TimePoint now) {
     presencesFrom_ = number;
     std::erase_if(people_, [&](const auto& entry) { return entry.second.number < number; });
     for (const Presence& shown : first.shown)
@@ -61,7 +61,7 @@ void NewsOrder::presencesFrom(std::uint64_t number, const Presences& first, dds:
     looked_ = now;
 }
 
-Presences NewsOrder::takePresences(dds::TimePoint now) {
+Presences StateOrder::takePresences(dds::TimePoint now) {
     Presences ready;
     if (presencesFrom_ == 0) return ready;
     // After a pause of this process the times start again, because the users were not silent.
@@ -82,7 +82,7 @@ Presences NewsOrder::takePresences(dds::TimePoint now) {
     return ready;
 }
 
-std::optional<dds::TimePoint> NewsOrder::deadline() const {
+std::optional<dds::TimePoint> StateOrder::deadline() const {
     std::optional<dds::TimePoint> earliest;
     if (presencesFrom_ == 0) return earliest;
     for (const auto& [client, person] : people_) {
