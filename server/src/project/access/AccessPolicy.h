@@ -70,7 +70,7 @@ public:
     [[nodiscard]] const std::set<LayerId>& lockingRoots() const { return lockingRoots_; }
 
     void ordered(const OrderedCommit& commit) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void loaded(const LayerId& layer, const LoadedLayer& loaded) override;
     void failed(const LayerId& layer, const Error& error) override;
     void left(const Session& session) override;

@@ -34,7 +34,7 @@ void AccessPolicy::ordered(const OrderedCommit& commit) {
     for (const LayerId& layer : commit.layerData) updateSpecLocks(layer);
 }
 
-void AccessPolicy::takenBack(const Error& /*error*/, const LostCommits& lost) {
+void AccessPolicy::rolledBack(const Error& /*error*/, const LostCommits& lost) {
     for (const LayerId& layer : lost.changed) updateSpecLocks(layer);
 }
 

@@ -46,7 +46,7 @@ void Authors::durable(const OrderedCommit& commit) {
     forgetIfUnused(commit.id.client);
 }
 
-void Authors::takenBack(const Error& /*error*/, const LostCommits& lost) {
+void Authors::rolledBack(const Error& /*error*/, const LostCommits& lost) {
     const Revision durable = lost.commits.front().revision - 1;
     for (auto& [client, author] : authors_) author.newest = std::min(author.newest, durable);
     for (const OrderedCommit& commit : lost.commits) {

@@ -55,7 +55,7 @@ public:
     [[nodiscard]] std::set<ClientId> active() const;
 
     void durable(const OrderedCommit& commit) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void left(const Session& session) override;
 
 private:

@@ -211,7 +211,7 @@ void Submissions::becameDurable(Revision upTo) {
 }
 
 /// SE5
-void Submissions::takenBack(const Error& error, const LostCommits& lost) {
+void Submissions::rolledBack(const Error& error, const LostCommits& lost) {
     counters_->refused += lost.commits.size();
     catchup_->refuse({inFlight_.begin(), inFlight_.end()}, error);
     inFlight_.clear();

@@ -48,7 +48,7 @@ public:
     void addNamed(std::unordered_set<Hash>& named) const;
 
     void becameDurable(Revision upTo) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void ready(const LayerId& /*layer*/, bool /*imported*/) override { workAll(); }
     void failed(const LayerId& /*layer*/, const Error& /*error*/) override { workAll(); }
     void closing(SessionId session) override;

@@ -85,7 +85,7 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
     const Session* session = sessions_->find(id);
     if (request == requests_.end() || !session) return advance();
     const Reading reading = request->reading.extract(layer).mapped();
-    if (!layers_->isLoaded(layer)) {  // its commits were taken back meanwhile
+    if (!layers_->isLoaded(layer)) {  // its commits were rolled back meanwhile
         request->waiting.insert(layer);
         layers_->require(layer);
         return advance();
@@ -170,7 +170,7 @@ void Reloads::becameDurable(Revision upTo) {
     }
 }
 
-void Reloads::takenBack(const Error& /*error*/, const LostCommits& lost) {
+void Reloads::rolledBack(const Error& /*error*/, const LostCommits& lost) {
     taken_.clear();
     for (Request& request : std::exchange(pending_, {})) requests_.push_back(std::move(request));
     for (Request& request : requests_) {

@@ -17,7 +17,7 @@ namespace usdlive::server {
 
 /// Requests to reload layers from their files. Each file is read and compared beside the strand;
 /// the difference becomes a commit in the name of the user who asked. A request is answered once
-/// that is durable; when commits are taken back, their layers are read again.
+/// that is durable; when commits are rolled back, their layers are read again.
 class Reloads : public LineListener, public LayerListener {
 public:
     Reloads(HistoryLine& line, const StoreCondition& store, LayerTable& layers,
@@ -45,7 +45,7 @@ public:
 
     void durable(const OrderedCommit& commit) override;
     void becameDurable(Revision upTo) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void ready(const LayerId& /*layer*/, bool /*imported*/) override { advance(); }
     void failed(const LayerId& /*layer*/, const Error& /*error*/) override { advance(); }
 

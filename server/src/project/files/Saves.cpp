@@ -125,7 +125,7 @@ void Saves::becameDurable(Revision upTo) {
 }
 
 /// The layers of pending requests are collected again.
-void Saves::takenBack(const Error& /*error*/, const LostCommits& /*lost*/) {
+void Saves::rolledBack(const Error& /*error*/, const LostCommits& /*lost*/) {
     for (Pending& pending : std::exchange(pending_, {}))
         waiting_.push_back(std::move(pending.request));
     for (const Request& request : waiting_)

@@ -16,7 +16,7 @@
 namespace usdlive::server {
 
 /// Requests to save layers. A request waits until its layers are loaded and everything in them is
-/// durable. When commits are taken back it waits again.
+/// durable. When commits are rolled back it waits again.
 class Saves : public LineListener, public LayerListener, public SessionListener {
 public:
     Saves(const HistoryLine& line, LayerTable& layers, FileStates& fileStates,
@@ -42,7 +42,7 @@ public:
                     std::size_t done, std::size_t total);
 
     void becameDurable(Revision upTo) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void ready(const LayerId& /*layer*/, bool /*imported*/) override { advance(); }
     void failed(const LayerId& /*layer*/, const Error& /*error*/) override { advance(); }
     void left(const Session& session) override;

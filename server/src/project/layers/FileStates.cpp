@@ -125,7 +125,7 @@ void FileStates::ordered(const OrderedCommit& commit) {
     if (commit.imported) entries_[*commit.imported].saved.revision = commit.revision;
 }
 
-void FileStates::takenBack(const Error& /*error*/, const LostCommits& lost) {
+void FileStates::rolledBack(const Error& /*error*/, const LostCommits& lost) {
     for (const LayerId& layer : lost.imported) entries_[layer].saved = {};
 }
 

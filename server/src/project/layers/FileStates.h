@@ -40,7 +40,7 @@ public:
     void checked(const LayerId& layer, const Result<std::optional<FileStamp>>& file);
 
     void ordered(const OrderedCommit& commit) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void loaded(const LayerId& layer, const LoadedLayer& loaded) override;
     void removed(const LayerId& layer) override { entries_.erase(layer); }
 

@@ -118,7 +118,7 @@ void LayerTable::ordered(const OrderedCommit& commit) {
     for (const LayerId& layer : commit.layers) layers_[layer].changed = commit.revision;
 }
 
-void LayerTable::takenBack(const Error& /*error*/, const LostCommits& lost) {
+void LayerTable::rolledBack(const Error& /*error*/, const LostCommits& lost) {
     for (const LayerId& layer : lost.changed) {
         Entry& entry = layers_[layer];
         entry.loading = NotLoaded{};

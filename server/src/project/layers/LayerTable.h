@@ -59,7 +59,7 @@ public:
     void notStored(const LayerId& layer);
 
     void ordered(const OrderedCommit& commit) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
 
 private:
     struct Entry {

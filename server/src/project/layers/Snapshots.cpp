@@ -56,7 +56,7 @@ void Snapshots::becameDurable(Revision upTo) {
     }
 }
 
-void Snapshots::takenBack(const Error& /*error*/, const LostCommits& /*lost*/) {
+void Snapshots::rolledBack(const Error& /*error*/, const LostCommits& /*lost*/) {
     std::erase_if(pending_, [this](const Pending& pending) {
         if (pending.revision <= line_->durable()) return false;
         layers_[pending.layer].isTaken = false;

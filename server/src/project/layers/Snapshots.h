@@ -31,7 +31,7 @@ public:
 
     void ordered(const OrderedCommit& commit) override;
     void becameDurable(Revision upTo) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void loaded(const LayerId& layer, const LoadedLayer& loaded) override;
     void ready(const LayerId& layer, bool imported) override;
     void removed(const LayerId& layer) override { layers_.erase(layer); }

@@ -14,7 +14,7 @@
 namespace usdlive::server {
 
 /// Computes the states of layers from their content, files and sessions, and sends those that
-/// changed. What is not durable yet is not sent: it might be taken back.
+/// changed. What is not durable yet is not sent: it might be rolled back.
 class StateBoard : public LineListener, public LayerListener, public SessionListener {
 public:
     StateBoard(const HistoryLine& line, const LayerTable& layers, const FileStates& files,

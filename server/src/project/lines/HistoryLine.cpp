@@ -186,7 +186,7 @@ void HistoryLine::appended(Revision upTo) {
         inFlight_.pop_front();
         durable_ = commit.revision;
         durableHash_ = commit.hash;
-        // Not by what was executed: that may be taken back, and then every base would be too old.
+        // Not by what was executed: that may be rolled back, and then every base would be too old.
         if (durable_ > limits_.namespaceRevisions)
             namespaces_.prune(durable_ - limits_.namespaceRevisions);
         listeners_.notify(&LineListener::durable, commit);
@@ -199,10 +199,10 @@ void HistoryLine::appendFailed(const Error& error, const CommitStore::Head& head
     if (head.revision != durable_ || head.hash != durableHash_)
         throw std::logic_error("the store's head is not a commit of this project");
     epoch_ = std::max(epoch_, head.epoch);
-    if (!inFlight_.empty()) takeBack(error);
+    if (!inFlight_.empty()) rollBack(error);
 }
 
-void HistoryLine::takeBack(const Error& error) {
+void HistoryLine::rollBack(const Error& error) {
     LostCommits lost;
     lost.commits.assign(std::make_move_iterator(inFlight_.begin()),
                         std::make_move_iterator(inFlight_.end()));
@@ -215,7 +215,7 @@ void HistoryLine::takeBack(const Error& error) {
     executedHash_ = durableHash_;
     namespaces_.truncate(lost.commits.front().mark);
     for (const LayerId& layer : lost.changed) docs_.erase(layer);
-    listeners_.notify(&LineListener::takenBack, error, lost);
+    listeners_.notify(&LineListener::rolledBack, error, lost);
     listeners_.notify(&LineListener::becameDurable, durable_);
 }
 

@@ -22,7 +22,7 @@
 namespace usdlive::server {
 
 /// One line of history. It executes edits on its documents, gives each commit the next revision and
-/// the hash of the chain, hands it to the log, and takes back what the log could not append. Knows
+/// the hash of the chain, hands it to the log, and rolls back what the log could not append. Knows
 /// neither sessions nor files: its listeners do. A project's main line is one; a branch is another
 /// one, which starts with the documents and the head of the revision where it leaves the main line.
 class HistoryLine {
@@ -95,7 +95,7 @@ public:
     // --- answers of the log
 
     void appended(Revision upTo);
-    /// Everything after `head` is taken back. Throws std::logic_error if `head` is no commit of
+    /// Everything after `head` is rolled back. Throws std::logic_error if `head` is no commit of
     /// this line.
     void appendFailed(const Error& error, const CommitStore::Head& head);
 
@@ -121,7 +121,7 @@ private:
     Revision append(OrderedCommit commit, CommitRecord record);
     void undo(LayerDocs before, std::uint64_t mark);
     [[nodiscard]] bool mayNotFit(const Submission& submission) const;
-    void takeBack(const Error& error);
+    void rollBack(const Error& error);
 
     Limits limits_;
     Wire<ports::CommitLog> log_;

@@ -37,20 +37,20 @@ struct LostCommits {
 };
 
 /// A part that follows a line of history. Each part that keeps something until a revision is
-/// durable learns here that it is, and repairs here what it keeps when commits are taken back.
+/// durable learns here that it is, and repairs here what it keeps when commits are rolled back.
 class LineListener {
 public:
     virtual ~LineListener() = default;
 
-    /// The commit was executed and gets its place in the order. It may still be taken back.
+    /// The commit was executed and gets its place in the order. It may still be rolled back.
     virtual void ordered(const OrderedCommit& /*commit*/) {}
     /// The commit is durable. Called for each commit, in order.
     virtual void durable(const OrderedCommit& /*commit*/) {}
     /// Everything up to this revision is durable. Called once after a group of commits, and after
-    /// takenBack().
+    /// rolledBack().
     virtual void becameDurable(Revision /*upTo*/) {}
     /// These commits never were. The line's documents that they changed were dropped.
-    virtual void takenBack(const Error& /*error*/, const LostCommits& /*lost*/) {}
+    virtual void rolledBack(const Error& /*error*/, const LostCommits& /*lost*/) {}
 };
 
 }  // namespace usdlive::server

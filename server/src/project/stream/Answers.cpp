@@ -16,7 +16,7 @@ std::optional<Answer> Answers::next(Revision position) {
     return answer;
 }
 
-void Answers::takeBack(SessionId session, const std::vector<LostSubmission>& lost, Revision durable,
+void Answers::rollBack(SessionId session, const std::vector<LostSubmission>& lost, Revision durable,
                        const Error& error) {
     std::deque<Answer> before = std::exchange(waiting_, {});
     const auto keepUntil = [&](Revision revision) {

@@ -18,7 +18,7 @@ struct Answer {
     bool closes = false;   ///< the session ends with it
 };
 
-/// A submitted transaction whose commit was taken back.
+/// A submitted transaction whose commit was rolled back.
 struct LostSubmission {
     Revision revision = 0;  ///< of the commit
     std::uint64_t sequence = 0;
@@ -34,7 +34,7 @@ public:
     /// The refusals of what was lost take their place among the answers that waited for it. A
     /// session that has not submitted it, nor again, gets none: when it submits it, that is
     /// executed like any other.
-    void takeBack(SessionId session, const std::vector<LostSubmission>& lost, Revision durable,
+    void rollBack(SessionId session, const std::vector<LostSubmission>& lost, Revision durable,
                   const Error& error);
     void clear() { waiting_.clear(); }
 

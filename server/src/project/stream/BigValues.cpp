@@ -129,8 +129,8 @@ void BigValues::ordered(const OrderedCommit& commit) {
 }
 
 /// An earlier commit that is durable may name the same values.
-void BigValues::takenBack(const Error& /*error*/, const LostCommits& lost) {
-    unused_.takenBack(lost.commits.front().revision - 1);
+void BigValues::rolledBack(const Error& /*error*/, const LostCommits& lost) {
+    unused_.rolledBack(lost.commits.front().revision - 1);
 }
 
 }  // namespace usdlive::server

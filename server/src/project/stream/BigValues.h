@@ -58,7 +58,7 @@ public:
     void written(SessionId session, const Hash& hash, const Result<bool>& whole);
 
     void ordered(const OrderedCommit& commit) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void left(const Session& session) override;
 
 private:

@@ -247,7 +247,7 @@ void Catchup::answer(SessionId session, Answer answer) {
 void Catchup::refuse(const std::vector<LostSubmission>& lost, const Error& error) {
     for (auto& [id, stream] : streams_) {
         if (stream.isClosing) continue;
-        stream.answers.takeBack(id, lost, line_->durable(), error);
+        stream.answers.rollBack(id, lost, line_->durable(), error);
         releaseAnswers(stream);
     }
 }

@@ -50,7 +50,7 @@ void Gestures::durable(const OrderedCommit& commit) {
     if (commit.gesture != 0) previews_->end(commit.id.client, commit.gesture);
 }
 
-void Gestures::takenBack(const Error& /*error*/, const LostCommits& lost) {
+void Gestures::rolledBack(const Error& /*error*/, const LostCommits& lost) {
     for (const OrderedCommit& commit : lost.commits) refused(commit.id.client, commit.gesture);
 }
 

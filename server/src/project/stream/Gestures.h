@@ -30,7 +30,7 @@ public:
     void withdrawAll(const ClientId& author);
 
     void durable(const OrderedCommit& commit) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void left(const Session& session) override;
 
 private:

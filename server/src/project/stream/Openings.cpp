@@ -92,7 +92,7 @@ void Openings::becameDurable(Revision upTo) {
 }
 
 /// A layer that lost commits is being loaded again, unless it was an import that was lost.
-void Openings::takenBack(const Error& error, const LostCommits& lost) {
+void Openings::rolledBack(const Error& error, const LostCommits& lost) {
     for (Snapshot& snapshot : std::exchange(pending_, {})) {
         snapshot.revision = std::min(snapshot.revision, line_->durable());
         if (!lost.changed.contains(snapshot.layer))

@@ -40,7 +40,7 @@ public:
     void beingImported(const LayerId& layer);
 
     void becameDurable(Revision upTo) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
     void ready(const LayerId& layer, bool imported) override;
     void failed(const LayerId& layer, const Error& error) override;
     void left(const Session& session) override;

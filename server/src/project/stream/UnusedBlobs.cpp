@@ -13,7 +13,7 @@ void UnusedBlobs::named(const std::vector<Hash>& blobs, Revision revision) {
 }
 
 // An earlier commit that is durable may name it, too.
-void UnusedBlobs::takenBack(Revision durable) {
+void UnusedBlobs::rolledBack(Revision durable) {
     for (auto& [hash, revision] : named_) revision = std::min(revision, durable);
 }
 

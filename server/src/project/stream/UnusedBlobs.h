@@ -17,7 +17,7 @@ public:
     /// A commit names them that may not be in the store yet.
     void named(const std::vector<Hash>& blobs, Revision revision);
     /// Commits after `durable` are no more: the store could not append them.
-    void takenBack(Revision durable);
+    void rolledBack(Revision durable);
     /// A client was sent that the value is stored, and may be about to commit an edit that names
     /// it.
     void stored(const Hash& hash, SessionId session);

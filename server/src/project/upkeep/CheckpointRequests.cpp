@@ -56,7 +56,7 @@ void CheckpointRequests::becameDurable(Revision upTo) {
     }
 }
 
-void CheckpointRequests::takenBack(const Error& error, const LostCommits& /*lost*/) {
+void CheckpointRequests::rolledBack(const Error& error, const LostCommits& /*lost*/) {
     becameDurable(line_->durable());
     for (const Pending& lost : std::exchange(pending_, {}))
         if (const Session* session = sessions_->greeted(lost.session))

@@ -30,7 +30,7 @@ public:
     void listed(SessionId session, std::uint64_t request, Result<std::vector<Checkpoint>> read);
 
     void becameDurable(Revision upTo) override;
-    void takenBack(const Error& error, const LostCommits& lost) override;
+    void rolledBack(const Error& error, const LostCommits& lost) override;
 
 private:
     struct Pending {

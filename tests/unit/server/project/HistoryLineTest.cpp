@@ -1,4 +1,4 @@
-// Tests a line of history by itself, without a project: what it orders, notifies and takes back.
+// Tests a line of history by itself, without a project: what it orders, notifies and rolls back.
 #include "lines/HistoryLine.h"
 
 #include <gtest/gtest.h>
@@ -27,7 +27,7 @@ public:
     void ordered(const OrderedCommit& commit) override { add("ordered", commit.revision); }
     void durable(const OrderedCommit& commit) override { add("durable", commit.revision); }
     void becameDurable(Revision upTo) override { add("up to", upTo); }
-    void takenBack(const Error& error, const LostCommits& lost) override {
+    void rolledBack(const Error& error, const LostCommits& lost) override {
         for (const OrderedCommit& commit : lost.commits) add(error.message, commit.revision);
         changed = lost.changed;
     }
@@ -105,7 +105,7 @@ TEST_F(HistoryLineTest, WhatItsCheckRefusesChangesNothing) {
     EXPECT_TRUE(has(line, "/A/B"));
 }
 
-TEST_F(HistoryLineTest, TakesBackWhatTheLogCouldNotAppend) {
+TEST_F(HistoryLineTest, RollsBackWhatTheLogCouldNotAppend) {
     commit(line, {create("/B")});
     const CommitStore::Head kept{1, line.executedHash(), 2};
     commit(line, {erase("/A")});
@@ -120,7 +120,7 @@ TEST_F(HistoryLineTest, TakesBackWhatTheLogCouldNotAppend) {
     EXPECT_EQ(line.epoch(), 2u);
     EXPECT_EQ(line.doc(kLineLayer), nullptr) << "it is to be loaded again";
 
-    // The deletion that was taken back carries no address away, either.
+    // The deletion that was rolled back carries no address away, either.
     LayerDoc again = sample();
     EXPECT_TRUE(again.apply("/B", CreateSpec{SpecKind::Prim}));
     line.put(kLineLayer, again);

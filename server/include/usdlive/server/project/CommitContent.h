@@ -1,4 +1,4 @@
-// What commits hold, as they are stored.
+// Reads the content of stored commits.
 #pragma once
 
 #include <vector>
@@ -9,33 +9,36 @@
 
 namespace usdlive::server {
 
+/// The size of the length prefix of a frame, in bytes.
 inline constexpr std::size_t kFrameLengthBytes = 4;
-/// Returns the part of a commit's frame that its chain hash is made of, and that decodeFrame()
-/// takes. (A commit in parts, FR8, is stored as one message of all its frames; its hash is made of
-/// all but the first length.)
+/// Returns a stored frame without its length prefix: the input of decodeFrame() and of the chain
+/// hash. A commit in parts (FR8) is stored as one message with all its frames; only the length of
+/// the first frame is removed. Precondition: `frame` has at least kFrameLengthBytes.
 [[nodiscard]] inline ByteView withoutLength(ByteView frame) {
     return frame.subspan(kFrameLengthBytes);
 }
 
-/// Are these the frames of a commit in parts?
+/// Returns whether a stored commit consists of several frames (FR8).
 [[nodiscard]] bool isInParts(const Bytes& frame);
-/// The frame of such a commit that begins at `offset`, with its length; moves `offset` behind it.
+/// Returns the frame that begins at `offset`, with its length prefix, and moves `offset` to the
+/// next frame. Precondition: `offset` is less than the size.
 [[nodiscard]] Bytes nextPart(const Bytes& frame, std::size_t& offset);
 
-/// The moves and deletes among the executed edits of a commit.
+/// Returns the moves and deletes among the executed edits of the commit `revision`, in order.
 [[nodiscard]] std::vector<NamespaceChange> namespaceChanges(Revision revision,
                                                             const std::vector<ExecutedEdit>& edits);
 
-/// The error for a request of a `revision` that is older than `base`, where the history begins
-/// (CH4).
+/// Returns the error HistoryReplaced for a request of `revision`, which is not newer than `base`,
+/// the start of the history (CH4).
 [[nodiscard]] tl::unexpected<Error> historyReplaced(Revision revision, Revision base);
 
-// A layer is what its commits say. These fail with StorageCorrupt, which names the commit: what is
-// stored was executed once.
+// A stored commit was executed before. If it cannot be decoded or executed again, the store is
+// damaged: the following functions fail with StorageCorrupt, and the message names the commit.
 
+/// Decodes a stored commit, also one in parts.
 [[nodiscard]] Result<Commit> decodeCommit(const StoredCommit& stored);
 
-/// Executes the commit's edits of the layer on `doc`, the layer as it was before.
+/// Executes the commit's edits of `layer` on `doc`, which is the layer before the commit.
 [[nodiscard]] Result<void> replay(LayerDoc& doc, const LayerId& layer, const Commit& commit);
 
 }  // namespace usdlive::server

@@ -1,4 +1,4 @@
-// Which big values the history names (B6).
+// Collects the big values that a project's history names (B6).
 #pragma once
 
 #include <cstddef>
@@ -9,19 +9,21 @@
 
 namespace usdlive::server {
 
-/// The big values that a project's history names (B6): its commits, and the layers as they stood
-/// where it begins. Everything else in the store (snapshots, checkpoints) follows from these.
+/// The big values that a project's history names (B6): those of its commits, and those of the
+/// layers at its start, CommitStore::base(). No other record of the store names further values.
 ///
-/// In memory only: a process reads the whole log once, and later only what was added. One thread at
-/// a time.
+/// Kept in memory only: a process reads the whole log once, and afterwards only new commits. May be
+/// used by any thread, but only by one at a time.
 class NamedBlobs {
 public:
-    /// Reads the next part of the history: commits of about `mostBytes`, or one layer. True when it
-    /// has read everything.
+    /// Reads the next part of the history: commits of about `mostBytes`, or one layer. Returns true
+    /// if all of the history was read; otherwise call it again. Starts again if the store's history
+    /// was replaced by another one. Errors: those of CommitStore::read() and layerAt().
     Result<bool> read(const CommitStore& store, std::size_t mostBytes);
-    /// Of the newest commit that was read.
+    /// Returns the revision of the newest commit that was read.
     [[nodiscard]] Revision upTo() const { return upTo_; }
-    /// Does the history name it? Precondition: read() was true.
+    /// Returns whether the history up to upTo() names the value. Precondition: the last read()
+    /// returned true.
     [[nodiscard]] bool contains(const Hash& hash) const { return last_.contains(hash); }
 
 private:
@@ -32,10 +34,11 @@ private:
     [[nodiscard]] bool isSameHistory(const CommitStore& store) const;
 
     CommitStore::Base base_;
-    std::vector<LayerId> layers_;  // whose values at the base are not read yet
+    std::vector<LayerId> layers_;  // layers whose content at the base was not read yet
     Revision upTo_ = 0;
     Hash hash_;  // chain hash at upTo_
-    /// By which commit it was named last; the base's revision: also by a layer as it stood then.
+    /// The last revision that names the value. The revision of the base stands for a layer's
+    /// content there.
     std::unordered_map<Hash, Revision> last_;
 };
 

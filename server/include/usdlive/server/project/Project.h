@@ -1,4 +1,4 @@
-// One project: the interface between what decides and the process around it.
+// One project: the logic that orders and checks edits, and its interface to the process around it.
 #pragma once
 
 #include <algorithm>
@@ -21,49 +21,53 @@
 
 namespace usdlive::server {
 
-/// How far the history may be replaced by a base.
+/// The newest revision up to which the history may be replaced by a base.
 struct BaseLimit {
     Revision revision = 0;
-    std::string keptFor;  ///< why not further, though commits are old enough; empty: they are not
+    /// The reason why newer commits of sufficient age are kept; empty: there are none.
+    std::string keptFor;
 };
-/// Takes time. The last commit that was made before `beforeMs`, but none after `upTo` or after the
-/// oldest checkpoint.
+/// Returns the last commit that was made before `beforeMs` (milliseconds since 1970), but no later
+/// one than `upTo` or the oldest checkpoint. Takes long; any thread.
 [[nodiscard]] Result<BaseLimit> findBase(const CommitStore& store, std::int64_t beforeMs,
                                          Revision upTo);
 /// The result of ports::History::compact().
 struct CompactOutcome {
-    std::uint64_t bytesBefore = 0, bytesAfter = 0;  ///< of the log
+    std::uint64_t bytesBefore = 0, bytesAfter = 0;  ///< sizes of the log
 };
 
-/// The commit that imports a whole layer from its file, without its place in the history.
+/// The commit that imports a whole layer from its file, before it has a revision.
 struct LayerImport {
-    ImportFrame frame;        ///< stampCommit() writes its place into it
-    std::vector<Hash> blobs;  ///< that it names
+    ImportFrame frame;        ///< stampCommit() adds the revision and the hash of the commit before
+    std::vector<Hash> blobs;  ///< the big values that it names
 };
-/// Any thread; takes time. LayerUnreadable: larger than one commit can be.
+/// Encodes the import of a layer. Takes long; any thread. Error: LayerUnreadable (too large for one
+/// commit).
 [[nodiscard]] Result<LayerImport> makeImport(const LayerId& layer, const LayerDoc& doc);
 
+/// The result of ports::History::loadLayer() or ports::Files::importLayer().
 struct LoadedLayer {
     LayerDoc doc;
-    std::optional<LayerImport> import = std::nullopt;  ///< it came from its file
-    SavedState saved = {};  ///< what its file has; an import has no revision yet
-    Replayed replayed = {};
+    std::optional<LayerImport> import = std::nullopt;  ///< set if it was read from its file
+    SavedState saved = {};   ///< for an import: `revision` is 0, `file` is the file that was read
+    Replayed replayed = {};  ///< the cost of loading it from the store
 };
 
-/// A layer's file, as edits that make the layer be like it.
+/// The difference between a layer and its file.
 struct ReloadedLayer {
-    std::vector<Edit> edits;  ///< paths absolute, each valid after the ones before
-    LayerDoc doc;             ///< the file's content, with the node ids of `present`
+    /// The edits that turn the layer into the content of the file, in order, with absolute paths.
+    std::vector<Edit> edits;
+    LayerDoc doc;  ///< the file's content, with the node ids of `present`
     FileStamp file;
 };
-/// Any thread; takes time. `content` is what the file holds, `present` what the layer does. Specs
-/// of one path and kind are taken to be the same.
+/// Compares `present`, the layer, with `content`, its file. Treats specs of the same path and kind
+/// as the same spec. Takes long; any thread.
 [[nodiscard]] ReloadedLayer makeReload(const LayerId& layer, const LayerDoc& present,
                                        const LayerDoc& content, const FileStamp& file);
 
-/// The result of each SaveJob.
+/// The results of all SaveJobs of a request.
 struct SaveOutcome {
-    Revision revision = 0;
+    Revision revision = 0;  ///< the highest revision of the jobs
     std::vector<std::pair<LayerId, FileStamp>> saved;
     std::vector<LayersSaved::Failure> failed;
 };
@@ -72,23 +76,25 @@ struct SaveOutcome {
 struct StoreState {
     CommitStore::Head head;
     CommitStore::Base base = {};
-    /// Those after Project::firstNamespaceRevision(), so that transactions that were sent before
-    /// the start still find their specs (M3).
+    /// The moves and deletes after Project::firstNamespaceRevision(), so that transactions that
+    /// were sent before the start still find their specs (M3).
     std::vector<NamespaceChange> namespaceChanges = {};
-    std::vector<LayerId> unsaved = {};  ///< their stored state is newer than their file
+    std::vector<LayerId> unsaved = {};  ///< CommitStore::unsavedLayers()
     Revision forgottenUpTo = 0;         ///< CommitStore::forgottenUpTo()
-    bool hasSpace = true;
+    bool hasSpace = true;               ///< CommitStore::hasSpace()
 };
 
-/// Counts for /metrics, all since the start.
+/// Counters for /metrics. All count from the start of the project.
 struct ProjectCounters {
     std::uint64_t commits = 0, edits = 0, dropped = 0, refused = 0, previews = 0, duplicates = 0;
-    std::uint64_t delivered = 0;  ///< commit frames handed to sessions
-    std::uint64_t unloaded = 0;   ///< layers
+    std::uint64_t delivered = 0;  ///< commit frames that were sent to sessions
+    std::uint64_t unloaded = 0;   ///< layers that were removed from memory
 };
 
-/// The authority over one project: greets sessions, executes and orders their transactions, sends
-/// the commits to everybody. Decides without I/O; belongs to one strand and has no mutex.
+/// The authority over one project. Accepts sessions, orders and executes their transactions, and
+/// sends the commits to all sessions. Does no I/O: it calls the ports, and their answers are passed
+/// to it. Belongs to one strand: all functions but static ones are called there, one after the
+/// other.
 class Project {
 public:
     struct Options {
@@ -96,32 +102,33 @@ public:
         std::size_t maxFrameBytes = kMaxFrameBytes;
         std::uint64_t maxBlobBytes = 4ull << 30;
         std::size_t maxEditsPerTransaction = kMaxTransactionEdits;
-        std::uint64_t maxTransactionBytes = kMaxTransactionBytes;  ///< in parts (FR8)
-        /// Commits that are larger than this, or than a frame, go in parts of about `partBytes`.
+        std::uint64_t maxTransactionBytes = kMaxTransactionBytes;  ///< of one in parts (FR8)
+        /// Commits that are larger than this, or than a frame, are sent in parts of about
+        /// `partBytes`.
         std::size_t wholeCommitBytes = kMaxFrameBytes;
         std::size_t partBytes = kPartBytes;
         std::size_t maxSessions = 1'000;
-        std::size_t recentCommitBytes = 64ull << 20;  ///< kept in memory for who resumes
+        std::size_t recentCommitBytes = 64ull << 20;  ///< commits in memory, for resuming sessions
         std::size_t namespaceLogRevisions =
-            kNamespaceLogRevisions;    ///< how far back a base may lie
-        Revision maxBehind = 100'000;  ///< commits that a session may lag by; then it is cut
+            kNamespaceLogRevisions;    ///< the most revisions that a transaction's base may be old
+        Revision maxBehind = 100'000;  ///< a session that lacks more commits than this is closed
         std::size_t leastReplay = kLeastReplay;  ///< see snapshotDue()
-        /// From one snapshot of a layer to the next, also when much is written: they cost time.
+        /// The shortest time between two snapshots of a layer.
         std::int64_t snapshotIntervalMs = 10'000;
-        std::set<UserName> administrators = {};  ///< who may edit and unlock what others lock
-        /// Others may take a lock when its holder has not been connected for so long.
+        std::set<UserName> administrators = {};  ///< may edit and unlock what others have locked
+        /// The time after which others may take a lock whose holder is not connected.
         std::int64_t lockTakeoverMs = 15 * 60'000;
-        /// Layers that nobody has open stay in memory for so long, and all of them together
-        /// take about so much.
+        /// The time for which layers that no session has open stay in memory, and the memory that
+        /// all of them may use, about.
         std::int64_t idleLayerMs = 60'000;
         std::size_t idleLayerBytes = 256ull << 20;
-        /// A big value that nothing names is kept for so long (B6).
+        /// The time for which a big value that nothing names is kept (B6).
         std::int64_t keepUnusedBlobsMs = 15 * 60'000;
         std::optional<std::uint64_t> historyDays = {};  ///< older commits are replaced by a base
     };
 
-    /// `files`: what is served, also the layers that only the store has. All are listed, none is
-    /// loaded.
+    /// `files` lists all served layers, including those that only the store has. Loads none of
+    /// them.
     Project(Options options, Ports ports, StoreState store, const std::vector<LayerFile>& files);
     ~Project();
 
@@ -131,43 +138,47 @@ public:
         return head.revision - std::min<Revision>(head.revision, options.namespaceLogRevisions);
     }
 
-    // Sessions.
+    // ---- Sessions.
+
+    /// Adds a session. Call it when a connection has opened.
     void connected(SessionId session);
-    /// Receives one message. The session is closed with an error if the message is not of the
-    /// protocol.
+    /// Receives one message. Closes the session with an error if the message violates the protocol.
     void received(SessionId session, ByteView message);
+    /// Removes a session. Call it when the connection has ended, whoever closed it.
     void disconnected(SessionId session);
-    /// It is no longer ports::Outbox::congested().
+    /// Call it when a session is no longer ports::Outbox::congested() or lags().
     void drained(SessionId session);
 
-    // Answers of the ports.
+    // ---- Answers of the ports. `session` and `request` are those of the request.
+
+    /// The commits up to this revision are durable.
     void appended(Revision upTo);
-    /// Takes back everything after the store's head: authors get refusals with `error`, the layers
-    /// concerned are loaded again, sessions continue. Commits that were handed to append() before
-    /// this call must not be appended after it. If `head` has a higher epoch, the store was opened
-    /// again.
+    /// Rolls back all commits after the store's `head`: their authors receive refusals with
+    /// `error`, the layers concerned are loaded again, and sessions continue. Commits that were
+    /// passed to append() before this call must not be appended after it. A higher epoch of `head`
+    /// means that the store was opened again.
     void appendFailed(Error error, CommitStore::Head head);
-    /// An append has failed, and only opening the store again shows what is in it; appendFailed()
-    /// is to be called then. Until then nothing is asked of the store; new transactions are refused
-    /// (SE8), and those that it may know wait.
+    /// An append has failed, and the store's content is unknown until it is opened again. Call
+    /// appendFailed() then. Until then the project requests nothing from the store and refuses new
+    /// transactions (SE8); repeated transactions that the store may contain wait.
     void storeClosed();
     void layerLoaded(const LayerId& layer, Result<LoadedLayer> loaded);
-    /// loadLayer() found nothing: the layer's file is asked for.
+    /// The store has no commit of the layer. The project imports the layer's file.
     void layerNotStored(const LayerId& layer);
     void snapshotKept(const LayerId& layer, const Result<std::size_t>& bytes);
     void commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits);
     void historyRead(SessionId session, std::uint64_t request, Result<LayerDoc> doc);
-    /// readHistory() found nothing: the layer's file is asked for.
+    /// The store has no commit of the layer. The project reads the layer's file.
     void historyNotStored(SessionId session, std::uint64_t request);
     void clientRead(const ClientId& client, const Result<ClientRecord>& record);
-    /// `stored`: those of `asked` that are.
+    /// `stored` contains the values of `asked` that are stored.
     void blobsFound(const std::vector<Hash>& asked, const std::vector<Hash>& stored);
     void blobWritten(SessionId session, const Hash& hash, Result<bool> whole);
     void layersSaved(SessionId session, std::uint64_t request, SaveOutcome outcome);
-    /// A save that takes long is at `layer`, after `done` of `total` layers (PG1).
+    /// A long save has begun to write `layer`, after `done` of `total` layers (PG1).
     void layersBeingSaved(SessionId session, std::uint64_t request, const LayerId& layer,
                           std::size_t done, std::size_t total);
-    /// importLayer() has begun to read the layer's file (PG1).
+    /// The import has begun to read the layer's file (PG1).
     void layerBeingImported(const LayerId& layer);
     void layerCreated(SessionId session, std::uint64_t request, const LayerId& layer,
                       const Result<void>& created);
@@ -181,49 +192,57 @@ public:
     void checkpointsRead(SessionId session, std::uint64_t request,
                          Result<std::vector<Checkpoint>> checkpoints);
 
-    /// Has commits older than Options::historyDays replaced. To be called now and then.
+    /// Starts to replace the commits that are older than Options::historyDays, if it is set. Call
+    /// it regularly, for example every hour.
     void boundHistory();
     void baseFound(Result<BaseLimit> limit);
-    /// The history begins at this base from now on.
+    /// CommitStore::base() has changed to this.
     void baseChanged(const CommitStore::Base& base);
     void compacted(const Result<CompactOutcome>& outcome);
     void storageMeasured(SessionId session, std::uint64_t request, Result<Storage> storage);
 
-    /// Whether the store has room for more: edits are refused with StorageFull while it has none
-    /// (SE8). To be called when that has changed.
+    // ---- Changes outside, and work that is due.
+
+    /// Call it when CommitStore::hasSpace() has changed. Edits are refused with StorageFull while
+    /// it is false (SE8).
     void setSpace(bool hasSpace);
 
-    /// To be called when the project's folder has changed. `files` contains the layers that only
-    /// the store has, too.
+    /// Call it when the project's folder has changed. `files` lists all served layers, including
+    /// those that only the store has.
     void setFiles(const std::vector<LayerFile>& files);
 
-    /// To be called now and then, also while nothing happens.
+    /// Removes layers from memory that no session uses. Call it regularly, for example every
+    /// second.
     void unloadIdle();
 
-    /// Sends everybody the presences that changed, and those that ended. To be called every
-    /// kSweepMs while hasPresence(); `nowMs`: any steady clock.
+    /// Sends the changed and the expired presences to all sessions. Call it every kSweepMs while
+    /// hasPresence(). `nowMs` is the time of any steady clock, in milliseconds.
     void sweep(std::int64_t nowMs);
     static constexpr std::int64_t kSweepMs = 1'000 / kPresencesPerSecond;
     [[nodiscard]] bool hasPresence() const;
 
-    /// The clients that are connected, and those whose commits are not durable yet. The store must
-    /// not forget them (M14): a transaction of theirs that is not answered yet may be committed
-    /// already, and be sent once more.
+    /// Returns the clients that are connected or whose commits are not durable yet. The store must
+    /// not forget them (M14): they may repeat a transaction that is already committed, but not
+    /// acknowledged.
     [[nodiscard]] std::set<ClientId> activeClients() const;
     /// CommitStore::forgottenUpTo() has changed to this.
     void clientsForgotten(Revision upTo);
 
-    /// B6. `unnamed`: big values that the store holds and nothing in it names, as of its revision
-    /// `upTo`. Returns those that nothing here names either, and that were of no use for long
-    /// enough, by `nowMs` of any steady clock: to be dropped (BlobStore::drop) before anything else
-    /// is called. To be called now and then, also without any, as it forgets what it noted.
+    /// Returns the big values to drop (B6). `unnamed` are the stored values that no commit up to
+    /// `upTo` names. The result contains those that the project does not name either, and that were
+    /// unused for Options::keepUnusedBlobsMs, by `nowMs` of any steady clock. The caller must pass
+    /// them to BlobStore::drop() before it calls another function. Call it regularly, also with an
+    /// empty `unnamed`, so that the project deletes its notes.
     [[nodiscard]] std::vector<Hash> unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
                                                 std::int64_t nowMs);
+
+    // ---- State.
 
     [[nodiscard]] Revision durableRevision() const;
     [[nodiscard]] const ProjectCounters& counters() const;
     [[nodiscard]] std::size_t sessionCount() const;
-    /// A loaded layer as executed so far (ahead of what is durable); nullptr otherwise.
+    /// Returns a loaded layer with all executed commits, durable or not; nullptr if it is not
+    /// loaded.
     [[nodiscard]] const LayerDoc* layer(const LayerId& layer) const;
 
 private:
@@ -231,7 +250,7 @@ private:
     std::unique_ptr<Impl> impl_;
 };
 
-/// Any thread; takes time.
+/// Reads the StoreState for a new Project. Takes long; any thread.
 [[nodiscard]] Result<StoreState> readState(const CommitStore& store,
                                            const Project::Options& options);
 

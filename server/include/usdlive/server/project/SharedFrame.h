@@ -1,4 +1,4 @@
-// Makes encoded frames that several sessions can be sent.
+// Encodes frames once, so that they can be sent to several sessions.
 #pragma once
 
 #include <memory>

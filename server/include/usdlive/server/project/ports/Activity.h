@@ -1,4 +1,4 @@
-// The port to the log of what users do.
+// The port to the activity log: what users have done.
 #pragma once
 
 #include <string>
@@ -8,21 +8,21 @@
 
 namespace usdlive::server {
 
-/// A user did something, or was refused it. `what` is one of a few fixed texts; `layer` and
-/// `detail` come from clients and may be empty.
+/// An action of a user, or its refusal. Not valid after record() has returned.
 struct ActivityEvent {
-    std::string_view what;
+    std::string_view what;  ///< one of a few fixed texts, for example "layer saved"
     const UserName& user;
-    LayerId layer = {};
-    std::string detail = {};
+    LayerId layer = {};       ///< may be empty; from a client, so any text
+    std::string detail = {};  ///< may be empty; from a client, so any text
 };
 
 namespace ports {
 
-/// The log of what users did. Nothing depends on it.
+/// Receives the actions of users, for a log. The project does not depend on what it does with them.
 class Activity {
 public:
     virtual ~Activity() = default;
+    /// Called in the order of the actions. Must not block.
     virtual void record(const ActivityEvent& event) = 0;
 };
 

@@ -10,18 +10,20 @@
 
 namespace usdlive::server::ports {
 
-/// Big values: the BlobStore, without waiting for it.
+/// Asynchronous access to the BlobStore. Each function returns at once.
 class Blobs {
 public:
     virtual ~Blobs() = default;
 
-    /// Which of these are stored? Answered by blobsFound().
+    /// Finds out which of these values are stored. Answered by Project::blobsFound().
     virtual void findBlobs(std::vector<Hash> hashes) = 0;
-    /// Adds a part; answered by blobWritten(). Sessions that upload the same value do so
-    /// independently. Parts of a value that is stored already are ignored: the answer to the first
-    /// and to the last of them is that the value is whole.
+    /// Passes a part to BlobStore::write(), with `session` as the writer. The parts of a session
+    /// are written in the order of the calls. Each call is answered by Project::blobWritten(). If
+    /// the value is already stored, the part is ignored, and only the answers to its first and its
+    /// last part report that the value is complete.
     virtual void writeBlob(SessionId session, BlobFrame part) = 0;
-    /// Sends a value that is stored from `offset` on, beside the stream.
+    /// Sends a stored value from the byte `offset` on to the session, beside the stream of commits
+    /// (as Outbox::sendBeside()). If it cannot be read, sends the session an error.
     virtual void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) = 0;
 };
 

@@ -1,14 +1,15 @@
-// The port to the clock.
+// The port to the time of day.
 #pragma once
 
 #include <cstdint>
 
 namespace usdlive::server::ports {
 
+/// The time of day.
 class Clock {
 public:
     virtual ~Clock() = default;
-    /// Milliseconds since 1970; may jump when the machine's clock is set.
+    /// Returns milliseconds since 1970 (UTC). May go back if the machine's clock is set.
     [[nodiscard]] virtual std::int64_t wallClockMs() = 0;
 };
 

@@ -5,11 +5,13 @@
 
 namespace usdlive::server::ports {
 
-/// Where one line of history is kept.
+/// The log that stores the commits of one line of history.
 class CommitLog {
 public:
     virtual ~CommitLog() = default;
-    /// Appends, in order; answered by appended() or appendFailed().
+    /// Appends the next commit; returns at once. Commits are appended in the order of the calls,
+    /// and may be grouped. Answered by Project::appended() when commits are durable, or by
+    /// appendFailed(), after which the commits passed so far are not appended any more.
     virtual void append(CommitRecord commit) = 0;
 };
 

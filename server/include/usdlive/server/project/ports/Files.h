@@ -13,40 +13,46 @@ namespace usdlive::server {
 /// A layer to be written to its file.
 struct SaveJob {
     LayerId layer;
-    LayerDoc doc;
-    Revision revision = 0;
-    SavedState saved = {};  ///< as far as known
-    /// Leave the file as it is if it holds neither what was saved nor what was about to be saved.
+    LayerDoc doc;           ///< the layer at `revision`
+    Revision revision = 0;  ///< durable
+    SavedState saved = {};  ///< the state that the file has, as far as the project knows
+    /// If true, the save fails with LayerOutdated if somebody else has changed the file: if its
+    /// content is neither that of `saved.file` or `saved.pending`, nor `doc`.
     bool onlyIfUnchanged = false;
 };
 
 namespace ports {
 
-/// The files in the project's folder.
+/// Asynchronous access to the files in the project's folder. Each function returns at once. The
+/// requests of one session are identified by `request`, which the answer repeats. Functions that
+/// write or check files are executed in the order of the calls.
 class Files {
 public:
     virtual ~Files() = default;
 
-    /// Reads the layer's file; answered by layerLoaded() with an import.
+    /// Reads the layer's file for an import. Answered by Project::layerLoaded(), with
+    /// LoadedLayer::import set.
     virtual void importLayer(const LayerId& layer) = 0;
-    /// Reads the layer's file; answered by historyRead().
+    /// Reads the layer's file to show it to one session. Answered by Project::historyRead().
     virtual void readLayer(SessionId session, std::uint64_t request, const LayerId& layer) = 0;
-    /// Writes layers to their files, in the order asked; answered by layersSaved().
+    /// Writes layers to their files and records it with CommitStore::setSaved(). Answered by
+    /// Project::layersSaved(), and before it by layersBeingSaved() if it takes long.
     virtual void saveLayers(SessionId session, std::uint64_t request,
                             std::vector<SaveJob> jobs) = 0;
-    /// CommitStore::setSaved(), in order with the saves; nothing waits for it.
+    /// Calls CommitStore::setSaved(), in order with the saves. Not answered.
     virtual void setSaved(const LayerId& layer, const SavedState& saved) = 0;
-    /// Reads what the layer's file holds, after the saves asked for so far; answered by
-    /// fileChecked().
+    /// Reads the metadata and hash of the layer's file, after the saves requested so far. Answered
+    /// by Project::fileChecked().
     virtual void checkFile(const LayerId& layer) = 0;
-    /// Reads the layer's file and compares it with `present`, as makeReload() does; answered by
-    /// layerReloaded().
+    /// Reads the layer's file and compares it with `present`, the layer's content, by makeReload().
+    /// Answered by Project::layerReloaded().
     virtual void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
                              LayerDoc present) = 0;
-    /// Creates the file of an empty layer; answered by layerCreated().
+    /// Creates the file of an empty layer; fails if there is one. Answered by
+    /// Project::layerCreated().
     virtual void createLayerFile(SessionId session, std::uint64_t request,
                                  const LayerId& layer) = 0;
-    /// Looks for files that are not served; answered by skippedListed().
+    /// Lists the files in the folder that are not served. Answered by Project::skippedListed().
     virtual void listSkipped(SessionId session, std::uint64_t request) = 0;
 };
 

@@ -1,4 +1,4 @@
-// The port for what a project sends to sessions.
+// The port for the messages that a project sends to its sessions.
 #pragma once
 
 #include <cstdint>
@@ -12,52 +12,58 @@
 
 namespace usdlive::server {
 
-/// One connection, as long as it lasts.
+/// Identifies a connection. The number of a closed connection is not used again.
 using SessionId = std::uint64_t;
 
-/// Messages that are the same for all sessions. An older one is obsolete once a newer one was sent.
+/// A message that is the same for all sessions: the changed layer states, or the changed presences.
+/// Each layer or presence in it replaces its earlier state.
 using StateUpdate = std::variant<LayerStates, Presences>;
-/// Returns a frame of it; nullptr if it is empty.
+/// Encodes the update as a frame. Returns nullptr if it has no content.
 [[nodiscard]] SharedBytes encodeStateUpdate(const StateUpdate& update);
 
 namespace ports {
 
-/// What a project sends to its sessions.
+/// Sends messages to sessions. No function blocks. Calls for a session that is closed are ignored.
+///
+/// A session is *live* while it receives each commit as it is made. Before that, and whenever it
+/// falls behind, it is sent the commits of the past by send().
 class Outbox {
 public:
     virtual ~Outbox() = default;
 
-    /// Sends encoded frames to a session, in order. The queue is bounded: a session that does not
-    /// read is closed with SlowReader and reported by Project::disconnected().
+    /// Sends encoded frames to a session, in the order of the calls. The queue is bounded: if a
+    /// session does not read, it is closed with SlowReader, and Project::disconnected() follows.
     virtual void send(SessionId session, SharedBytes frames) = 0;
-    /// Sends the commit `revision` to all of `sessions`, which are live and ascending, in order
-    /// with the rest that each is sent. A multicast transport sends it once for all sessions.
+    /// Sends the commit `revision` to `sessions`, which are live and in ascending order, in order
+    /// with the frames of send(). A multicast transport sends it once for all sessions.
     virtual void sendCommit(std::span<const SessionId> sessions, SharedBytes frame,
                             Revision revision) = 0;
-    /// A live session gets something else than live commits until releaseCommits(); no live commit
-    /// may come in between. True: it may have got later commits than those sent to it, because the
-    /// transport sends them to all.
+    /// Stops live commits to a session until releaseCommits(), so that none arrives between the
+    /// frames of send(). Returns true if the session may already have received later commits than
+    /// those of sendCommit(), because a multicast transport sent them to all sessions.
     virtual bool holdCommits(SessionId session) = 0;
-    /// The session is live: from here on it gets the commits from `next` on, as they are sent.
+    /// Makes the session live: it receives the commits from `next` on as they are sent.
     virtual void releaseCommits(SessionId session, Revision next) = 0;
-    /// Sends `update` to all of `sessions`, ascending, each of which has got all that was sent
-    /// before. A multicast transport sends it once, and to more sessions than these.
+    /// Sends the update to `sessions`, in ascending order. Each of them was sent the initial state
+    /// and all updates since. A multicast transport sends it once, and to other sessions too.
     virtual void sendUpdate(std::span<const SessionId> sessions, const StateUpdate& update) = 0;
-    /// Sends a session all that is known so far, in order with the rest that it is sent.
+    /// Sends a session the present state `all`, in order with the frames of send(). Later updates
+    /// follow by sendUpdate().
     virtual void sendInitialState(SessionId session, const StateUpdate& all) = 0;
 
-    /// Encodes and sends a snapshot, chunk by chunk, beside the stream.
+    /// Encodes a layer and sends it in chunks, interleaved with the frames of send(). `request` is
+    /// the number of the session's request that it answers.
     virtual void sendSnapshot(SessionId session, std::uint64_t request, LayerDoc doc) = 0;
-    /// Sends these frames beside the stream, in order.
+    /// Sends these frames in order, interleaved with those of send().
     virtual void sendBeside(SessionId session, std::vector<SharedBytes> frames) = 0;
 
-    /// Is so much queued for the session that history should wait? Then no more commits of the past
-    /// are sent to it until Project::drained().
+    /// Returns whether so many bytes are queued for the session that the project must send it no
+    /// more commits of the past. Project::drained() follows when there is room again.
     [[nodiscard]] virtual bool congested(SessionId session) = 0;
-    /// The same, of a session whose live commits queue up for it: it gets no more of them until
-    /// drained(), and then those of the past.
+    /// Returns whether a live session has so many bytes queued that it must receive no more live
+    /// commits. After Project::drained(), it is sent the missing commits as commits of the past.
     [[nodiscard]] virtual bool lags(SessionId session) = 0;
-    /// Sends what is queued, then closes.
+    /// Sends the queued frames, then closes the connection. Project::disconnected() follows.
     virtual void close(SessionId session) = 0;
 };
 

@@ -1,4 +1,4 @@
-// All ports of a project.
+// All ports of a project: the interfaces of the process around it.
 #pragma once
 
 #include "usdlive/server/project/ports/Activity.h"
@@ -10,10 +10,13 @@
 
 namespace usdlive::server {
 
-/// What a project needs of the process around it. Calls come from the project's strand and return
-/// at once, without waiting for a disk or a network; answers come back as calls of Project on the
-/// same strand. The server's app implements them with threads and sockets, the simulation with a
-/// queue and a seed. All outlive the project.
+/// The interfaces that a project needs from the process around it.
+///
+/// The project calls them on its strand. They return at once, without waiting for a disk or a
+/// network, and answer by calling a function of Project on the same strand, never from inside the
+/// call. A request whose session has closed may be answered or not; every other request must be
+/// answered. The server's app implements the ports with threads and sockets, the simulation with a
+/// queue and a seed. The implementations outlive the project.
 struct Ports {
     ports::Outbox& outbox;
     ports::History& history;
@@ -23,7 +26,7 @@ struct Ports {
     ports::Activity& activity;
 };
 
-/// One object that is all of them.
+/// A base class for one object that implements all ports.
 class AllPorts : public ports::Outbox,
                  public ports::History,
                  public ports::Blobs,
