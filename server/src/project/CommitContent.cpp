@@ -16,7 +16,7 @@ tl::unexpected<Error> damaged(Revision revision, const std::string& why) {
                 "commit " + std::to_string(revision) + " cannot be applied again: " + why);
 }
 
-/// With its length.
+/// Returns the size of the frame at `offset`, including its length prefix.
 std::size_t partSize(const Bytes& frame, std::size_t offset) {
     ByteReader in(ByteView(frame).subspan(offset));
     return std::min<std::size_t>(kFrameLengthBytes + in.u32(), frame.size() - offset);

@@ -1,4 +1,4 @@
-// Hands what arrives from sessions to the part that it is for.
+// Passes the messages of sessions to the parts that handle them.
 #include <utility>
 
 #include "ProjectImpl.h"

@@ -1,4 +1,4 @@
-// Reads the history for the big values that it names.
+// Reads the history and collects the big values that it names.
 #include "usdlive/server/project/NamedBlobs.h"
 
 #include <algorithm>
@@ -12,13 +12,13 @@ Result<bool> NamedBlobs::read(const CommitStore& store, std::size_t mostBytes) {
     const CommitStore::Base base = store.base();
     auto done = base == base_ ? Result<void>() : begin(store, base);
     if (done) done = layers_.empty() ? readCommits(store, mostBytes) : readLayer(store);
-    // The base has moved on meanwhile.
+    // The base has moved during the read.
     if (!done && done.error().code == ErrorCode::HistoryReplaced) return false;
     if (!done) return tl::unexpected(done.error());
     return layers_.empty() && base_ == store.base() && upTo_ == store.head().revision;
 }
 
-/// Forgets values that were named only by replaced commits, unless a layer held them at the base.
+/// Forgets values that only replaced commits named, and starts to read the layers at the base.
 Result<void> NamedBlobs::begin(const CommitStore& store, const CommitStore::Base& base) {
     auto layers = store.layers();
     if (!layers) return tl::unexpected(layers.error());
@@ -43,7 +43,7 @@ Result<void> NamedBlobs::readLayer(const CommitStore& store) {
     return {};
 }
 
-/// False if the store failed and, opened again, has lost commits that were read.
+/// Returns false if the store has failed, was opened again, and has lost commits that were read.
 bool NamedBlobs::isSameHistory(const CommitStore& store) const {
     if (upTo_ < store.base().revision) return true;  // it can only follow
     const auto hash = store.hashAt(upTo_);

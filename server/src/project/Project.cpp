@@ -1,4 +1,4 @@
-// A project as the process around it sees it: every call goes to the part that it is for.
+// Implements Project: passes each call to the part that handles it.
 #include "usdlive/server/project/Project.h"
 
 #include "ProjectImpl.h"

@@ -1,4 +1,4 @@
-// Puts a project together from its parts.
+// Creates a project from its parts and connects them.
 #include "ProjectImpl.h"
 
 #include <utility>
@@ -69,8 +69,9 @@ Project::Impl::Impl(Options options, Ports ports, StoreState store,
     fileStates_.setUnsaved(store.unsaved);
 }
 
-/// The order is the one in which they are notified. Two things depend on it: a part is notified
-/// after those whose state it reads, and a session is sent a commit before what follows from it.
+/// Listeners are notified in the order in which they are added here. Two things depend on it: a
+/// part is notified after the parts whose state it reads, and a session is sent a commit before the
+/// messages that result from it.
 void Project::Impl::followEachOther() {
     LineListener* const line[]{&gestures_,   &values_, &submissions_, &layers_,     &access_,
                                &fileStates_, &states_, &snapshots_,   &catchup_,    &authors_,
@@ -90,7 +91,7 @@ void Project::Impl::finishCall() {
     idleLayers_.unload();
 }
 
-// ---- answers that are for several parts
+// ---- answers that several parts handle
 
 void Project::Impl::appendFailed(const Error& error, const CommitStore::Head& head) {
     store_.closed = false;
@@ -98,14 +99,15 @@ void Project::Impl::appendFailed(const Error& error, const CommitStore::Head& he
     submissions_.workAll();
 }
 
-/// Resuming and executing need the record of what the client has committed (M9).
+/// Resuming sessions and waiting transactions need the record of the client's commits (M9).
 void Project::Impl::clientRead(const ClientId& client, const Result<ClientRecord>& record) {
     if (!authors_.answered(client, record)) return;
     for (auto& [id, session] : sessions_.all()) {
         if (session.client != client || session.isClosing()) continue;
         const bool isResuming = std::holds_alternative<CheckingResume>(session.phase);
-        // Without the record, what it sends may be committed twice. It comes again, and the record
-        // is asked for again. A session that only follows stays.
+        // Without the record, a transaction may be committed twice. The session is closed; the
+        // client reconnects, and the record is requested again. A session that submits nothing
+        // stays open.
         if (!record && !store_.closed && (isResuming || submissions_.isWaiting(id)))
             sessions_.close(session, record.error());
         else if (isResuming)
@@ -136,11 +138,11 @@ void Project::Impl::blobsFound(const std::vector<Hash>& asked, const std::vector
 
 std::vector<Hash> Project::Impl::unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
                                              std::int64_t nowMs) {
-    // A project that was made after the store was looked through does not know what was committed
-    // in between; what is in a failed store is not known.
+    // Nothing is dropped if the project does not know all commits after `upTo`: it was created
+    // later, or the store has failed.
     if (upTo < line_.first() || store_.closed) return {};
-    // Files that are read have big values that no commit names yet, and files that are written may
-    // have some that none names any more.
+    // Files that are being read contain big values that no commit names yet. Files that are being
+    // written may contain values that no commit names any more.
     if (saves_.isWriting() || reloads_.isReading() || layers_.isAnyLoading()) return {};
     std::unordered_set<Hash> named;
     submissions_.addNamed(named);

@@ -1,4 +1,4 @@
-// The parts of a project, and how they are connected.
+// The parts of a project and their connections.
 #pragma once
 
 #include "access/ProjectFacts.h"
@@ -20,9 +20,9 @@
 
 namespace usdlive::server {
 
-/// A project: its parts, each of which has its own state, in the order in which they refer to each
-/// other. What happens goes to the part that it is for; parts that follow others are notified by
-/// them (LineListener, LayerListener, SessionListener).
+/// A project: its parts, in the order in which they refer to each other. Each part has its own
+/// state. Messages and answers are passed to the part that handles them; parts that follow others
+/// are notified by them (LineListener, LayerListener, SessionListener).
 class Project::Impl : public Greeting::Receiver {
 public:
     Impl(Options options, Ports ports, StoreState store, const std::vector<LayerFile>& files);
@@ -36,14 +36,14 @@ public:
     void disconnected(SessionId id);
     void receiveFrame(SessionId id, ByteView frame) override;
 
-    // ProjectImpl.cpp: answers of the ports that are for several parts.
+    // ProjectImpl.cpp: answers of the ports that several parts handle.
     void appendFailed(const Error& error, const CommitStore::Head& head);
     void clientRead(const ClientId& client, const Result<ClientRecord>& record);
     void commitsRead(SessionId id, Result<std::vector<StoredCommit>> commits);
     void blobsFound(const std::vector<Hash>& asked, const std::vector<Hash>& stored);
     [[nodiscard]] std::vector<Hash> unusedBlobs(const std::vector<Hash>& unnamed, Revision upTo,
                                                 std::int64_t nowMs);
-    /// To be called after whatever may have changed states of layers, or the need for them.
+    /// Call it after each change that may affect the states of layers, or whether they are needed.
     void finishCall();
 
 private:

@@ -1,4 +1,4 @@
-// How the parts of a project refer to each other.
+// References and notifications between the parts of a project.
 #pragma once
 
 #include <vector>
@@ -6,8 +6,8 @@
 namespace usdlive::server {
 
 /// A part's reference to another part, to a port or to the options. Assigning a part copies its
-/// state and leaves its references as they are: a project can be assigned to another project, as
-/// tests/model does with thousands of them.
+/// state but not its references, so that a project can be assigned to another one. tests/model
+/// assigns thousands of them.
 template <class T>
 class Wire {
 public:
@@ -22,8 +22,8 @@ private:
     T* target_;
 };
 
-/// The listeners of a part, notified in the order in which they were added. Assigning leaves them
-/// as they are.
+/// The listeners of a part, notified in the order in which they were added. Assignment does not
+/// copy them.
 template <class Listener>
 class Listeners {
 public:
@@ -32,7 +32,7 @@ public:
     Listeners& operator=(const Listeners&) { return *this; }
 
     void add(Listener& listener) { listeners_.push_back(&listener); }
-    /// Calls the function of the interface with these arguments.
+    /// Calls the function with these arguments on each listener.
     template <class... Parameters, class... Arguments>
     void notify(void (Listener::*function)(Parameters...), const Arguments&... arguments) const {
         for (Listener* listener : listeners_) (listener->*function)(arguments...);

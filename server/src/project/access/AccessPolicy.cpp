@@ -1,5 +1,5 @@
-// Decides about locks of whole layers (LK1 to LK4), and what only administrators may do. Those of
-// single specs are in SpecLocks.cpp.
+// Decides about locks of layers (LK1 to LK4) and about actions of administrators. SpecLocks.cpp
+// decides about locks of specs.
 #include "access/AccessPolicy.h"
 
 #include <map>
@@ -33,7 +33,8 @@ bool AccessPolicy::holds(const Subject& subject, const LayerLock& lock) {
     return subject.isAdministrator || (!lock.holder.empty() && lock.holder == subject.user);
 }
 
-/// May somebody else take or end it? Its holder is not named, or has been away for long.
+/// Returns whether others may take or end the lock: it names no holder, or its holder was not
+/// connected for the takeover time.
 bool AccessPolicy::isFree(const LayerLock& lock) const {
     if (lock.holder.empty()) return true;
     if (facts_->isUserConnected(lock.holder)) return false;
@@ -46,7 +47,7 @@ void AccessPolicy::left(const Session& session) {
     constexpr std::size_t kMostKept = 1'000;
     if (session.subject.user.empty()) return;
     const std::int64_t now = facts_->wallClockMs();
-    // A user whose locks are free need not be remembered.
+    // Forgets users whose locks are free.
     if (leftMs_.size() >= kMostKept)
         std::erase_if(leftMs_,
                       [&](const auto& entry) { return now - entry.second >= takeoverMs_; });
@@ -64,7 +65,7 @@ std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
     const LayerDocs& docs = facts_->loadedLayers();
     const LayerId* known = nullptr;
     LayerLock lock;
-    std::map<LayerId, LayerDoc> changed;  // those whose lock may be another afterwards
+    std::map<LayerId, LayerDoc> changed;  // layers whose lock the transaction may change
     for (std::size_t index = 0; index < transaction.edits.size(); ++index) {
         const Edit& edit = transaction.edits[index];
         if (!known || *known != edit.layer) {

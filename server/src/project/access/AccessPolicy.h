@@ -1,4 +1,4 @@
-// Decides who may do what in a project.
+// The access rules of a project.
 #pragma once
 
 #include <optional>
@@ -18,55 +18,57 @@
 
 namespace usdlive::server {
 
-/// Decides who may do what in a project. Each path that edits, previews, saves, reloads, creates,
-/// names or removes something asks here, and gets the error that says why not; nothing: it is
-/// allowed.
+/// The access rules of a project. Every operation that edits, previews, saves, reloads, creates,
+/// names or removes something asks this class. An answer is the error that gives the reason, or
+/// nothing if the operation is allowed.
 class AccessPolicy : public LineListener, public LayerListener, public SessionListener {
 public:
-    /// The state of the project that it decides by.
+    /// The state of the project on which the decisions depend.
     class Facts {
     public:
         virtual ~Facts() = default;
-        /// The layers that are loaded, as executed.
+        /// Returns the loaded layers with all executed commits.
         [[nodiscard]] virtual const LayerDocs& loadedLayers() const = 0;
-        /// Also of a layer that is not loaded.
+        /// Returns the lock of a layer, loaded or not.
         [[nodiscard]] virtual LayerLock lockAt(const LayerId& layer) const = 0;
-        /// Has the user a session?
+        /// Returns whether the user has a session.
         [[nodiscard]] virtual bool isUserConnected(const UserName& user) const = 0;
         [[nodiscard]] virtual std::int64_t wallClockMs() const = 0;
     };
-    /// `takeoverMs`: for how long the holder of a lock has to be away until others may end it.
+    /// `takeoverMs` is the time after which others may end a lock whose holder is not connected.
     AccessPolicy(const Facts& facts, std::set<UserName> administrators, std::int64_t takeoverMs);
 
     [[nodiscard]] Subject subject(UserName user) const;
 
-    // --- questions
+    // --- decisions
 
-    /// May the layer be edited, saved, or given what its file holds (LK1, LK3)?
+    /// Decides about edits, saves and reloads of a layer (LK1, LK3).
     [[nodiscard]] std::optional<Error> toLayer(const Subject& subject, const LayerId& layer) const;
-    /// May the transaction be executed (LK1, LK2, LK4)? Its layers have to be loaded.
+    /// Decides about a transaction before it is executed (LK1, LK2, LK4). Precondition: its layers
+    /// are loaded.
     [[nodiscard]] std::optional<Refused> toTransaction(const Subject& subject,
                                                        const Transaction& transaction) const;
-    /// Does toEdits() have to be asked, once the edits are executed?
+    /// Returns whether toEdits() must be called after the edits were executed.
     [[nodiscard]] bool dependsOnEffects(const std::vector<Edit>& edits) const;
-    /// May what was executed stay (LK5)? `before`: the layers that were edited, as they were. With
-    /// the index of the first edit that may not.
+    /// Decides about executed edits, which are undone if they are not allowed (LK5). `before` has
+    /// the edited layers before them. Returns the index of the first forbidden edit, and the error.
     [[nodiscard]] std::optional<std::pair<std::size_t, Error>> toEdits(
         const Subject& subject, const std::vector<ExecutedEdit>& executed,
         const LayerDocs& before) const;
-    /// May others see the preview (LK1, LK5)? It is not executed on the server, so its addresses
-    /// are looked at as they are.
+    /// Returns whether a preview may be sent to others (LK1, LK5). The server does not execute
+    /// previews, so their addresses are checked as they are.
     [[nodiscard]] bool mayPreview(const Subject& subject, const std::vector<Edit>& edits) const;
-    /// May old commits be replaced (CH4)? Where the server has no administrators, everybody may.
+    /// Decides about the replacement of old commits (CH4). All users may do it if the server has no
+    /// administrators.
     [[nodiscard]] std::optional<Error> toHistory(const Subject& subject) const;
-    /// May a revision be named (CP1)? Everybody may.
+    /// Decides about a new checkpoint (CP1). Always allowed.
     [[nodiscard]] std::optional<Error> toCheckpoint(const Subject& subject,
                                                     const std::string& name) const;
-    /// May a layer be created (FI6)? Everybody may.
+    /// Decides about a new layer (FI6). Always allowed.
     [[nodiscard]] std::optional<Error> toNewLayer(const Subject& subject,
                                                   const LayerId& layer) const;
 
-    /// The root layers that lock specs.
+    /// Returns the root layers that lock specs.
     [[nodiscard]] const std::set<LayerId>& lockingRoots() const { return lockingRoots_; }
 
     void ordered(const OrderedCommit& commit) override;
@@ -91,8 +93,8 @@ private:
     std::set<UserName> administrators_;
     std::int64_t takeoverMs_;
     std::int64_t startedMs_;
-    std::set<LayerId> lockingRoots_;                     ///< as executed
-    std::unordered_map<UserName, std::int64_t> leftMs_;  ///< of users without a session
+    std::set<LayerId> lockingRoots_;                     ///< after all executed commits
+    std::unordered_map<UserName, std::int64_t> leftMs_;  ///< since when users are without a session
 };
 
 }  // namespace usdlive::server

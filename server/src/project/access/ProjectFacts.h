@@ -1,4 +1,4 @@
-// The facts that decide about access to a project.
+// The state of a project on which its access rules depend.
 #pragma once
 
 #include "access/AccessPolicy.h"
@@ -8,7 +8,7 @@
 
 namespace usdlive::server {
 
-/// The facts of a whole project.
+/// Reads the facts from the parts of a project.
 class ProjectFacts : public AccessPolicy::Facts {
 public:
     ProjectFacts(const HistoryLine& line, const StateBoard& states, const SessionTable& sessions,

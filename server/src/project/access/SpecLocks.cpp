@@ -1,4 +1,4 @@
-// Decides who may edit single specs that are locked (LK5).
+// Decides about edits of locked specs (LK5).
 #include <algorithm>
 #include <utility>
 
@@ -10,8 +10,8 @@ namespace usdlive::server {
 
 namespace {
 
-/// An `over` says nothing: it may be created so that specs below can be edited. An over of a spec
-/// that was there is an edit.
+/// Returns whether the edit only creates an `over`, which has no opinion and is needed to edit the
+/// specs below it. An existing spec that becomes an over is not harmless.
 bool isHarmless(const ExecutedEdit& executed, const LayerDoc& before) {
     const auto& [edit, applied] = executed;
     if (std::holds_alternative<CreateSpec>(edit.action)) return true;
@@ -59,7 +59,8 @@ bool AccessPolicy::dependsOnEffects(const std::vector<Edit>& edits) const {
                        [](const Edit& edit) { return touchesSpecLocks(edit.action); });
 }
 
-/// The locks that hold in a layer: those of every root layer in whose local layer stack it is.
+/// Returns the spec locks that apply to a layer: those of each root layer whose local layer stack
+/// contains it.
 SpecLocks AccessPolicy::specLocksIn(const LayerId& layer, const LayerDocs& before) const {
     const LayerDocs& docs = facts_->loadedLayers();
     SpecLocks locks;
@@ -85,8 +86,8 @@ bool AccessPolicy::isForeign(const UserName& owner, const Subject& subject) {
     return !subject.isAdministrator && owner != subject.user;
 }
 
-/// The lock of somebody else on the spec that an edit is for or, when it takes those below with it,
-/// on one of these. `doc`: the layer before the edit.
+/// Returns an error if another user has locked the spec of the edit, or a spec below it that the
+/// edit also affects. `doc` is the layer before the edit.
 std::optional<Error> AccessPolicy::specLockOn(const Subject& subject, const Edit& edit,
                                               const SpecLocks& locks, const LayerDoc* doc) {
     const std::string path = withoutVariants(edit.address.path);
@@ -142,7 +143,7 @@ std::optional<std::pair<std::size_t, Error>> AccessPolicy::toEdits(
     return std::nullopt;
 }
 
-/// May the locks themselves be others than before?
+/// Decides about edits of the spec locks themselves.
 std::optional<Error> AccessPolicy::toSpecLocks(const Subject& subject,
                                                const LayerDocs& before) const {
     for (const auto& [layer, doc] : before) {

@@ -1,4 +1,4 @@
-// Joins transactions that come in parts, and bounds what they take.
+// Joins transactions that are received in parts, and limits their memory.
 #include "clients/ArrivingTransactions.h"
 
 #include <utility>
@@ -7,8 +7,8 @@ namespace usdlive::server {
 
 namespace {
 
-// All sessions together may have as much on the way as so many of the largest transactions.
-constexpr std::uint64_t kMaxComing = 2;
+// The limit for the incomplete transactions of all sessions, in transactions of the largest size.
+constexpr std::uint64_t kMaxIncomplete = 2;
 
 }  // namespace
 
@@ -28,7 +28,7 @@ Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::recei
     arriving.bytes += bytes;
     arriving.edits += frame.transaction.edits.size();
     bytes_ += bytes;
-    if (bytes_ > kMaxComing * limits_.bytes)
+    if (bytes_ > kMaxIncomplete * limits_.bytes)
         return fail(ErrorCode::TransactionTooLarge,
                     "too many large transactions are coming at once; send it again");
     const TransactionId id = frame.transaction.id;

@@ -1,4 +1,4 @@
-// Transactions that come in parts (FR8).
+// Transactions that are received in parts (FR8).
 #pragma once
 
 #include <map>
@@ -11,36 +11,38 @@
 
 namespace usdlive::server {
 
-/// Joins the parts of transactions. Parts are decoded as they come, so that other sessions are
-/// served between two of them.
+/// Joins the parts of transactions. Each part is decoded when it is received, so that other
+/// sessions are served between two parts.
 class ArrivingTransactions {
 public:
     explicit ArrivingTransactions(const TransactionLimits& limits) : limits_(limits) {}
 
     struct Arrived {
         Transaction transaction;
-        std::size_t bytes = 0;           ///< as it came
-        std::optional<Refused> refused;  ///< it is too large; it has no edits here
+        std::size_t bytes = 0;  ///< size as received
+        std::optional<Refused>
+            refused;  ///< set if the transaction is too large; `transaction` then has no edits
     };
-    /// Returns the transaction with its last part, or when it becomes too large; nothing before.
-    /// An error ends the session.
+    /// Receives a transaction or a part of one. Returns the transaction when its last part has
+    /// arrived, or when it has become too large; before that, nothing. After an error, the caller
+    /// closes the session.
     Result<std::optional<Arrived>> receive(const Session& session, SubmitFrame frame,
                                            std::size_t bytes);
-    /// The session's transaction will not become whole.
+    /// Drops the session's incomplete transaction.
     void forget(SessionId session);
-    /// Adds the big values that the parts name.
+    /// Adds the big values that the received parts name.
     void addNamed(std::unordered_set<Hash>& named) const;
 
 private:
     struct Arriving {
         SubmitParts parts;
-        std::size_t bytes = 0;  ///< of the parts so far
+        std::size_t bytes = 0;  ///< of the received parts
         std::size_t edits = 0;
-        bool refused = false;  ///< the parts that still come are passed over
+        bool refused = false;  ///< the remaining parts are ignored
     };
     TransactionLimits limits_;
     std::map<SessionId, Arriving> arriving_;
-    std::uint64_t bytes_ = 0;  ///< of all sessions' parts
+    std::uint64_t bytes_ = 0;  ///< of the received parts of all sessions
 };
 
 }  // namespace usdlive::server

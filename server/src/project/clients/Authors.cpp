@@ -1,4 +1,4 @@
-// Keeps what clients have committed and created.
+// Keeps the committed transactions of clients, and the specs that they created.
 #include "clients/Authors.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// The clients that commit.
+// The clients of the project and their committed transactions.
 #pragma once
 
 #include <map>
@@ -16,23 +16,24 @@
 
 namespace usdlive::server {
 
-/// A client, over all its connections.
+/// A client and its transactions, over all its connections.
 struct Author {
     OwnCreations creations;
-    std::map<std::uint64_t, Revision> inFlight;  ///< by sequence: ordered and not durable yet
-    Revision newest = 0;                         ///< of its commits, as far as known
-    std::optional<CommittedNumbers> committed;   ///< nothing: not known yet
-    bool isBeingRead = false;                    ///< the store is being asked for them
+    std::map<std::uint64_t, Revision> inFlight;  ///< by number: ordered, not durable yet
+    Revision newest = 0;                         ///< the client's newest commit, as far as known
+    std::optional<CommittedNumbers> committed;   ///< nothing: not read from the store yet
+    bool isBeingRead = false;                    ///< the store is reading them
 
-    /// M9. Precondition: `committed` is known.
+    /// Returns the revision of a committed transaction (M9). Precondition: `committed` is set.
     [[nodiscard]] std::optional<Revision> revisionOf(std::uint64_t sequence) const {
         const auto found = inFlight.find(sequence);
         return found != inFlight.end() ? found->second : committed->find(sequence);
     }
 };
 
-/// The clients that are connected, and those whose commits are not durable yet. What a client has
-/// committed (M9) is asked of the store when it comes, and kept while it is here.
+/// The clients that are connected or whose commits are not durable yet. Reads the committed
+/// transactions of a client (M9) from the store when it connects, and keeps them while it is
+/// connected.
 class Authors : public LineListener, public SessionListener {
 public:
     Authors(const SessionTable& sessions, const StoreCondition& store, ports::History& history,
@@ -40,18 +41,18 @@ public:
         : sessions_(sessions), store_(store), history_(history), forgottenUpTo_(forgottenUpTo) {}
 
     [[nodiscard]] Author& of(const ClientId& client) { return authors_[client]; }
-    /// Asks the store what the client has committed, unless that is known or asked for.
+    /// Requests the client's transactions from the store, unless they are known or requested.
     void read(const ClientId& client);
-    /// The answer. False: nobody waits for it.
+    /// Receives the answer of the store. Returns false if it was not requested.
     bool answered(const ClientId& client, const Result<ClientRecord>& record);
-    /// Forgets a client that is not here and has nothing under way. What it has committed is asked
-    /// of the store when it comes back.
+    /// Forgets a client that is not connected and has no commit in flight. Its transactions are
+    /// read from the store again when it reconnects.
     void forgetIfUnused(const ClientId& client);
 
-    /// The store has forgotten clients whose last commit is this one or an earlier one (M14).
+    /// The store has forgotten clients whose last commit is not newer than `upTo` (M14).
     void clientsForgotten(Revision upTo) { forgottenUpTo_ = std::max(forgottenUpTo_, upTo); }
     [[nodiscard]] Revision forgottenUpTo() const { return forgottenUpTo_; }
-    /// The clients that the store must not forget.
+    /// Returns the clients that the store must not forget.
     [[nodiscard]] std::set<ClientId> active() const;
 
     void durable(const OrderedCommit& commit) override;

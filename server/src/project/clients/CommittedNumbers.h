@@ -1,4 +1,4 @@
-// Which transactions of a client are committed (M9).
+// The committed transactions of a client (M9).
 #pragma once
 
 #include <algorithm>
@@ -12,8 +12,8 @@
 
 namespace usdlive::server {
 
-/// M9: which transactions of one client are committed, as the store would say. Begins with what the
-/// store said and follows from there.
+/// The committed transactions of one client, with the same content as the store's record (M9).
+/// Starts with that record and is updated with each commit.
 class CommittedNumbers {
 public:
     using Entry = std::pair<std::uint64_t, Revision>;
@@ -43,14 +43,14 @@ public:
         if (last_.size() > 2 * kKept)
             last_.erase(last_.begin(), last_.end() - std::ptrdiff_t(kKept));
     }
-    /// M14: the store may have forgotten commits of the client that the client, which had seen this
-    /// revision when it came, has not seen.
+    /// M14: returns whether the store may have forgotten commits of the client after `seen`, the
+    /// revision up to which the client knows the history.
     [[nodiscard]] bool mayLack(Revision seen) const { return wasUnknown_ && seen < forgottenUpTo_; }
 
 private:
-    static constexpr std::size_t kKept = 1'024;  // as the store
-    std::vector<Entry> last_;                    // by number
-    std::map<std::uint64_t, Revision> late_;  // so far below the others that those do not hold it
+    static constexpr std::size_t kKept = 1'024;  // the same number as in the store
+    std::vector<Entry> last_;                    // sorted by number
+    std::map<std::uint64_t, Revision> late_;     // numbers too low for last_
     bool wasUnknown_;
     Revision forgottenUpTo_;
 };

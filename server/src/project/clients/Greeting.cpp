@@ -1,4 +1,4 @@
-// Checks hellos and sends welcomes.
+// Checks hello messages and sends welcomes.
 #include "clients/Greeting.h"
 
 #include <algorithm>
@@ -9,7 +9,7 @@ namespace usdlive::server {
 
 namespace {
 
-// A client further behind than this cannot resume: snapshots are then quicker than commits.
+// A client that lacks more commits than this cannot resume: it is sent snapshots, which is faster.
 constexpr Revision kMaxResumeCommits = 50'000;
 
 bool isClientId(const std::string& text) {
@@ -76,8 +76,8 @@ void Greeting::greet(Session& session, const Hello& hello) {
         welcome(session, std::nullopt);
 }
 
-/// A connection that its client has given up may still deliver. What comes over it now would be
-/// executed beside what the client sends again, after the client has counted it as refused.
+/// Closes the client's earlier connection. It may still deliver messages, which would be executed
+/// although the client has sent them again on the new connection, or has counted them as refused.
 void Greeting::supersede(const ClientId& client) {
     bool superseded = false;
     for (auto& [id, other] : sessions_->all()) {
@@ -85,7 +85,8 @@ void Greeting::supersede(const ClientId& client) {
         superseded = true;
         sessions_->end(other);
     }
-    // The client sends the preview of an open gesture again, but not of one that has ended.
+    // The client sends the previews of open gestures again. Previews of ended gestures must
+    // disappear.
     if (superseded) gestures_->withdrawAll(client);
 }
 
@@ -105,7 +106,7 @@ bool Greeting::hold(Session& session, ByteView frame) {
 void Greeting::checkResume(Session& session) {
     const auto& resume = *std::get<CheckingResume>(session.phase).hello.resume;
     const bool isKnown = authors_->of(session.client).committed.has_value();
-    if (!isKnown && !store_->closed) return;  // called again when it is
+    if (!isKnown && !store_->closed) return;  // called again when it is known
     if (!isKnown && resume.revision < authors_->forgottenUpTo())
         return sessions_->close(session, {ErrorCode::StorageFailed, "the store has failed"});
     if (auto why = whyNotResumable(session, resume)) return welcome(session, std::move(why));
@@ -155,7 +156,7 @@ void Greeting::resumeRead(SessionId id, const Result<std::vector<StoredCommit>>&
 void Greeting::resumeChecked(Session& session, const Result<Hash>& hash) {
     const auto* checking = std::get_if<CheckingResume>(&session.phase);
     if (!checking) return;
-    // That the store cannot say it now does not make its history another one.
+    // A failure of the store does not mean that the histories differ.
     if (!hash && hash.error().code == ErrorCode::StorageFailed)
         return sessions_->close(session, hash.error());
     if (!hash) return welcome(session, hash.error());

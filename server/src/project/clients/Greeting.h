@@ -1,4 +1,4 @@
-// The handshake of a session: hello, resuming (SE2), welcome.
+// The handshake of a session: hello, resuming (SE2) and welcome.
 #pragma once
 
 #include <optional>
@@ -14,11 +14,11 @@
 
 namespace usdlive::server {
 
-/// Answers hellos. A session that wants to resume waits until the store has said what its client
-/// has committed, and that the client's history is the server's.
+/// Answers hello messages. A session that resumes waits until the store has returned the client's
+/// transactions, and until the client's history is known to be that of the server.
 class Greeting {
 public:
-    /// Receives the frames that came before the welcome, once that was sent.
+    /// Receives the frames that arrived before the welcome, after the welcome was sent.
     class Receiver {
     public:
         virtual ~Receiver() = default;
@@ -43,14 +43,14 @@ public:
     Greeting(const Project::Options& options, const Parts& parts);
 
     void greet(Session& session, const Hello& hello);
-    /// Keeps a frame until the welcome. False: the session does not wait for it.
+    /// Keeps a frame until the welcome is sent. Returns false if the session is not waiting for it.
     bool hold(Session& session, ByteView frame);
-    /// Goes on with a session that wants to resume, after its client's record was read.
+    /// Continues to resume the session, after the record of its client was read.
     void checkResume(Session& session);
-    /// The store has read the commit of the revision that the session wants to resume at.
+    /// Receives the commit at which the session resumes, read from the store.
     void resumeRead(SessionId session, const Result<std::vector<StoredCommit>>& commits);
 
-    /// The oldest revision that a session wants to resume at; `newest` if none does.
+    /// Returns the oldest revision at which a session is resuming; `newest` if none is.
     [[nodiscard]] Revision oldestNeeded(Revision newest) const;
 
 private:

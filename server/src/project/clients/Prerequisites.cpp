@@ -1,4 +1,4 @@
-// Looks for what a transaction needs, and asks for what is missing.
+// Finds the data that a transaction needs, and requests what is missing.
 #include "clients/Prerequisites.h"
 
 #include <functional>
@@ -12,7 +12,7 @@ namespace usdlive::server {
 
 namespace {
 
-/// Calls `visit` with every creation that an address of the transaction names.
+/// Calls `visit` with each creation that an address of the transaction names.
 void forEachCreation(const Transaction& transaction,
                      const std::function<void(const Creation&)>& visit) {
     for (const Edit& edit : transaction.edits) {
@@ -22,7 +22,7 @@ void forEachCreation(const Transaction& transaction,
     }
 }
 
-/// Is an executed edit recorded in the NamespaceLog?
+/// Returns whether an executed edit is recorded in the NamespaceLog.
 bool changesNamespace(const Edit& edit) {
     if (std::holds_alternative<DeleteSpec>(edit.action)) return true;
     const auto* move = std::get_if<MoveSpec>(&edit.action);
@@ -46,7 +46,8 @@ std::variant<bool, Refused> Prerequisites::check(SessionId session, const Author
     return creationsKnown(session, author, queued);
 }
 
-/// Are all big values stored that it names? False while the store is asked.
+/// Checks that all big values of the transaction are stored. Returns false while the store is being
+/// asked.
 std::variant<bool, Refused> Prerequisites::blobsReady(QueuedTransaction& queued) {
     std::unordered_set<Hash> checked;
     std::vector<Hash> missing;
@@ -81,7 +82,7 @@ std::variant<bool, Refused> Prerequisites::blobsReady(QueuedTransaction& queued)
     return !isSought;
 }
 
-/// Begins to load layers that are not; false while that is under way.
+/// Starts to load the layers of the transaction. Returns false until all are loaded.
 std::variant<bool, Refused> Prerequisites::layersReady(const Transaction& transaction) {
     bool ready = true;
     const LayerId* previous = nullptr;
@@ -102,8 +103,8 @@ std::variant<bool, Refused> Prerequisites::layersReady(const Transaction& transa
     return ready;
 }
 
-/// M3: after a restart, or when its author was away, the store is asked what an earlier transaction
-/// created. False while that is under way.
+/// M3: requests the specs that earlier transactions created from the store, if they are not in
+/// memory after a restart or a reconnect. Returns false until they are read.
 bool Prerequisites::creationsKnown(SessionId session, const Author& author,
                                    QueuedTransaction& queued) {
     bool known = true;
@@ -112,7 +113,7 @@ bool Prerequisites::creationsKnown(SessionId session, const Author& author,
         if (sequence == queued.transaction.id.sequence || author.creations.find(creation)) return;
         if (author.inFlight.contains(sequence) || !queued.lookedUp.insert(sequence).second) return;
         const auto revision = author.committed->find(sequence);
-        if (!revision || *revision <= start_->oldest()) return;  // M4: as if it was not created
+        if (!revision || *revision <= start_->oldest()) return;  // M4: treated as not created
         known = false;
         reads_->request(session, {ReadPurpose::Creations, *revision, *revision, sequence});
     });
@@ -126,7 +127,7 @@ void Prerequisites::addCreations(Author& author, std::uint64_t sequence,
     const Commit& commit = *decoded;
     std::uint64_t mark = line_->namespaces().markBefore(commit.revision);
     auto dropped = commit.dropped.begin();
-    std::uint32_t index = 0;  // of the edit in the transaction
+    std::uint32_t index = 0;  // index of the edit in the transaction
     for (const Edit& edit : commit.edits) {
         for (; dropped != commit.dropped.end() && dropped->index == index; ++dropped) ++index;
         if (changesNamespace(edit)) ++mark;

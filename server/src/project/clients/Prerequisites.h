@@ -1,4 +1,4 @@
-// Loads what has to be in memory before a transaction can be executed.
+// Loads the data that a transaction needs to be executed.
 #pragma once
 
 #include <set>
@@ -16,24 +16,25 @@ namespace usdlive::server {
 /// A transaction that waits to be executed.
 struct QueuedTransaction {
     Transaction transaction;
-    std::size_t bytes = 0;             ///< as it came
-    std::set<std::uint64_t> lookedUp;  ///< transactions whose creations were asked of the store
-    std::set<Hash> soughtBlobs;        ///< big values that were asked of the store
+    std::size_t bytes = 0;  ///< size as received
+    std::set<std::uint64_t>
+        lookedUp;                ///< transactions whose creations were requested from the store
+    std::set<Hash> soughtBlobs;  ///< big values that were requested from the store
 };
 
-/// Has loaded what a transaction needs: its layers, what its author created before (M3), and
-/// whether its big values are stored (V9).
+/// Requests the data that a transaction needs: its layers, the specs that its author created before
+/// (M3), and whether its big values are stored (V9).
 class Prerequisites {
 public:
     Prerequisites(const HistoryLine& line, const HistoryStart& start, LayerTable& layers,
                   BigValues& values, CommitReads& reads)
         : line_(line), start_(start), layers_(layers), values_(values), reads_(reads) {}
 
-    /// True: all is there. False: it was asked for, and the transaction has to be asked about again
-    /// when an answer has come.
+    /// Returns true if everything is in memory. Returns false if something was requested; call it
+    /// again after each answer. Returns the refusal if the transaction cannot be executed.
     std::variant<bool, Refused> check(SessionId session, const Author& author,
                                       QueuedTransaction& queued);
-    /// The store has read the commit of an author's earlier transaction.
+    /// Receives the commit of an earlier transaction of the author, read from the store.
     void addCreations(Author& author, std::uint64_t sequence, const StoredCommit& stored);
 
 private:

@@ -1,4 +1,4 @@
-// Takes transactions from sessions, has them executed, and answers them.
+// Receives transactions from sessions, executes them in order, and answers them.
 #include "clients/Submissions.h"
 
 #include <algorithm>
@@ -10,11 +10,11 @@ namespace usdlive::server {
 
 namespace {
 
-// Transactions of one session that wait for a layer to load, beside one in parts; more ends the
-// session.
+// The limit for the waiting transactions of one session, in addition to one in parts. A session
+// that exceeds it is closed.
 constexpr std::size_t kMaxWaitingBytes = 256 * 1024 * 1024;
 
-/// Which edit of the transaction an executed one was.
+/// Returns the index of the submitted edit that became this executed edit.
 std::uint32_t submittedIndex(const Executed& executed, std::size_t index) {
     auto submitted = std::uint32_t(index);
     for (const DroppedEdit& dropped : executed.dropped)
@@ -39,7 +39,7 @@ Submissions::Submissions(const TransactionLimits& limits, const Parts& parts,
       counters_(counters),
       arriving_(limits) {}
 
-// ---- what arrives
+// ---- receiving
 
 void Submissions::receive(Session& session, SubmitFrame frame, std::size_t bytes) {
     auto arrived = arriving_.receive(session, std::move(frame), bytes);
@@ -96,7 +96,8 @@ void Submissions::creationsRead(SessionId id, std::uint64_t sequence,
 
 // ---- one transaction
 
-/// False: it has to wait; work() is called again when what it waits for has come.
+/// Returns false if the transaction has to wait. work() is called again when the missing data has
+/// arrived.
 bool Submissions::handle(const Session& session, QueuedTransaction& queued) {
     const Transaction& transaction = queued.transaction;
     Author& author = authors_->of(session.client);
@@ -159,7 +160,7 @@ void Submissions::execute(const Session& session, Author& author, const QueuedTr
     inFlight_.push_back({revision, transaction.id.sequence, session.id});
 }
 
-/// M6. The preview that its gesture left with other sessions ends, too.
+/// Refuses a transaction (M6). Also withdraws the preview of its gesture from other sessions.
 void Submissions::refuse(const Session& session, const Transaction& transaction,
                          const Refused& refused) {
     ++counters_->refused;
@@ -167,20 +168,20 @@ void Submissions::refuse(const Session& session, const Transaction& transaction,
         refused.edit < transaction.edits.size() ? transaction.edits[refused.edit].layer : LayerId{};
     activity_->record({"edits refused", session.subject.user, layer, refused.error.message});
     gestures_->refused(session.client, transaction.gesture);
-    // When a session resumes, all commits up to its welcome may be its author's.
+    // A resumed session must have all commits up to its welcome first: they may be its own.
     const Revision after =
         std::max(authors_->of(session.client).newest, catchup_->greetedAt(session.id));
     catchup_->answer(
         session.id,
         {after, sharedFrame(RefusalFrame{transaction.id.sequence, refused.edit, refused.error})});
-    // No editor sends such a transaction.
+    // Editors never send such a transaction, so the session is closed.
     if (refused.error.code != ErrorCode::InvalidPath) return;
     const ErrorMessage message{
         std::string(errorName(refused.error.code)), refused.error.message, true, {}, {}};
     catchup_->answer(session.id, {after, sharedFrame(message), false, true});
 }
 
-// ---- what others ask
+// ---- for other parts
 
 bool Submissions::isWaiting(SessionId session) const {
     const auto found = queues_.find(session);
@@ -210,7 +211,7 @@ void Submissions::becameDurable(Revision upTo) {
     while (!inFlight_.empty() && inFlight_.front().revision <= upTo) inFlight_.pop_front();
 }
 
-/// SE5
+/// SE5: refuses the transactions whose commits were lost.
 void Submissions::rolledBack(const Error& error, const LostCommits& lost) {
     counters_->refused += lost.commits.size();
     catchup_->refuse({inFlight_.begin(), inFlight_.end()}, error);

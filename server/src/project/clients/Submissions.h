@@ -1,4 +1,4 @@
-// Transactions that sessions submit, until they are ordered or refused.
+// The transactions that sessions submit, until they are ordered or refused.
 #pragma once
 
 #include <deque>
@@ -16,8 +16,8 @@
 
 namespace usdlive::server {
 
-/// Each session's transactions, in the order in which it submitted them. The first is executed when
-/// all that it needs is in memory; the others wait for it.
+/// The queue of transactions of each session, in the order of submission. The first one is executed
+/// when all data that it needs is in memory; the others wait for it.
 class Submissions : public LineListener, public LayerListener, public SessionListener {
 public:
     struct Parts {
@@ -34,15 +34,16 @@ public:
     Submissions(const TransactionLimits& limits, const Parts& parts, ProjectCounters& counters);
 
     void receive(Session& session, SubmitFrame frame, std::size_t bytes);
-    /// Goes on with a session's transactions, after something that they may wait for has come.
+    /// Continues with the session's transactions, after data for which they may wait has arrived.
     void work(SessionId session);
     void workAll();
-    /// The store has read the commit of the transaction `sequence` of the session's client.
+    /// Receives the commit of the transaction `sequence` of the session's client, read from the
+    /// store.
     void creationsRead(SessionId session, std::uint64_t sequence,
                        const Result<std::vector<StoredCommit>>& commits);
 
     [[nodiscard]] bool isWaiting(SessionId session) const;
-    /// Does a waiting transaction edit the layer?
+    /// Returns whether a waiting transaction edits the layer.
     [[nodiscard]] bool needs(const LayerId& layer) const;
     /// Adds the big values that waiting transactions name.
     void addNamed(std::unordered_set<Hash>& named) const;
@@ -80,7 +81,7 @@ private:
 
     ArrivingTransactions arriving_;
     std::map<SessionId, Queue> queues_;
-    std::deque<LostSubmission> inFlight_;  ///< ordered, not durable yet; by revision
+    std::deque<LostSubmission> inFlight_;  ///< ordered, not durable yet; sorted by revision
 };
 
 }  // namespace usdlive::server

@@ -1,4 +1,4 @@
-// Measures transactions, and words the refusal of those that are too large.
+// Measures transactions, and refuses those that are too large.
 #include "clients/TransactionSize.h"
 
 #include <string>
@@ -27,7 +27,7 @@ Refused transactionTooLarge(std::size_t edits, std::uint64_t bytes,
 
 std::size_t expandedBytes(const OwnCreations& creations, const Transaction& transaction) {
     std::unordered_map<std::uint32_t, std::size_t>
-        own;  // by edit: bytes of the created spec's path
+        own;  // by index of the edit: length of the created spec's path
     const auto lengthOf = [&](const Creation& creation) -> std::size_t {
         if (creation.sequence == transaction.id.sequence) {
             const auto found = own.find(creation.edit);

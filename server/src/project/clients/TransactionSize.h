@@ -1,4 +1,4 @@
-// How large a transaction may be.
+// The limits for the size of a transaction.
 #pragma once
 
 #include "usdlive/common/layer/TransactionExecutor.h"
@@ -14,8 +14,9 @@ struct TransactionLimits {
 [[nodiscard]] Refused transactionTooLarge(std::size_t edits, std::uint64_t bytes,
                                           const TransactionLimits& limits);
 
-/// By how much addresses that follow a created spec grow when they are written out: a small
-/// transaction may name a long path very often. `creations`: of its author.
+/// Returns how many bytes the transaction grows when addresses that name a created spec are
+/// replaced by whole paths. A small transaction may name a long path very often. `creations` are
+/// those of its author.
 [[nodiscard]] std::size_t expandedBytes(const OwnCreations& creations,
                                         const Transaction& transaction);
 

@@ -8,7 +8,7 @@ namespace usdlive::server {
 
 namespace {
 
-/// The same content, with the node ids of `present` for the specs that `present` has too.
+/// Returns `content` with the node ids of `present` for the specs that both have.
 LayerDoc matched(const LayerDoc& present, const LayerDoc& content) {
     struct Spec {
         NodeId node;

@@ -1,4 +1,4 @@
-// Has the files of new layers created.
+// Creates the files of new layers.
 #include "files/NewLayers.h"
 
 #include <utility>
@@ -26,7 +26,8 @@ void NewLayers::created(SessionId id, std::uint64_t request, const LayerId& laye
         if (session) sessions_->sendError(*session, created.error(), request);
         return;
     }
-    // Loaded at once, so that the store has it, whatever the folder looked like a moment ago.
+    // The layer is loaded at once, so that the store has it even if an older listing of the folder
+    // does not contain the file.
     fileStates_->addCreated(layer);
     layers_->require(layer);
     if (!session) return;

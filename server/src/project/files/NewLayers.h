@@ -1,4 +1,4 @@
-// Layers that sessions create, and files that are not served.
+// Requests to create layers and to list the files that are not served.
 #pragma once
 
 #include "Wiring.h"
@@ -9,7 +9,7 @@
 
 namespace usdlive::server {
 
-/// Creates layers (FI6), and lists the files of the folder that are skipped (FI5).
+/// Creates layers (FI6), and lists the skipped files of the folder (FI5).
 class NewLayers {
 public:
     NewLayers(const StoreCondition& store, LayerTable& layers, FileStates& fileStates,
@@ -25,7 +25,7 @@ public:
     void create(const Session& session, const CreateLayer& request);
     void listSkipped(const Session& session, const ListSkipped& request);
 
-    // Answers of the port.
+    // Answers of ports::Files.
     void created(SessionId session, std::uint64_t request, const LayerId& layer,
                  const Result<void>& created);
     void skippedListed(SessionId session, std::uint64_t request,

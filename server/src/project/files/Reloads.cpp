@@ -1,4 +1,4 @@
-// Has files read, and commits what differs from their layers.
+// Reads the files of layers, and commits the differences.
 #include "files/Reloads.h"
 
 #include <algorithm>
@@ -8,9 +8,9 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxReloads = 100;  // not answered yet, of all sessions
-// A layer that is edited while its file is read is compared again, so often; then the comparison is
-// made here, between two edits.
+constexpr std::size_t kMaxReloads = 100;  // unanswered requests of all sessions
+// If a layer is edited while its file is being compared, it is compared again, up to this number of
+// times. Then it is compared on the strand, between two edits.
 constexpr int kAttempts = 3;
 
 }  // namespace
@@ -54,7 +54,7 @@ void Reloads::advance() {
     });
 }
 
-/// Has the files of the layers read that are loaded.
+/// Requests the files of the loaded layers.
 void Reloads::readLoaded(Request& request) {
     const Session& session = *sessions_->find(request.session);
     std::erase_if(request.waiting, [&](const LayerId& layer) {
@@ -85,7 +85,7 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
     const Session* session = sessions_->find(id);
     if (request == requests_.end() || !session) return advance();
     const Reading reading = request->reading.extract(layer).mapped();
-    if (!layers_->isLoaded(layer)) {  // its commits were rolled back meanwhile
+    if (!layers_->isLoaded(layer)) {  // its commits were rolled back during the read
         request->waiting.insert(layer);
         layers_->require(layer);
         return advance();
@@ -111,8 +111,8 @@ void Reloads::fileRead(SessionId id, std::uint64_t number, const LayerId& layer,
     advance();
 }
 
-/// Commits the difference, in the name of the user who asked, but not as one of the client's
-/// transactions.
+/// Commits the difference in the name of the requesting user. The commit is not a transaction of
+/// the client.
 Result<void> Reloads::take(const Session& session, const LayerId& layer, ReloadedLayer reloaded) {
     if (const auto locked = access_->toLayer(session.subject, layer))
         return tl::unexpected(*locked);

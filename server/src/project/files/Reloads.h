@@ -1,4 +1,4 @@
-// Taking files that were changed behind the server as commits (FI3).
+// Reloads of files that were changed outside the server (FI3).
 #pragma once
 
 #include <deque>
@@ -15,9 +15,9 @@
 
 namespace usdlive::server {
 
-/// Requests to reload layers from their files. Each file is read and compared beside the strand;
-/// the difference becomes a commit in the name of the user who asked. A request is answered once
-/// that is durable; when commits are rolled back, their layers are read again.
+/// Requests to reload layers from their files. Each file is read and compared by a worker; the
+/// difference becomes a commit in the name of the requesting user. A request is answered when its
+/// commits are durable. If commits are rolled back, their layers are read again.
 class Reloads : public LineListener, public LayerListener {
 public:
     Reloads(HistoryLine& line, const StoreCondition& store, LayerTable& layers,
@@ -34,12 +34,12 @@ public:
 
     void request(Session& session, const ReloadLayers& request);
 
-    /// Does a request wait for the layer, or read its file?
+    /// Returns whether a request waits for the layer or reads its file.
     [[nodiscard]] bool needs(const LayerId& layer) const;
-    /// Are there requests whose files are not all read?
+    /// Returns whether there are requests whose files are not all read.
     [[nodiscard]] bool isReading() const { return !requests_.empty(); }
 
-    /// Answer of the port.
+    /// Answer of ports::Files.
     void fileRead(SessionId session, std::uint64_t request, const LayerId& layer,
                   Result<ReloadedLayer> reloaded);
 
@@ -51,21 +51,21 @@ public:
 
 private:
     struct Reading {
-        Revision base = 0;  ///< the file is compared with the layer as it was then
+        Revision base = 0;  ///< revision of the layer with which the file is compared
         int attempt = 0;
     };
     struct Request {
         SessionId session = 0;
         std::uint64_t request = 0;
-        std::set<LayerId> waiting;  ///< to be loaded
+        std::set<LayerId> waiting;  ///< layers that are being loaded
         std::map<LayerId, Reading> reading;
-        /// Layers that were found to be like their files, at the revision.
+        /// Layers that are equal to their files at the revision.
         std::vector<std::pair<LayerId, SavedState>> unchanged;
         LayersReloaded outcome;
 
         void addFailure(const LayerId& layer, const Error& error);
     };
-    /// A commit that makes a layer like its file.
+    /// A commit that makes a layer equal to its file.
     struct Taken {
         LayerId layer;
         SavedState saved;
@@ -86,8 +86,8 @@ private:
     Wire<ports::Activity> activity_;
 
     std::vector<Request> requests_;
-    std::deque<Request> pending_;  ///< all is read; by revision
-    std::deque<Taken> taken_;      ///< not durable yet; by revision
+    std::deque<Request> pending_;  ///< all files are read; sorted by revision
+    std::deque<Taken> taken_;      ///< not durable yet; sorted by revision
 };
 
 }  // namespace usdlive::server

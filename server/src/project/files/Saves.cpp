@@ -1,4 +1,4 @@
-// Collects what a save writes, and answers it.
+// Collects the layers of each save request, and answers it.
 #include "files/Saves.h"
 
 #include <algorithm>
@@ -9,7 +9,7 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxSaves = 1'000;  // not begun yet, of all sessions
+constexpr std::size_t kMaxSaves = 1'000;  // requests of all sessions that have not begun
 
 }  // namespace
 
@@ -37,7 +37,8 @@ void Saves::advance() {
     std::erase_if(waiting_, [this](Request& request) { return collect(request); });
 }
 
-/// True when all its layers are loaded, and it waits for their revision only.
+/// Collects the request's layers. Returns true when all are loaded, so that it waits only for their
+/// revision.
 bool Saves::collect(Request& request) {
     for (auto layer = request.layers.begin(); layer != request.layers.end();) {
         const LayerLoading& loading = *layers_->loading(*layer);
@@ -63,7 +64,7 @@ bool Saves::collect(Request& request) {
     return true;
 }
 
-/// LK3
+/// Removes layers that the user may not save (LK3) from the request.
 void Saves::leaveOutLocked(const Session& session, Request& request) const {
     std::erase_if(request.layers, [&](const LayerId& layer) {
         const auto locked = access_->toLayer(session.subject, layer);
@@ -124,7 +125,7 @@ void Saves::becameDurable(Revision upTo) {
     }
 }
 
-/// The layers of pending requests are collected again.
+/// Collects the layers of pending requests again.
 void Saves::rolledBack(const Error& /*error*/, const LostCommits& /*lost*/) {
     for (Pending& pending : std::exchange(pending_, {}))
         waiting_.push_back(std::move(pending.request));

@@ -1,4 +1,4 @@
-// Saving layers to their files.
+// Requests to save layers.
 #pragma once
 
 #include <deque>
@@ -15,8 +15,8 @@
 
 namespace usdlive::server {
 
-/// Requests to save layers. A request waits until its layers are loaded and everything in them is
-/// durable. When commits are rolled back it waits again.
+/// Requests to save layers to their files. A request waits until its layers are loaded and all
+/// their commits are durable. It waits again if commits are rolled back.
 class Saves : public LineListener, public LayerListener, public SessionListener {
 public:
     Saves(const HistoryLine& line, LayerTable& layers, FileStates& fileStates,
@@ -31,12 +31,12 @@ public:
 
     void request(Session& session, const SaveLayers& request);
 
-    /// Does a request wait for the layer to be loaded?
+    /// Returns whether a request waits for the layer to be loaded.
     [[nodiscard]] bool needs(const LayerId& layer) const;
-    /// Are files being written?
+    /// Returns whether files are being written.
     [[nodiscard]] bool isWriting() const { return underWay_ > 0; }
 
-    // Answers of the port.
+    // Answers of ports::Files.
     void saved(SessionId session, std::uint64_t request, const SaveOutcome& outcome);
     void progressed(SessionId session, std::uint64_t request, const LayerId& layer,
                     std::size_t done, std::size_t total);
@@ -55,7 +55,7 @@ private:
         std::set<LayerId> layers;
         std::vector<LayersSaved::Failure> failed;
     };
-    /// Is handed on when its revision is durable.
+    /// A request that is passed to the port when its revision is durable.
     struct Pending {
         Request request;
         std::vector<SaveJob> jobs;
@@ -74,10 +74,10 @@ private:
     Wire<ports::Files> files_;
     Wire<ports::Activity> activity_;
 
-    std::vector<Request> waiting_;  ///< for layers to be loaded
-    std::deque<Pending> pending_;   ///< by revision
+    std::vector<Request> waiting_;  ///< waiting for layers to be loaded
+    std::deque<Pending> pending_;   ///< sorted by revision
     std::size_t underWay_ = 0;
-    /// The layers that requests under way do not write.
+    /// The layers that requests in progress do not write.
     std::map<std::pair<SessionId, std::uint64_t>, std::vector<LayersSaved::Failure>> failed_;
 };
 

@@ -1,4 +1,4 @@
-// Compares the files in the project's folder with what was written or read last.
+// Compares the files in the project's folder with the content that was written or read last.
 #include "layers/FileStates.h"
 
 #include <utility>
@@ -18,7 +18,7 @@ void FileStates::show(const std::vector<LayerFile>& files) {
         entry.present = file;
         checkIfChanged(file.layer, entry);
     }
-    // A layer that was loaded stays without its file: the store has it.
+    // A loaded layer stays in the list without its file, because the store has it.
     for (auto& [layer, entry] : entries_) {
         if (listed.contains(layer) || !entry.present.trace) continue;
         entry.present.trace.reset();
@@ -36,7 +36,7 @@ void FileStates::addCreated(const LayerId& layer) {
     if (layers_->add(layer)) announceLayers();
 }
 
-/// SE9
+/// SE9: sends the list of layers to all sessions.
 void FileStates::announceLayers() { sessions_->sendToAll(ProjectLayers{layers_->infos()}); }
 
 const FileStates::Entry& FileStates::entry(const LayerId& layer) const {
@@ -56,7 +56,7 @@ const SavedState& FileStates::saved(const LayerId& layer) const { return entry(l
 
 const LayerFile& FileStates::present(const LayerId& layer) const { return entry(layer).present; }
 
-/// Asks for what the file holds when it looks other than it did.
+/// Requests a check of the file's content if its metadata have changed.
 void FileStates::checkIfChanged(const LayerId& layer, Entry& entry) {
     suspects_->insert(layer);
     if (!entry.saved.file) return;
@@ -76,7 +76,7 @@ void FileStates::checked(const LayerId& layer, const Result<std::optional<FileSt
     Entry& entry = found->second;
     suspects_->insert(layer);
     if (!checked) {
-        entry.looked.reset();  // the next look at the folder asks again
+        entry.looked.reset();  // the next scan of the folder requests it again
         return;
     }
     entry.missing = !*checked;
@@ -86,7 +86,7 @@ void FileStates::checked(const LayerId& layer, const Result<std::optional<FileSt
     entry.present.trace = entry.looked = stamp.trace;
     if (const auto& pending = entry.saved.pending; pending && stamp.hash == pending->hash) {
         const SavedState saved{pending->revision, stamp};
-        fileWas(layer, saved);
+        noteFile(layer, saved);
         files_->setSaved(layer, saved);
     } else if (stamp.hash == entry.saved.file->hash) {
         entry.saved.file->trace = stamp.trace;
@@ -95,14 +95,14 @@ void FileStates::checked(const LayerId& layer, const Result<std::optional<FileSt
     }
 }
 
-/// The file holds, as far as is known, what the layer was at that revision.
-void FileStates::fileWas(const LayerId& layer, const SavedState& saved) {
+/// Notes that the file has the content of the layer at the saved revision.
+void FileStates::noteFile(const LayerId& layer, const SavedState& saved) {
     if (!layers_->has(layer)) return;
     Entry& entry = entries_[layer];
     suspects_->insert(layer);
     if (saved.revision < entry.saved.revision) return;
     const auto before = std::exchange(entry.saved, saved).file;
-    if (before && before == saved.file) return;  // what was found out since still holds
+    if (before && before == saved.file) return;  // the results of later checks are still valid
     entry.outdated = entry.missing = false;
     entry.looked.reset();
     checkIfChanged(layer, entry);
@@ -113,14 +113,14 @@ void FileStates::setSaved(const LayerId& layer, const SavedState& saved) {
     Entry& entry = entries_[layer];
     entry.unsaved = false;
     if (saved.file) entry.present.trace = saved.file->trace;
-    fileWas(layer, saved);
+    noteFile(layer, saved);
 }
 
 void FileStates::loaded(const LayerId& layer, const LoadedLayer& loaded) {
-    fileWas(layer, loaded.saved);
+    noteFile(layer, loaded.saved);
 }
 
-/// An import is what the file holds.
+/// An imported layer is equal to its file.
 void FileStates::ordered(const OrderedCommit& commit) {
     if (commit.imported) entries_[*commit.imported].saved.revision = commit.revision;
 }

@@ -1,4 +1,4 @@
-// The files of layers: which there are, and whether they hold what the server knows of (FI1, FI2).
+// The files of the project's layers, and whether their content is known to the server (FI1, FI2).
 #pragma once
 
 #include <map>
@@ -12,31 +12,30 @@
 
 namespace usdlive::server {
 
-/// Knows what the layers' files hold. Has a file checked when its size, inode or times have
-/// changed.
+/// Keeps the state of the layers' files. Requests a check of a file's content if its size, inode or
+/// times have changed.
 class FileStates : public LineListener, public LayerListener {
 public:
     FileStates(LayerTable& layers, SessionTable& sessions, SuspectLayers& suspects,
                ports::Files& files)
         : layers_(layers), sessions_(sessions), suspects_(suspects), files_(files) {}
 
-    /// The project's folder shows these files. Layers come and go with them (SE9).
+    /// Receives the files of the project's folder. Adds and removes layers accordingly (SE9).
     void show(const std::vector<LayerFile>& files);
-    /// These layers differed from their files when the server started.
+    /// Marks layers that differed from their files when the server started.
     void setUnsaved(const std::vector<LayerId>& layers);
-    /// Lists a layer whose file was created (SE9).
+    /// Adds a layer whose file was created (SE9).
     void addCreated(const LayerId& layer);
-    /// The file was just written or read. The folder is looked at again before it may look
-    /// otherwise.
+    /// Notes that the file was just written or read. Older results of a check are ignored.
     void setSaved(const LayerId& layer, const SavedState& saved);
 
     [[nodiscard]] bool isDirty(const LayerId& layer) const;
     [[nodiscard]] bool isOutdated(const LayerId& layer) const;
     [[nodiscard]] const SavedState& saved(const LayerId& layer) const;
-    /// The file, as the folder showed it last.
+    /// Returns the file as it was found in the last scan of the folder.
     [[nodiscard]] const LayerFile& present(const LayerId& layer) const;
 
-    /// Answer of the port.
+    /// Answer of ports::Files.
     void checked(const LayerId& layer, const Result<std::optional<FileStamp>>& file);
 
     void ordered(const OrderedCommit& commit) override;
@@ -46,15 +45,15 @@ public:
 
 private:
     struct Entry {
-        SavedState saved;                 ///< as far as known
-        bool unsaved = false;             ///< differed from its file when the server started
-        LayerFile present;                ///< as the folder showed it last
-        std::optional<FileTrace> looked;  ///< how it looked when its content was asked for last
-        bool missing = false;             ///< it was there and is not any more
-        bool outdated = false;            ///< it holds something else than was written or read last
+        SavedState saved;      ///< the last known SavedState
+        bool unsaved = false;  ///< the layer differed from its file when the server started
+        LayerFile present;     ///< as found in the last scan of the folder
+        std::optional<FileTrace> looked;  ///< metadata at the last check of the content
+        bool missing = false;             ///< the file existed and was removed
+        bool outdated = false;  ///< the content is not the one that was written or read last
     };
     [[nodiscard]] const Entry& entry(const LayerId& layer) const;
-    void fileWas(const LayerId& layer, const SavedState& saved);
+    void noteFile(const LayerId& layer, const SavedState& saved);
     void checkIfChanged(const LayerId& layer, Entry& entry);
     void announceLayers();
 

@@ -1,4 +1,4 @@
-// How parts of a project follow its layers.
+// The interface by which parts of a project follow its layers.
 #pragma once
 
 #include <optional>
@@ -7,18 +7,20 @@
 
 namespace usdlive::server {
 
-/// A part that keeps something for each layer, or waits for layers to be loaded.
+/// A part that keeps data for each layer, or waits for layers to be loaded.
 class LayerListener {
 public:
     virtual ~LayerListener() = default;
 
-    /// The layer's document was put in. An import is not ordered yet.
+    /// Called when the layer's document was added to the line. The commit of an import is not
+    /// ordered yet.
     virtual void loaded(const LayerId& /*layer*/, const LoadedLayer& /*loaded*/) {}
-    /// The layer can be used. `imported`: it came from its file just now.
+    /// Called when the layer can be used. `imported` means that it was just imported from its file.
     virtual void ready(const LayerId& /*layer*/, bool /*imported*/) {}
-    /// It could not be loaded: all that waits for it fails. The next use makes another attempt.
+    /// Called when the layer could not be loaded: operations that wait for it fail. The next use
+    /// tries again.
     virtual void failed(const LayerId& /*layer*/, const Error& /*error*/) {}
-    /// It is no layer of the project any more.
+    /// Called when the layer was removed from the project.
     virtual void removed(const LayerId& /*layer*/) {}
 };
 

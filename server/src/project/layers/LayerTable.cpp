@@ -7,7 +7,7 @@ namespace usdlive::server {
 
 namespace {
 
-// An import is one commit; FlatBuffers end at 2 GiB.
+// An import is one commit. FlatBuffers are limited to 2 GiB.
 constexpr std::size_t kMaxImportBytes = 1 << 30;
 
 }  // namespace
@@ -124,7 +124,7 @@ void LayerTable::rolledBack(const Error& /*error*/, const LostCommits& lost) {
         entry.loading = NotLoaded{};
         entry.changed = std::min(entry.changed, line_->durable());
     }
-    // A lost import is made again when somebody needs the layer.
+    // A lost import is repeated when the layer is needed again.
     for (const LayerId& layer : lost.changed)
         if (!lost.imported.contains(layer)) require(layer);
 }

@@ -1,4 +1,4 @@
-// The layers of a project, and which are loaded.
+// The layers of a project, and whether they are loaded.
 #pragma once
 
 #include <map>
@@ -15,42 +15,43 @@ namespace usdlive::server {
 struct NotLoaded {};
 struct Loading {};
 struct Loaded {};
-/// Only while its listeners are notified.
+/// This state lasts only while the listeners are notified.
 struct LoadFailed {
     Error error;
 };
 using LayerLoading = std::variant<NotLoaded, Loading, Loaded, LoadFailed>;
 
-/// Which layers there are. Loads a layer from the store on its first use; one that the store does
-/// not have is imported from its file, and its whole content becomes a commit. Loads again what a
-/// lost commit had changed.
+/// The list of layers. Loads a layer from the store on its first use. If the store does not have
+/// it, imports it from its file: its whole content becomes a commit. Loads layers again if commits
+/// that changed them were lost.
 class LayerTable : public LineListener {
 public:
     LayerTable(HistoryLine& line, const StoreCondition& store, ports::History& history,
                ports::Files& files)
         : line_(line), store_(store), history_(history), files_(files) {}
 
-    /// Notified in the order in which they are added.
+    /// Listeners are notified in the order in which they are added.
     void addListener(LayerListener& listener) { listeners_.add(listener); }
 
-    /// False: it is there already.
+    /// Adds a layer. Returns false if it exists already.
     bool add(const LayerId& layer) { return layers_.try_emplace(layer).second; }
-    /// Removes the layers that are not in use, have no commit since the start, and that `isRemoved`
-    /// says are removed. True if there were some.
+    /// Removes the layers that are not loaded, have no commit since the start, and for which
+    /// `isRemoved` returns true. Returns whether a layer was removed.
     bool removeUnused(const std::function<bool(const LayerId&)>& isRemoved);
-    /// Begins to load a layer, unless it is or is being loaded.
+    /// Starts to load a layer, unless it is loaded or being loaded.
     void require(const LayerId& layer);
-    /// Precondition: it is loaded, and everything in it is durable.
+    /// Removes a layer from memory. Precondition: it is loaded, and all its commits are durable.
     void unload(const LayerId& layer);
 
     [[nodiscard]] bool has(const LayerId& layer) const { return layers_.contains(layer); }
     [[nodiscard]] std::vector<LayerId> all() const;
-    /// The list that `welcome` and `projectLayers` (SE9) contain.
+    /// Returns the list for `welcome` and `projectLayers` (SE9).
     [[nodiscard]] std::vector<LayerInfo> infos() const;
-    /// nullptr: there is no such layer.
+    /// Returns nullptr if there is no such layer.
     [[nodiscard]] const LayerLoading* loading(const LayerId& layer) const;
     [[nodiscard]] bool isLoaded(const LayerId& layer) const;
-    /// The newest commit since the start that changed it, durable or not; 0 none.
+    /// Returns the newest commit since the start that changed the layer, durable or not; 0 if there
+    /// is none.
     [[nodiscard]] Revision changed(const LayerId& layer) const;
     [[nodiscard]] bool isAnyLoading() const;
 

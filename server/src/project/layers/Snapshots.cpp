@@ -1,4 +1,4 @@
-// Takes snapshots of layers and has the store keep them.
+// Takes snapshots of layers and passes them to the store.
 #include "layers/Snapshots.h"
 
 #include <cstdlib>

@@ -1,4 +1,4 @@
-// When a layer's content is kept in the store beside its commits.
+// Snapshots of layers, which the store keeps in addition to their commits.
 #pragma once
 
 #include <deque>
@@ -11,22 +11,23 @@
 
 namespace usdlive::server {
 
-/// Takes a snapshot of a layer when it would take long to load it from its commits alone. The store
-/// keeps it once everything in it is durable.
+/// Takes a snapshot of a layer when loading it from its commits alone would take long. Passes it to
+/// the store when all its commits are durable.
 class Snapshots : public LineListener, public LayerListener {
 public:
     struct Limits {
         std::size_t leastReplay = kLeastReplay;  ///< see snapshotDue()
-        std::int64_t intervalMs = 10'000;        ///< from one snapshot of a layer to the next
+        std::int64_t intervalMs = 10'000;        ///< least time between two snapshots of a layer
     };
     Snapshots(const Limits& limits, const HistoryLine& line, ports::History& history,
               ports::Clock& clock)
         : limits_(limits), line_(line), history_(history), clock_(clock) {}
 
-    /// About how many bytes have to be read to load the layer: its snapshot and the commits since.
+    /// Returns the estimated number of bytes to read for loading the layer: its snapshot and the
+    /// commits since.
     [[nodiscard]] std::size_t storedBytes(const LayerId& layer) const;
 
-    /// Answer of the port.
+    /// Answer of ports::History.
     void kept(const LayerId& layer, const Result<std::size_t>& bytes);
 
     void ordered(const OrderedCommit& commit) override;
@@ -38,17 +39,17 @@ public:
 
 private:
     struct Entry {
-        std::size_t replayCost = 0;           ///< of its commits since a snapshot was taken
-        std::size_t bytes = 0;                ///< of the last one that was kept
-        bool isTaken = false;                 ///< one waits for its revision, or for the store
-        std::optional<std::int64_t> takenMs;  ///< when the last one was taken
+        std::size_t replayCost = 0;  ///< of the commits since the last snapshot
+        std::size_t bytes = 0;       ///< size of the last stored snapshot
+        bool isTaken = false;        ///< a snapshot waits for its revision, or for the store
+        std::optional<std::int64_t> takenMs;  ///< time of the last snapshot
     };
-    /// Waits for its revision to be durable.
+    /// A snapshot that waits until its revision is durable.
     struct Pending {
         LayerId layer;
         LayerDoc doc;
         Revision revision = 0;
-        Hash hash;  ///< chain hash at the revision
+        Hash hash;  ///< hash of the chain at the revision
     };
     void takeIfDue(const LayerId& layer, Entry& entry);
 
@@ -57,7 +58,7 @@ private:
     Wire<ports::History> history_;
     Wire<ports::Clock> clock_;
     std::unordered_map<LayerId, Entry> layers_;
-    std::deque<Pending> pending_;  ///< by revision
+    std::deque<Pending> pending_;  ///< sorted by revision
 };
 
 }  // namespace usdlive::server

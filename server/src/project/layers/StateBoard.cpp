@@ -1,4 +1,4 @@
-// Computes layers' states and sends them when they change.
+// Computes the states of layers and sends them when they change.
 #include "layers/StateBoard.h"
 
 #include <algorithm>
@@ -11,14 +11,14 @@ namespace {
 
 const std::string kStatesFeature = "states";
 
-/// Another revision alone is no reason to send a state: every commit would be one.
+/// Compares states without their revisions: otherwise every commit would send a state.
 bool isSame(LayerState state, const LayerState& other) {
     state.revision = other.revision;
     return state == other;
 }
 
-/// The state of a layer with the same file that is saved, up to date, writable, not muted, unlocked
-/// and not open: it need not be sent.
+/// Returns the default state of a layer with the same file: saved, up to date, writable, not muted,
+/// unlocked and not open. Such a state is not sent initially.
 LayerState plain(const LayerState& state) {
     LayerState plain;
     plain.layer = state.layer;
@@ -81,7 +81,7 @@ void StateBoard::sendAllTo(const Session& session) {
     outbox_->sendInitialState(session.id, message);
 }
 
-// ---- what changes states
+// ---- changes of states
 
 void StateBoard::ordered(const OrderedCommit& commit) {
     for (const LayerId& layer : commit.layers) {

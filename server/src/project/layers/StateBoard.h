@@ -1,4 +1,4 @@
-// The states of layers that sessions are sent: dirty, locked, muted, opened by whom.
+// The states of layers for sessions: dirty, locked, muted, and the users that have them open.
 #pragma once
 
 #include <map>
@@ -13,8 +13,8 @@
 
 namespace usdlive::server {
 
-/// Computes the states of layers from their content, files and sessions, and sends those that
-/// changed. What is not durable yet is not sent: it might be rolled back.
+/// Computes the states of layers from their content, files and sessions, and sends the changed
+/// ones. Depends on durable commits only, because others may be rolled back.
 class StateBoard : public LineListener, public LayerListener, public SessionListener {
 public:
     StateBoard(const HistoryLine& line, const LayerTable& layers, const FileStates& files,
@@ -27,11 +27,11 @@ public:
           outbox_(ports.outbox),
           activity_(ports.activity) {}
 
-    /// Sends the states that changed to all sessions.
+    /// Sends the changed states to all sessions.
     void announce();
-    /// Sends a session all there is to know.
+    /// Sends the present states to a session.
     void sendAllTo(const Session& session);
-    /// Also of a layer that is not loaded.
+    /// Returns the lock of a layer, loaded or not.
     [[nodiscard]] LayerLock lockAt(const LayerId& layer) const;
 
     void ordered(const OrderedCommit& commit) override;
@@ -56,9 +56,10 @@ private:
     Wire<ports::Outbox> outbox_;
     Wire<ports::Activity> activity_;
 
-    std::map<LayerId, LayerState> sent_;          ///< as sessions were sent them last
-    std::map<LayerId, LayerLock> locks_;          ///< as of the newest durable commit
-    std::map<LayerId, std::set<LayerId>> mutes_;  ///< by root layer, for everybody (MU1)
+    std::map<LayerId, LayerState> sent_;  ///< the states that were sent last
+    std::map<LayerId, LayerLock> locks_;  ///< at the newest durable commit
+    std::map<LayerId, std::set<LayerId>>
+        mutes_;  ///< muted layers by root layer, for all users (MU1)
 };
 
 }  // namespace usdlive::server

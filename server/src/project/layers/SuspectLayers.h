@@ -1,4 +1,4 @@
-// Layers whose state may have changed.
+// The set of layers whose state may have changed.
 #pragma once
 
 #include <set>
@@ -7,8 +7,8 @@
 
 namespace usdlive::server {
 
-/// Layers whose state may be other than the one that sessions were sent. Parts that change
-/// something of a layer's state add it here; StateBoard looks at them.
+/// The layers whose state may differ from the one that was sent last. Parts add a layer when they
+/// change something that its state depends on. StateBoard checks them.
 using SuspectLayers = std::set<LayerId>;
 
 }  // namespace usdlive::server

@@ -1,4 +1,4 @@
-// Encodes a commit as one frame, or as several where one cannot hold it.
+// Encodes a commit as one frame, or as several if it is too large for one.
 #include "lines/CommitFrames.h"
 
 #include <algorithm>
@@ -10,7 +10,7 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kSurelyDecoded = 8 * 1024;  // a frame within the budget, whatever it holds
+constexpr std::size_t kSurelyDecoded = 8 * 1024;  // a frame of this size never exceeds the budget
 constexpr std::size_t kLeastEditBytes = 32;       // FR7
 
 }  // namespace
@@ -19,7 +19,7 @@ SharedBytes encodeCommitFrames(const Commit& commit, const CommitLimits& limits)
     if (leastFrameBytes(commit.edits) <= limits.oneFrame()) {
         Bytes frame = encodeFrame(CommitFrame{commit});
         const ByteView encoded = withoutLength(frame);
-        // FR7: no client accepts a frame that refers to the same things too often.
+        // FR7: clients refuse a frame that refers to the same content too often.
         if (encoded.size() <= limits.oneFrame() &&
             (encoded.size() <= kSurelyDecoded || decodeFrame(encoded)))
             return std::make_shared<const Bytes>(std::move(frame));

@@ -1,4 +1,4 @@
-// Orders edits: executes them, makes their commits, and keeps these until they are durable.
+// Orders edits: executes them, makes their commits, and keeps the commits until they are durable.
 #include "lines/HistoryLine.h"
 
 #include <algorithm>
@@ -36,8 +36,8 @@ bool HistoryLine::isLayerDataInFlight(const LayerId& layer) const {
 
 // ---- ordering
 
-/// A commit repeats its transaction with every path written out. It may be larger than a commit may
-/// be, or than its author can read.
+/// Returns whether the commit of a transaction may be too large, or larger than its author can
+/// read. A commit contains its transaction with whole paths.
 bool HistoryLine::mayNotFit(const Submission& submission) const {
     constexpr std::size_t kMaxPathBytes = 16 * 1024;
     std::uint64_t most = std::min<std::uint64_t>(limits_.commits.frame, limits_.commits.commit);
@@ -48,7 +48,7 @@ bool HistoryLine::mayNotFit(const Submission& submission) const {
 std::variant<Revision, Refused> HistoryLine::commit(const Submission& submission,
                                                     OwnCreations& creations) {
     const Transaction& transaction = submission.transaction;
-    LayerDocs before;  // only where what is executed may not stay
+    LayerDocs before;  // only if a check follows, which may undo the edits
     if (submission.check || mayNotFit(submission))
         for (const Edit& edit : transaction.edits)
             before.try_emplace(edit.layer, docs_.at(edit.layer));
@@ -119,8 +119,8 @@ Revision HistoryLine::commitImport(Import import) {
     return append(std::move(made), std::move(record));
 }
 
-/// The next commit, of what was executed; nothing when no frames can hold it. `mark`: of the
-/// NamespaceLog before it.
+/// Makes the next commit from executed edits. Returns nothing if it is too large. `mark` is the
+/// position in the NamespaceLog before it.
 std::optional<HistoryLine::Made> HistoryLine::make(const TransactionId& id, const UserName& user,
                                                    std::uint64_t gesture, Executed executed,
                                                    std::uint64_t mark) {
@@ -186,7 +186,8 @@ void HistoryLine::appended(Revision upTo) {
         inFlight_.pop_front();
         durable_ = commit.revision;
         durableHash_ = commit.hash;
-        // Not by what was executed: that may be rolled back, and then every base would be too old.
+        // Depends on durable commits only: if executed commits were rolled back, every base would
+        // be too old.
         if (durable_ > limits_.namespaceRevisions)
             namespaces_.prune(durable_ - limits_.namespaceRevisions);
         listeners_.notify(&LineListener::durable, commit);

@@ -1,4 +1,4 @@
-// The order of edits: what is executed, numbered, chained, handed to the log, and durable.
+// A line of history: executes edits, numbers and chains their commits, and passes them to the log.
 #pragma once
 
 #include <deque>
@@ -21,96 +21,98 @@
 
 namespace usdlive::server {
 
-/// One line of history. It executes edits on its documents, gives each commit the next revision and
-/// the hash of the chain, hands it to the log, and rolls back what the log could not append. Knows
-/// neither sessions nor files: its listeners do. A project's main line is one; a branch is another
-/// one, which starts with the documents and the head of the revision where it leaves the main line.
+/// A line of history. It executes edits on its documents, gives each commit the next revision and
+/// the hash of the chain, passes it to the log, and rolls back commits that the log could not
+/// append. It does not know sessions or files; its listeners do. A project has one main line. A
+/// branch is another line, which starts with the documents and the head of the revision at which it
+/// leaves the main line.
 class HistoryLine {
 public:
     struct Start {
         CommitStore::Head head;
-        /// Moves and deletes of the revisions after `oldestNamespace`, so that older addresses
+        /// The moves and deletes of the revisions after `oldestNamespace`, so that older addresses
         /// still find their specs (M3).
         Revision oldestNamespace = 0;
         std::vector<NamespaceChange> namespaceChanges;
-        LayerDocs docs = {};  ///< as of the head; others are put in when they are loaded
+        LayerDocs docs = {};  ///< at the head; others are added when they are loaded
     };
     struct Limits {
         CommitLimits commits;
-        Revision namespaceRevisions = kNamespaceLogRevisions;  ///< how far back a base may lie
+        Revision namespaceRevisions =
+            kNamespaceLogRevisions;  ///< the most revisions that a base may be old
     };
 
     HistoryLine(const Limits& limits, Start start, ports::CommitLog& log, ports::Clock& clock);
 
-    /// Notified in the order in which they are added.
+    /// Listeners are notified in the order in which they are added.
     void addListener(LineListener& listener) { listeners_.add(listener); }
 
-    // --- documents, as executed: ahead of what is durable
+    // --- documents, with all executed commits, durable or not
 
     [[nodiscard]] const LayerDocs& docs() const { return docs_; }
-    /// nullptr: not loaded.
+    /// Returns nullptr if the layer is not loaded.
     [[nodiscard]] const LayerDoc* doc(const LayerId& layer) const;
     void put(const LayerId& layer, LayerDoc doc) { docs_.insert_or_assign(layer, std::move(doc)); }
     void drop(const LayerId& layer) { docs_.erase(layer); }
 
     // --- ordering
 
-    /// Says why what was executed may not stay. `before`: the layers that were edited, as they
-    /// were.
+    /// Checks executed edits. Returns the refusal if they must be undone. `before` has the edited
+    /// layers before them.
     using Check =
         std::function<std::optional<Refused>(const Executed& executed, const LayerDocs& before)>;
 
-    /// A transaction, with what its author may do and can read.
+    /// A transaction with the rights and features of its author.
     struct Submission {
         const Transaction& transaction;
-        std::size_t bytes = 0;  ///< as it came
+        std::size_t bytes = 0;  ///< size as received
         UserName user;
         bool readsParts = true;  ///< the author can read a commit in parts (FR8)
-        Check check = {};        ///< empty: whatever was executed may stay
+        Check check = {};        ///< empty: no check
     };
-    /// Executes and orders a transaction whose layers are loaded, or changes nothing. Returns the
-    /// revision of its commit.
+    /// Executes and orders a transaction, or changes nothing. Returns the revision of its commit.
+    /// Precondition: its layers are loaded.
     std::variant<Revision, Refused> commit(const Submission& submission, OwnCreations& creations);
 
-    /// Edits whose paths are absolute, each valid after the ones before, that are no client's
-    /// transaction.
+    /// Edits with absolute paths, in order, that are not a transaction of a client.
     struct OwnEdits {
         std::vector<Edit> edits;
         UserName user;
         Check check = {};
-        /// Kept by the store with the commit: the layer's file holds this then.
+        /// The file of the layer, which has the layer's content after the commit. Stored with the
+        /// commit.
         std::optional<std::pair<LayerId, FileStamp>> file = {};
     };
     Result<Revision> commitInOrder(OwnEdits edits);
 
-    /// Brings in a whole layer. Its document is put in by the caller.
+    /// The import of a whole layer. The caller adds its document.
     struct Import {
         LayerId layer;
         ImportFrame frame;
-        std::vector<Hash> blobs;        ///< that it names
-        std::optional<FileStamp> file;  ///< kept by the store with the commit
+        std::vector<Hash> blobs;        ///< the big values that it names
+        std::optional<FileStamp> file;  ///< stored with the commit
     };
     Revision commitImport(Import import);
 
     // --- answers of the log
 
     void appended(Revision upTo);
-    /// Everything after `head` is rolled back. Throws std::logic_error if `head` is no commit of
+    /// Rolls back all commits after `head`. Throws std::logic_error if `head` is not a commit of
     /// this line.
     void appendFailed(const Error& error, const CommitStore::Head& head);
 
-    // --- where it is
+    // --- position
 
     [[nodiscard]] Epoch epoch() const { return epoch_; }
     [[nodiscard]] Revision executed() const { return executed_; }
     [[nodiscard]] const Hash& executedHash() const { return executedHash_; }
     [[nodiscard]] Revision durable() const { return durable_; }
     [[nodiscard]] const Hash& durableHash() const { return durableHash_; }
-    /// Its newest durable revision when this was made.
+    /// Returns the newest durable revision at the time when the object was created.
     [[nodiscard]] Revision first() const { return first_; }
     [[nodiscard]] const NamespaceHistory& namespaces() const { return namespaces_; }
     [[nodiscard]] const CommitLimits& limits() const { return limits_.commits; }
-    /// Is a commit under way that changes the layer's custom layer data?
+    /// Returns whether a commit that is not durable yet changes the layer's custom layer data.
     [[nodiscard]] bool isLayerDataInFlight(const LayerId& layer) const;
 
 private:
@@ -134,7 +136,7 @@ private:
     Revision first_;
     Revision executed_;
     Hash executedHash_;
-    std::deque<OrderedCommit> inFlight_;  ///< handed to the log, not durable yet
+    std::deque<OrderedCommit> inFlight_;  ///< passed to the log, not durable yet
     Revision durable_;
     Hash durableHash_;
 };

@@ -1,4 +1,4 @@
-// The oldest revision that can be read.
+// The start of the history: the oldest revision that can be read.
 #pragma once
 
 #include <algorithm>
@@ -9,25 +9,25 @@
 
 namespace usdlive::server {
 
-/// The start of the history (CH4). While older commits are being replaced by a base, the oldest
-/// revision that may be asked for is later than the base that there is.
+/// The start of the history (CH4). While commits are being replaced by a base, requests must
+/// already be newer than that base.
 class HistoryStart {
 public:
     explicit HistoryStart(const CommitStore::Base& base) : base_(base), oldest_(base.revision) {}
 
     [[nodiscard]] const CommitStore::Base& base() const { return base_; }
-    /// Nobody may ask for what is older.
+    /// Returns the oldest revision that may be requested.
     [[nodiscard]] Revision oldest() const { return oldest_; }
-    /// Why a layer as of this revision cannot be read.
+    /// Returns the error if a layer cannot be read at this revision.
     [[nodiscard]] std::optional<Error> whyNotReadable(Revision revision) const {
         if (revision >= oldest_) return std::nullopt;
         return historyReplaced(revision, oldest_).value();
     }
 
-    /// The commits up to `revision` are being replaced.
+    /// Call it when the replacement of the commits up to `revision` begins.
     void replacing(Revision revision) { oldest_ = revision; }
     void replacingEnded() { oldest_ = base_.revision; }
-    /// The base is this now. It only grows.
+    /// Changes the base. It only grows.
     void moveTo(const CommitStore::Base& base) {
         if (base.revision > base_.revision) base_ = base;
         oldest_ = std::max(oldest_, base_.revision);

@@ -1,4 +1,4 @@
-// How parts of a project follow a line of history.
+// The interface by which parts of a project follow a line of history.
 #pragma once
 
 #include <cstdint>
@@ -12,44 +12,44 @@
 
 namespace usdlive::server {
 
-/// A commit of a line of history: executed, and handed to the log.
+/// A commit of a line of history that was executed and passed to the log.
 struct OrderedCommit {
     Revision revision = 0;
-    SharedBytes broadcast;  ///< its frames as they are sent to sessions; a stub for an import (CH2)
-    Hash hash;              ///< chain hash after it
-    TransactionId id;       ///< sequence 0: it is no client's transaction
+    SharedBytes broadcast;  ///< its frames for sessions; a stub for an import (CH2)
+    Hash hash;              ///< hash of the chain up to and including it
+    TransactionId id;       ///< sequence 0: not a transaction of a client
     UserName user;
     std::uint64_t gesture = 0;
     std::size_t edits = 0, dropped = 0;
-    std::size_t frameBytes = 0;   ///< in the log
-    std::set<LayerId> layers;     ///< that it edits, or brings in
-    std::set<LayerId> layerData;  ///< of them, whose custom layer data it changes
-    std::vector<Hash> blobs;      ///< that it names
+    std::size_t frameBytes = 0;   ///< size in the log
+    std::set<LayerId> layers;     ///< layers that it edits or imports
+    std::set<LayerId> layerData;  ///< the layers whose custom layer data it changes
+    std::vector<Hash> blobs;      ///< big values that it names
     std::optional<LayerId> imported;
-    std::uint64_t mark = 0;  ///< of the NamespaceLog before it
+    std::uint64_t mark = 0;  ///< position in the NamespaceLog before it
 };
 
 /// Commits that the log could not append, in order.
 struct LostCommits {
     std::vector<OrderedCommit> commits;
-    std::set<LayerId> changed;   ///< layers that one of them edits or brings in
-    std::set<LayerId> imported;  ///< layers that one of them brings in
+    std::set<LayerId> changed;   ///< layers that one of them edits or imports
+    std::set<LayerId> imported;  ///< layers that one of them imports
 };
 
-/// A part that follows a line of history. Each part that keeps something until a revision is
-/// durable learns here that it is, and repairs here what it keeps when commits are rolled back.
+/// A part that follows a line of history. A part that keeps data until a revision is durable is
+/// notified here when it is, and corrects its data here when commits are rolled back.
 class LineListener {
 public:
     virtual ~LineListener() = default;
 
-    /// The commit was executed and gets its place in the order. It may still be rolled back.
+    /// Called when a commit was executed and ordered. It may still be rolled back.
     virtual void ordered(const OrderedCommit& /*commit*/) {}
-    /// The commit is durable. Called for each commit, in order.
+    /// Called for each commit that became durable, in order.
     virtual void durable(const OrderedCommit& /*commit*/) {}
-    /// Everything up to this revision is durable. Called once after a group of commits, and after
-    /// rolledBack().
+    /// Called once after a group of commits became durable, and after rolledBack(). All commits up
+    /// to this revision are durable.
     virtual void becameDurable(Revision /*upTo*/) {}
-    /// These commits never were. The line's documents that they changed were dropped.
+    /// Called when commits were rolled back. The line has dropped the documents that they changed.
     virtual void rolledBack(const Error& /*error*/, const LostCommits& /*lost*/) {}
 };
 

@@ -1,4 +1,4 @@
-// The moves and deletes of a line of history.
+// Keeps the moves and deletes of a line of history.
 #include "lines/NamespaceHistory.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// Whether the store takes anything at the moment.
+// Whether the store accepts commits at the moment.
 #pragma once
 
 #include <optional>
@@ -7,12 +7,12 @@
 
 namespace usdlive::server {
 
-/// Whether the project's store takes anything at the moment (SE8), as far as the project was
+/// Whether the project's store accepts commits at the moment (SE8), as far as the project was
 /// notified.
 struct StoreCondition {
     bool hasSpace = true;
-    /// An append has failed, and only a new opening of the store tells what is in it. Until then
-    /// nothing is asked of it.
+    /// An append has failed, and the content of the store is unknown until it is opened again.
+    /// Until then nothing is requested from it.
     bool closed = false;
 
     [[nodiscard]] std::optional<Error> whyClosed() const {

@@ -1,4 +1,4 @@
-// Receives presences and passes them on in sweeps.
+// Receives presences and forwards them in sweeps.
 #include "sessions/PresenceBoard.h"
 
 #include <iterator>

@@ -9,18 +9,18 @@
 
 namespace usdlive::server {
 
-/// Keeps the selection and camera that each session shows. Never stored. Changes are passed on in
-/// sweeps, so that they cost one frame for each session however many users move.
+/// Keeps the selection and camera of each session in memory; never stored. Forwards changes in
+/// sweeps, so that they cost one frame per session for any number of moving users.
 class PresenceBoard : public SessionListener {
 public:
     PresenceBoard(SessionTable& sessions, ports::Outbox& outbox)
         : sessions_(sessions), outbox_(outbox) {}
 
     void show(Session& session, Presence presence);
-    /// Passes on what changed, and drops what was not shown again for kPresenceTimeMs. `nowMs`: any
-    /// steady clock.
+    /// Forwards changed presences, and drops those that were not sent again for kPresenceTimeMs.
+    /// `nowMs` is the time of any steady clock.
     void sweep(std::int64_t nowMs);
-    /// Sends a session what all others show.
+    /// Sends a session the presences of all others.
     void sendAllTo(const Session& session);
     [[nodiscard]] bool empty() const { return shown_.empty(); }
 
@@ -30,7 +30,7 @@ private:
     struct Shown {
         Presence presence;
         bool isFresh = true;       ///< received since the last sweep
-        std::int64_t freshMs = 0;  ///< when it was received last, by a sweep
+        std::int64_t freshMs = 0;  ///< time of the first sweep after it was received last
         bool isPassedOn = false;
     };
 

@@ -1,4 +1,4 @@
-// One connection, as the whole project knows it.
+// A session: the state of one connection that all parts share.
 #pragma once
 
 #include <set>
@@ -17,18 +17,18 @@ struct Subject {
     bool isAdministrator = false;
 };
 
-/// Has sent no hello yet.
+/// The session has sent no hello yet.
 struct AwaitingHello {};
-/// Wants to resume at a revision. What the client has committed, or the revision's hash, is being
-/// read from the store. Frames that arrive meanwhile wait.
+/// The session resumes at a revision. The client's transactions, or the hash of the revision, are
+/// being read from the store. Frames that arrive meanwhile wait.
 struct CheckingResume {
     Hello hello;
-    std::vector<Bytes> waiting;  ///< frames
+    std::vector<Bytes> waiting;  ///< received frames
     std::size_t waitingBytes = 0;
 };
-/// Has got its welcome.
+/// The session was sent its welcome.
 struct Greeted {};
-/// Queued messages are still sent to it; nothing is received from it any more.
+/// Queued messages are still sent. Received messages are ignored.
 struct Closing {};
 using SessionPhase = std::variant<AwaitingHello, CheckingResume, Greeted, Closing>;
 
@@ -38,24 +38,25 @@ struct Session {
     ClientId client;
     Subject subject;
     std::string application;
-    std::set<std::string> features;  ///< that both ends have
+    std::set<std::string> features;  ///< features that both ends support
     std::set<LayerId> open;
-    bool wasGreeted = false;  ///< also when it is closing now
+    bool wasGreeted = false;  ///< true after the welcome, also while it is closing
 
     [[nodiscard]] bool isGreeted() const { return std::holds_alternative<Greeted>(phase); }
     [[nodiscard]] bool isClosing() const { return std::holds_alternative<Closing>(phase); }
 };
 
-/// A part that keeps something for each session.
+/// A part that keeps data for each session.
 class SessionListener {
 public:
     virtual ~SessionListener() = default;
 
-    /// The session is closing: nothing more is received from it or begun for it.
+    /// Called when the session begins to close: no more messages are received from it, and no more
+    /// work is started for it.
     virtual void closing(SessionId /*session*/) {}
-    /// The connection has ended, and the session is no longer in the table.
+    /// Called when the connection has ended and the session was removed from the table.
     virtual void left(const Session& /*session*/) {}
-    /// A session has opened the layer or closed it.
+    /// Called when a session has opened or closed the layer.
     virtual void openChanged(const LayerId& /*layer*/) {}
 };
 

@@ -1,4 +1,4 @@
-// Keeps the sessions, and sends control messages to them.
+// Keeps the sessions and sends control messages to them.
 #include "sessions/SessionTable.h"
 
 #include <algorithm>

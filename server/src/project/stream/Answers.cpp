@@ -1,4 +1,4 @@
-// Keeps answers in order with the commits that they follow.
+// Keeps answers in order with the commits after which they are sent.
 #include "stream/Answers.h"
 
 #include <algorithm>

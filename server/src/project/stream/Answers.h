@@ -1,4 +1,4 @@
-// Answers to an author's transactions that have to wait for commits (SE5).
+// Answers to transactions that are sent after certain commits (SE5).
 #pragma once
 
 #include <deque>
@@ -12,28 +12,28 @@
 namespace usdlive::server {
 
 struct Answer {
-    Revision after = 0;  ///< is sent when the session has the commits up to this one
+    Revision after = 0;  ///< the answer is sent after the commits up to this one
     SharedBytes frame;
-    bool repeats = false;  ///< says that a transaction is committed already, by `after`
-    bool closes = false;   ///< the session ends with it
+    bool repeats = false;  ///< reports that `after` has committed the transaction already
+    bool closes = false;   ///< the session is closed after it
 };
 
 /// A submitted transaction whose commit was rolled back.
 struct LostSubmission {
-    Revision revision = 0;  ///< of the commit
+    Revision revision = 0;  ///< revision of the lost commit
     std::uint64_t sequence = 0;
-    SessionId session = 0;  ///< that submitted it
+    SessionId session = 0;  ///< the session that submitted it
 };
 
-/// The answers to one session's transactions, in order.
+/// The unsent answers to one session's transactions, in order.
 class Answers {
 public:
     void add(Answer answer) { waiting_.push_back(std::move(answer)); }
-    /// Takes the next answer out if the session, with the commits up to `position`, may be sent it.
+    /// Removes and returns the next answer, if it may be sent after the commits up to `position`.
     [[nodiscard]] std::optional<Answer> next(Revision position);
-    /// The refusals of what was lost take their place among the answers that waited for it. A
-    /// session that has not submitted it, nor again, gets none: when it submits it, that is
-    /// executed like any other.
+    /// Inserts refusals of the lost transactions in the order of their revisions, and replaces the
+    /// answers that reported them as committed. A session that did not submit a lost transaction
+    /// gets no refusal for it: if it submits it later, it is executed.
     void rollBack(SessionId session, const std::vector<LostSubmission>& lost, Revision durable,
                   const Error& error);
     void clear() { waiting_.clear(); }

@@ -8,7 +8,7 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMostBlobRequests = 10'000;  // of one session at once, not answered yet
+constexpr std::size_t kMostBlobRequests = 10'000;  // unanswered requests of one session
 
 }  // namespace
 
@@ -72,9 +72,9 @@ void BigValues::receive(Session& session, BlobFrame part) {
         return refuse({ErrorCode::BlobMismatch, "a part that is not within its value"});
     if (part.gesture != 0) return previews_->values.add(session.client, std::move(part));
     uploading_.insert(session.id);
-    // The rest of a value that is stored already is on its way and passed over, but for the last
-    // part: another session may have completed the value since the first part of this one, which
-    // was then not answered.
+    // The value is already stored, so its parts are ignored. The last part is answered like the
+    // first one: another session may have completed the value after the first part of this session,
+    // which was then not answered.
     if (known_.has(part.hash)) {
         if (part.offset == 0 || part.offset + part.rawBytes == part.size)
             sendStored(session, part.hash);
@@ -106,7 +106,7 @@ void BigValues::left(const Session& session) {
     uploading_.erase(session.id);
 }
 
-// ---- values of no use (B6)
+// ---- unused values (B6)
 
 std::vector<Hash> BigValues::takeUnused(const Round& round) {
     std::unordered_set<Hash> previewed;
@@ -128,7 +128,7 @@ void BigValues::ordered(const OrderedCommit& commit) {
     unused_.named(commit.blobs, commit.revision);
 }
 
-/// An earlier commit that is durable may name the same values.
+/// An earlier durable commit may name the same values.
 void BigValues::rolledBack(const Error& /*error*/, const LostCommits& lost) {
     unused_.rolledBack(lost.commits.front().revision - 1);
 }

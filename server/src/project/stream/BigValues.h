@@ -1,4 +1,4 @@
-// Big values (V9): they travel beside the stream, and are stored before a transaction names them.
+// Big values (V9), which are sent beside the stream and stored before a transaction names them.
 #pragma once
 
 #include <functional>
@@ -16,13 +16,13 @@
 
 namespace usdlive::server {
 
-/// Receives uploads of big values, sends values on request, and knows which are stored and which
-/// are of no use any more.
+/// Receives uploads of big values, sends values on request, and keeps which values are stored and
+/// which are unused.
 class BigValues : public LineListener, public SessionListener {
 public:
     struct Limits {
-        std::uint64_t maxBytes = 4ull << 30;      ///< of one value
-        std::int64_t keepUnusedMs = 15 * 60'000;  ///< B6
+        std::uint64_t maxBytes = 4ull << 30;      ///< limit of one value
+        std::int64_t keepUnusedMs = 15 * 60'000;  ///< B6: unused values are kept for this time
     };
     BigValues(const Limits& limits, SessionTable& sessions, const StoreCondition& store,
               Previews& previews, ports::Blobs& blobs, ports::Outbox& outbox)
@@ -38,13 +38,13 @@ public:
 
     [[nodiscard]] const Limits& limits() const { return limits_; }
     [[nodiscard]] bool isStored(const Hash& hash) const { return known_.has(hash); }
-    /// The store is being asked for it.
+    /// Returns whether the store is being asked for the value.
     [[nodiscard]] bool isSought(const Hash& hash) const { return known_.isAsked(hash); }
-    /// Asks the store for values.
+    /// Asks the store whether it has the values.
     void seek(std::vector<Hash> hashes);
 
-    /// B6: values that the store may drop. `unnamed`: what its history does not name; `named`: what
-    /// transactions name that are not executed yet.
+    /// Returns the values that the store may drop (B6). `unnamed` are the values that its history
+    /// does not name. `named` are those that unexecuted transactions name.
     struct Round {
         const std::vector<Hash>& unnamed;
         Revision upTo = 0;
@@ -53,7 +53,7 @@ public:
     };
     [[nodiscard]] std::vector<Hash> takeUnused(const Round& round);
 
-    // Answers of the ports.
+    // Answers of ports::Blobs.
     void found(const std::vector<Hash>& asked, const std::vector<Hash>& stored);
     void written(SessionId session, const Hash& hash, const Result<bool>& whole);
 
@@ -74,9 +74,9 @@ private:
 
     KnownBlobs known_;
     UnusedBlobs unused_;
-    /// By session: requests of values that the store is being asked for.
+    /// Requests of each session for values that the store is being asked for.
     std::map<SessionId, std::vector<RequestBlob>> requests_;
-    std::unordered_set<SessionId> uploading_;  ///< since the last look at unused ones
+    std::unordered_set<SessionId> uploading_;  ///< sessions that have uploaded since the last Round
 };
 
 }  // namespace usdlive::server

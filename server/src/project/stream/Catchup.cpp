@@ -1,4 +1,4 @@
-// Broadcasts durable commits, and decides which commits a session is sent next.
+// Sends durable commits to all sessions, and decides which commits a session is sent next.
 #include "stream/Catchup.h"
 
 #include <algorithm>
@@ -11,8 +11,8 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr Revision kPageCommits = 256;  // read from the store at once
-constexpr std::size_t kMaxLogs = 16;    // asked for by one session and not begun
+constexpr Revision kPageCommits = 256;  // commits in one read from the store
+constexpr std::size_t kMaxLogs = 16;    // waiting log requests of one session
 
 const std::string kConflation = "conflation";
 
@@ -132,7 +132,8 @@ void Catchup::broadcast(const OrderedCommit& commit) {
     }
 }
 
-/// Each session gets it as one of the past, part by part as its connection takes it.
+/// Sends the commit to each session as a commit of the past: in parts, as fast as the connection
+/// allows.
 void Catchup::broadcastInParts(const OrderedCommit& commit) {
     recent_.shareInParts(commit.revision, commit.broadcast);
     outbox_->sendCommit({}, commit.broadcast, commit.revision);

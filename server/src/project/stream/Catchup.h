@@ -1,4 +1,4 @@
-// Sends each session the commits, in order: as they become durable, or from the past.
+// Sends each session the commits in order: live when they become durable, or from the past.
 #pragma once
 
 #include <deque>
@@ -20,60 +20,61 @@
 
 namespace usdlive::server {
 
-/// Gets every commit as it becomes durable.
+/// The session is sent every commit when it becomes durable.
 struct Live {};
-/// Gets commits of the past until it has reached the newest.
+/// The session is sent commits of the past until it has the newest one.
 struct CatchingUp {};
-/// Gets the commits [next, to] again; live ones wait until it has them.
+/// The session is sent the commits [next, to] again; live ones wait.
 struct SendingLog {
     std::uint64_t request = 0;
     Revision next = 0, to = 0;
 };
-/// A commit in parts on its way to a session, as far as the connection takes it.
+/// A commit that is sent to a session in parts, as fast as the connection allows.
 struct SendingParts {
     SharedBytes frame;
-    std::size_t offset = 0;  ///< of the part that is next
+    std::size_t offset = 0;  ///< position of the next part
 };
 
-/// Sends commits to sessions. A session that resumes, asks for the log or falls behind gets commits
-/// of the past, from memory or from the store, until it has caught up. Answers to its transactions
-/// keep their place among the commits.
+/// Sends commits to sessions. A session that resumes, requests the log or falls behind is sent
+/// commits of the past, from memory or from the store, until it has caught up. Answers to its
+/// transactions are sent in order with the commits.
 class Catchup : public LineListener, public SessionListener {
 public:
     struct Limits {
-        std::size_t recentBytes = 64ull << 20;  ///< of commits kept in memory
-        Revision maxBehind = 100'000;           ///< a session that lags by more is closed
+        std::size_t recentBytes = 64ull << 20;  ///< size of the commits that are kept in memory
+        Revision maxBehind = 100'000;           ///< a session that lacks more commits is closed
     };
     Catchup(const Limits& limits, const HistoryLine& line, const HistoryStart& start,
             SessionTable& sessions, CommitReads& reads, const Previews& previews,
             ports::Outbox& outbox, ProjectCounters& counters);
 
-    /// The session has got its welcome, and has the commits up to `position`.
+    /// Starts to send commits to a session that was welcomed and has the commits up to `position`.
     void begin(const Session& session, Revision position);
-    /// The session is no longer ports::Outbox::congested().
+    /// Call it when the session is no longer ports::Outbox::congested() or lags().
     void drained(SessionId session);
-    /// Sends commits once more, between live ones.
+    /// Sends commits again, between live ones.
     void sendLog(Session& session, const RequestLog& request);
-    /// A layer is sent to the session as of this revision. Commits are not conflated over it (CF1).
+    /// Call it when a layer is sent to the session at this revision. Commits before and after it
+    /// are not conflated into one (CF1).
     void sendsLayerAsOf(SessionId session, Revision revision);
-    /// Sends a frame to the sessions that have caught up, but not to this client's.
+    /// Sends a frame to the sessions that have caught up, except to those of the client `except`.
     void sendToLive(const SharedBytes& frame, const ClientId& except);
 
-    /// Sends the answer when the session has the commits that it follows.
+    /// Sends the answer when the session was sent the commits up to Answer::after.
     void answer(SessionId session, Answer answer);
-    /// These transactions are refused, instead of being committed.
+    /// Refuses transactions whose commits were lost.
     void refuse(const std::vector<LostSubmission>& lost, const Error& error);
 
-    /// The newest durable commit when the session got its welcome.
+    /// Returns the newest durable commit at the time of the session's welcome.
     [[nodiscard]] Revision greetedAt(SessionId session) const;
-    /// The chain hash at a revision; nothing: it is not in memory.
+    /// Returns the hash of the chain at a revision; nothing if it is not in memory.
     [[nodiscard]] std::optional<Hash> hashAt(Revision revision) const;
     [[nodiscard]] Revision newestInParts() const { return recent_.newestInParts(); }
-    /// The oldest revision whose following commits some session still has to be sent; `newest` if
-    /// none has.
+    /// Returns the oldest revision after which a session still needs commits; `newest` if none
+    /// does.
     [[nodiscard]] Revision oldestNeeded(Revision newest) const;
 
-    /// An answer of CommitReads.
+    /// Receives the result of a read of CommitReads.
     void commitsRead(SessionId session, Result<std::vector<StoredCommit>> commits);
 
     void durable(const OrderedCommit& commit) override;
@@ -85,22 +86,22 @@ private:
     struct Stream {
         SessionId id = 0;
         ClientId client;
-        bool conflates = false, readsParts = false;  ///< features
+        bool conflates = false, readsParts = false;  ///< features of the client
         bool isClosing = false;
         std::variant<Live, CatchingUp, SendingLog> state = CatchingUp{};
-        Revision greetedAt = 0;  ///< the newest durable commit then
-        Revision position = 0;   ///< commits up to this one were sent
-        bool isAhead = false;    ///< it may have later ones (DD6)
-        /// Layers were sent as of these revisions, at which what is conflated has to end (CF1).
+        Revision greetedAt = 0;  ///< newest durable commit at the welcome
+        Revision position = 0;   ///< the commits up to this one were sent
+        bool isAhead = false;    ///< it may have received later ones (DD6)
+        /// The revisions at which layers were sent. A conflated commit must end there (CF1).
         std::set<Revision> opened;
-        std::deque<RequestLog> logs;  ///< asked for and not begun
+        std::deque<RequestLog> logs;  ///< waiting requests
         std::optional<SendingParts> sending;
         Answers answers;
 
         [[nodiscard]] bool isLive() const {
             return !isClosing && std::holds_alternative<Live>(state);
         }
-        /// Commits behind one in parts are sent when all of that is.
+        /// While a commit is sent in parts, later commits wait.
         [[nodiscard]] bool canSend() const { return !isClosing && !sending; }
         [[nodiscard]] Revision next() const;
     };
@@ -132,7 +133,7 @@ private:
     Wire<ports::Outbox> outbox_;
     Wire<ProjectCounters> counters_;
     RecentCommits recent_;
-    std::map<SessionId, Stream> streams_;  ///< of sessions that have got their welcome
+    std::map<SessionId, Stream> streams_;  ///< streams of sessions that were welcomed
 };
 
 }  // namespace usdlive::server

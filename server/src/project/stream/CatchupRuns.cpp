@@ -1,4 +1,4 @@
-// Sends commits of the past: whole, in parts, or conflated (CF1).
+// Sends commits of the past: whole, in parts or conflated (CF1).
 #include <algorithm>
 #include <iterator>
 #include <utility>
@@ -11,11 +11,11 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kRunCommits = 256;       // that are sent together, at most
-constexpr std::size_t kRunBytes = 512 * 1024;  // the same, about
+constexpr std::size_t kRunCommits = 256;       // most commits that are sent together
+constexpr std::size_t kRunBytes = 512 * 1024;  // approximate size of commits that are sent together
 
-/// CF1: one commit for all of them, or nothing when each register was written once. Precondition:
-/// they follow one another, and no author waits for one of them.
+/// CF1: merges commits into one, or returns nothing if each register was written only once.
+/// Precondition: the commits follow one another, and the session is not the author of any of them.
 std::optional<Bytes> conflatedFrame(std::vector<CommitFrame>& frames, const Hash& hashAfter) {
     std::vector<Edit> edits;
     for (CommitFrame& frame : frames)
@@ -37,7 +37,7 @@ std::optional<Bytes> conflatedFrame(std::vector<CommitFrame>& frames, const Hash
 
 }  // namespace
 
-/// False: what comes next is not in memory any more.
+/// Returns false if the next commit is not in memory any more.
 bool Catchup::sendRecent(Stream& stream, Revision last) {
     std::vector<StoredCommit> run;
     std::size_t bytes = 0;
@@ -57,11 +57,11 @@ bool Catchup::sendRecent(Stream& stream, Revision last) {
     return !run.empty();
 }
 
-/// Sends commits of the past as they were broadcast, in order; to a session that fell behind
-/// without what was written again (CF1).
+/// Sends commits of the past in order. For a session that fell behind, leaves out values that were
+/// overwritten later (CF1).
 void Catchup::sendRun(Stream& stream, const std::vector<StoredCommit>& commits) {
-    std::vector<CommitFrame> run;              // what may become one
-    const auto flush = [&](std::size_t end) {  // the run's last is the one before `end`
+    std::vector<CommitFrame> run;              // commits that may be merged into one
+    const auto flush = [&](std::size_t end) {  // the last commit of the run is the one before `end`
         const auto frame =
             run.size() > 1 ? conflatedFrame(run, commits[end - 1].hash) : std::nullopt;
         std::size_t first = end - std::exchange(run, {}).size();
@@ -79,15 +79,17 @@ void Catchup::sendRun(Stream& stream, const std::vector<StoredCommit>& commits) 
             continue;
         }
         run.push_back(std::move(*frame));
-        // The client begins here, or with a layer as of here: what follows applies to that.
+        // The client starts here, or with a layer at this revision: later commits apply to that
+        // state.
         const Revision revision = commits[index].revision;
         if (revision == stream.greetedAt || stream.opened.contains(revision)) flush(index + 1);
     }
     if (stream.canSend()) flush(commits.size());
 }
 
-/// Nothing: it is sent as it is, because its author waits for it, because it does more than its
-/// edits, or because the session may have it already and not the ones around it.
+/// Returns the commit if it may be conflated. Otherwise it is sent unchanged: because the session
+/// is its author, because it does more than its edits, or because the session may already have it
+/// but not its neighbours.
 std::optional<CommitFrame> Catchup::conflatable(const Stream& stream, const StoredCommit& stored) {
     if (!std::holds_alternative<CatchingUp>(stream.state) || stream.isAhead || !stream.conflates ||
         isInParts(*stored.frame))
@@ -114,7 +116,7 @@ void Catchup::sendPast(Stream& stream, const SharedBytes& frame) {
     stream.sending = SendingParts{frame};
 }
 
-/// The next part of a commit that comes in parts.
+/// Sends the next part of a commit in parts.
 void Catchup::sendPart(Stream& stream) {
     SendingParts& sending = *stream.sending;
     outbox_->send(stream.id,
@@ -124,7 +126,7 @@ void Catchup::sendPart(Stream& stream) {
     commitSent(stream);
 }
 
-/// All of the commit that was next was sent.
+/// Advances the position after a commit was sent completely.
 void Catchup::commitSent(Stream& stream) {
     ++counters_->delivered;
     if (auto* log = std::get_if<SendingLog>(&stream.state)) {

@@ -1,4 +1,4 @@
-// Reads of commits from the store, one at a time for each session.
+// Reads commits from the store, one read at a time for each session.
 #pragma once
 
 #include <algorithm>
@@ -18,10 +18,10 @@ enum class ReadPurpose { ResumeCheck, Stream, Creations };
 struct CommitRead {
     ReadPurpose purpose{};
     Revision from = 0, to = 0;
-    std::uint64_t sequence = 0;  ///< of Creations
+    std::uint64_t sequence = 0;  ///< only for Creations
 };
 
-/// Queues each session's reads, and says what an answer of the store is for.
+/// Queues the reads of each session, and returns the purpose of each answer of the store.
 class CommitReads : public SessionListener {
 public:
     explicit CommitReads(ports::History& history) : history_(history) {}
@@ -34,9 +34,9 @@ public:
 
     struct Answer {
         CommitRead read;
-        Result<std::vector<StoredCommit>> commits;  ///< the first is read.from
+        Result<std::vector<StoredCommit>> commits;  ///< the first one is read.from
     };
-    /// An answer of the port. Nothing: the session is gone.
+    /// Receives an answer of ports::History. Returns nothing if the session has ended.
     [[nodiscard]] std::optional<Answer> answered(SessionId session,
                                                  Result<std::vector<StoredCommit>> commits) {
         const auto found = reads_.find(session);
@@ -61,7 +61,7 @@ public:
                    return read.purpose == purpose;
                });
     }
-    /// The oldest revision whose commit is asked for or follows one that is; `newest` if none is.
+    /// Returns the oldest revision that a read requests, minus one; `newest` if there are no reads.
     [[nodiscard]] Revision oldestNeeded(Revision newest) const {
         for (const auto& [session, reads] : reads_)
             for (const CommitRead& read : reads) newest = std::min(newest, read.from - 1);
@@ -72,7 +72,8 @@ public:
 
 private:
     Wire<ports::History> history_;
-    std::map<SessionId, std::deque<CommitRead>> reads_;  ///< not empty; the first is under way
+    std::map<SessionId, std::deque<CommitRead>>
+        reads_;  ///< never empty; the first read is in progress
 };
 
 }  // namespace usdlive::server

@@ -1,4 +1,4 @@
-// Receives previews, passes them on, and withdraws them.
+// Receives previews, forwards them, and withdraws them.
 #include "stream/Gestures.h"
 
 #include "usdlive/server/project/SharedFrame.h"
@@ -7,7 +7,7 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxPreviewBytes = 1024 * 1024;  // larger ones are not passed on
+constexpr std::size_t kMaxPreviewBytes = 1024 * 1024;  // larger previews are dropped
 
 }  // namespace
 
@@ -28,7 +28,7 @@ void Gestures::receive(Session& session, PreviewFrame preview, std::size_t bytes
     const std::uint64_t pushedOut =
         previews_->keep(session.client, preview.gesture, {frame, std::move(named)});
     if (pushedOut != 0) withdraw(session.client, pushedOut);
-    // A session that is behind gets it when it has caught up.
+    // A session that is behind is sent the preview when it has caught up.
     catchup_->sendToLive(frame, session.client);
 }
 

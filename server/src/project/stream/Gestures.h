@@ -1,4 +1,4 @@
-// Previews of gestures under way (M11).
+// Previews of gestures in progress (M11).
 #pragma once
 
 #include "Wiring.h"
@@ -10,7 +10,7 @@
 
 namespace usdlive::server {
 
-/// Passes previews on at once, and keeps the newest one of a gesture until the gesture ends.
+/// Forwards previews at once, and keeps the newest one of each gesture until the gesture ends.
 class Gestures : public LineListener, public SessionListener {
 public:
     Gestures(Previews& previews, const HistoryLine& line, SessionTable& sessions, Catchup& catchup,
@@ -24,8 +24,8 @@ public:
           counters_(counters) {}
 
     void receive(Session& session, PreviewFrame preview, std::size_t bytes);
-    /// The gesture's transaction was refused. Others that were sent a preview are sent that it is
-    /// withdrawn.
+    /// Call it when the gesture's transaction was refused. Withdraws its preview from the other
+    /// sessions.
     void refused(const ClientId& author, std::uint64_t gesture);
     void withdrawAll(const ClientId& author);
 

@@ -1,4 +1,4 @@
-// Which big values are stored.
+// The big values that are known to be stored.
 #pragma once
 
 #include <cstddef>
@@ -10,19 +10,19 @@
 
 namespace usdlive::server {
 
-/// Knows which big values are stored, as far as the store was asked.
+/// The big values that are known to be stored, from the answers of the store.
 class KnownBlobs {
 public:
     [[nodiscard]] bool has(const Hash& hash) const { return stored_.contains(hash); }
     void stored(const Hash& hash) {
-        if (stored_.size() >= kMost && asked_.empty()) stored_.clear();  // asked for again
+        if (stored_.size() >= kMost && asked_.empty()) stored_.clear();  // the store is asked again
         stored_.insert(hash);
     }
     void dropped(const std::vector<Hash>& hashes) {
         for (const Hash& hash : hashes) stored_.erase(hash);
     }
 
-    /// The store is being asked for it.
+    /// Returns whether the store is being asked for the value.
     [[nodiscard]] bool isAsked(const Hash& hash) const { return asked_.contains(hash); }
     void ask(const std::vector<Hash>& hashes) {
         for (const Hash& hash : hashes) ++asked_[hash];
@@ -30,10 +30,11 @@ public:
     void answered(const std::vector<Hash>& hashes) {
         for (const Hash& hash : hashes) end(asked_, hash);
     }
-    /// The store is given a part of it.
+    /// Call it when a part of the value is passed to the store.
     void write(const Hash& hash) { ++writing_[hash]; }
     void written(const Hash& hash) { end(writing_, hash); }
-    /// Whatever the store answers holds only if it is not dropped meanwhile.
+    /// Returns whether the value may be dropped. It must stay while an answer of the store about it
+    /// is pending, because the answer would be wrong afterwards.
     [[nodiscard]] bool mayDrop(const Hash& hash) const {
         return !asked_.contains(hash) && !writing_.contains(hash);
     }

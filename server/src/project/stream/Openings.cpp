@@ -8,8 +8,9 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxPastReads = 16;  // of one session at once: each replays a layer
-constexpr std::size_t kMaxOpens = 10'000;  // that wait for one layer
+constexpr std::size_t kMaxPastReads =
+    16;  // reads of one session at the same time: each replays a layer
+constexpr std::size_t kMaxOpens = 10'000;  // requests that wait for one layer
 
 }  // namespace
 
@@ -91,7 +92,7 @@ void Openings::becameDurable(Revision upTo) {
     }
 }
 
-/// A layer that lost commits is being loaded again, unless it was an import that was lost.
+/// Layers that lost commits are loaded again. Only a lost import makes requests fail.
 void Openings::rolledBack(const Error& error, const LostCommits& lost) {
     for (Snapshot& snapshot : std::exchange(pending_, {})) {
         snapshot.revision = std::min(snapshot.revision, line_->durable());
@@ -104,7 +105,7 @@ void Openings::rolledBack(const Error& error, const LostCommits& lost) {
     }
 }
 
-// ---- layers as they were
+// ---- layers of the past
 
 void Openings::openPast(Session& session, const OpenLayer& open) {
     if (open.revision > line_->durable())

@@ -1,4 +1,4 @@
-// Layers that sessions open, as they are and as they were.
+// Requests to open layers at the newest or an older revision.
 #pragma once
 
 #include <deque>
@@ -14,8 +14,8 @@
 
 namespace usdlive::server {
 
-/// Sends snapshots of layers to sessions. A snapshot of the present is of what was executed, and is
-/// sent once that is durable.
+/// Sends snapshots of layers to sessions. A snapshot of the newest state contains all executed
+/// commits, and is sent when they are durable.
 class Openings : public LineListener, public LayerListener, public SessionListener {
 public:
     Openings(const HistoryLine& line, const HistoryStart& start, LayerTable& layers,
@@ -31,7 +31,7 @@ public:
           activity_(ports.activity) {}
 
     void open(Session& session, const OpenLayer& request);
-    /// The oldest revision as of which a layer is being read; `newest` if none is.
+    /// Returns the oldest revision at which a layer is being read; `newest` if none is.
     [[nodiscard]] Revision oldestNeeded(Revision newest) const;
 
     // Answers of the ports.
@@ -50,7 +50,7 @@ private:
         SessionId session = 0;
         std::uint64_t request = 0;
     };
-    /// A copy of a layer that is sent once everything in it is durable.
+    /// A copy of a layer that is sent when all its commits are durable.
     struct Snapshot {
         Request request;
         LayerId layer;
@@ -71,9 +71,11 @@ private:
     Wire<ports::Files> files_;
     Wire<ports::Activity> activity_;
 
-    std::map<LayerId, std::vector<Request>> waiting_;  ///< for the layer to be loaded
-    std::deque<Snapshot> pending_;                     ///< by revision
-    std::map<SessionId, std::map<std::uint64_t, OpenLayer>> pastReads_;  ///< by request
+    std::map<LayerId, std::vector<Request>>
+        waiting_;                   ///< requests that wait for the layer to be loaded
+    std::deque<Snapshot> pending_;  ///< sorted by revision
+    std::map<SessionId, std::map<std::uint64_t, OpenLayer>>
+        pastReads_;  ///< by number of the request
 };
 
 }  // namespace usdlive::server

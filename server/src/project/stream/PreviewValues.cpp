@@ -1,4 +1,4 @@
-// The big values that previews name.
+// Keeps the big values that previews name.
 #include "stream/PreviewValues.h"
 
 #include <memory>
@@ -7,7 +7,7 @@ namespace usdlive::server {
 
 namespace {
 
-// The memory that a part takes beside its data.
+// The memory of a part in addition to its data.
 constexpr std::size_t kPartBytes = 256;
 
 }  // namespace
@@ -15,7 +15,7 @@ constexpr std::size_t kPartBytes = 256;
 void PreviewValues::add(const ClientId& author, BlobFrame part) {
     auto found = entries_.find(part.hash);
     if (found != entries_.end() && found->second.written == found->second.size) {
-        found->second.author = author;  // whole: now it is for this gesture
+        found->second.author = author;  // already complete: it now belongs to this gesture
         found->second.gesture = part.gesture;
         return;
     }

@@ -12,16 +12,17 @@
 
 namespace usdlive::server {
 
-/// The big values of previews (B3), in memory only, as the frames in which they came. A value goes
-/// when its gesture ends, or when newer ones need its room.
+/// The big values of previews (B3), in memory only, as the received frames. A value is dropped when
+/// its gesture ends, or when newer ones need the space.
 class PreviewValues {
 public:
-    static constexpr std::size_t kMaxBytes = std::size_t(256) << 20;  ///< of all authors
+    static constexpr std::size_t kMaxBytes = std::size_t(256)
+                                             << 20;  ///< limit for all authors together
 
-    /// Adds the next part of a value; a first part begins it again. Other parts are dropped, and
-    /// the value with them: its previews are shown without it, or not at all.
+    /// Adds the next part of a value; a first part starts it again. A part that does not follow the
+    /// last one drops the value: its previews are shown without it, or not at all.
     void add(const ClientId& author, BlobFrame part);
-    /// The frames of a whole value; nullptr: it is not here, or not whole.
+    /// Returns the frames of a complete value; nullptr if it does not exist or is incomplete.
     [[nodiscard]] const std::vector<SharedBytes>* find(const Hash& hash) const;
     void end(const ClientId& author, std::uint64_t gesture);
     void endAll(const ClientId& author);
@@ -33,7 +34,7 @@ private:
         ClientId author;
         std::uint64_t gesture = 0;
         std::uint64_t size = 0, written = 0;
-        std::size_t bytes = 0;  ///< that it takes here
+        std::size_t bytes = 0;  ///< memory of the value
         std::vector<SharedBytes> frames;
         std::list<Hash>::iterator turn;
     };
@@ -44,7 +45,7 @@ private:
     void endIf(const Ends& ends);
 
     Entries entries_;
-    std::list<Hash> turns_;  // the oldest first
+    std::list<Hash> turns_;  // oldest first
     std::size_t bytes_ = 0;
 };
 

@@ -1,4 +1,4 @@
-// The newest preview of each gesture under way.
+// Keeps the newest preview of each gesture in progress.
 #include "stream/Previews.h"
 
 namespace usdlive::server {
@@ -7,7 +7,7 @@ std::uint64_t Previews::keep(const ClientId& author, std::uint64_t gesture, Prev
     auto& gestures = kept_[author];
     gestures[gesture] = std::move(preview);
     if (gestures.size() <= kMaxGestures) return 0;
-    // Clients number their gestures upwards. The one just kept stays, whatever its number.
+    // Clients number their gestures in ascending order. The new one stays, whatever its number.
     auto oldest = gestures.begin();
     if (oldest->first == gesture) ++oldest;
     const std::uint64_t pushedOut = oldest->first;

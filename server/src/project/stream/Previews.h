@@ -1,4 +1,4 @@
-// The newest preview of each gesture under way.
+// The newest preview of each gesture in progress.
 #pragma once
 
 #include <cstdint>
@@ -12,27 +12,27 @@
 
 namespace usdlive::server {
 
-/// The newest preview of every gesture under way (M11), for sessions that come in the middle of
-/// one. One is kept for each gesture: a new preview takes the place of the one before.
+/// The newest preview of each gesture in progress (M11), for sessions that join during a gesture. A
+/// new preview replaces the gesture's earlier one.
 class Previews {
 public:
-    /// An author's gestures beyond this many at once push out the oldest.
+    /// The most gestures of an author. One more drops the oldest.
     static constexpr std::size_t kMaxGestures = 16;
 
     struct Preview {
         SharedBytes frame;
-        std::vector<Hash> named;  ///< big values
+        std::vector<Hash> named;  ///< big values that it names
     };
-    /// Returns the gesture it pushed out, 0 for none.
+    /// Keeps a preview. Returns the gesture that was dropped for it; 0 if none was.
     std::uint64_t keep(const ClientId& author, std::uint64_t gesture, Preview preview);
-    /// The gesture is over. False when nothing was kept of it.
+    /// Removes the gesture's preview. Returns false if there was none.
     bool end(const ClientId& author, std::uint64_t gesture);
-    /// The author's gestures are over. Returns them.
+    /// Removes the previews of all gestures of the author. Returns the gestures.
     std::vector<std::uint64_t> endAll(const ClientId& author);
 
     void forEach(const std::function<void(const ClientId&, const Preview&)>& visit) const;
 
-    /// The big values that they name; those of a gesture end with it.
+    /// The big values that the previews name. They are removed with their gesture.
     PreviewValues values;
 
 private:

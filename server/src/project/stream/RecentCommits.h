@@ -1,4 +1,4 @@
-// Durable commits that are kept in memory to be sent again.
+// The newest durable commits, kept in memory for sessions that need them again.
 #pragma once
 
 #include <algorithm>
@@ -12,20 +12,20 @@
 
 namespace usdlive::server {
 
-/// The newest durable commits as they are broadcast, for sessions that resume. Holds at most
-/// `maxBytes` of frames; older ones are read from the store. Beside them it finds commits in parts
-/// (FR8), however old, while some session is being sent them: one copy serves all.
+/// The newest durable commits as they are sent, for sessions that resume. Keeps at most `maxBytes`
+/// of frames; older commits are read from the store. Also finds commits in parts (FR8) of any age
+/// while a session is being sent them, so that all sessions share one copy.
 class RecentCommits {
 public:
     struct Entry {
         Revision revision = 0;
         SharedBytes frame;  ///< with its length prefix; a stub for an import (CH2)
-        Hash hash;          ///< chain hash after it
+        Hash hash;          ///< hash of the chain up to and including it
     };
 
     explicit RecentCommits(std::size_t maxBytes) : maxBytes_(maxBytes) {}
 
-    /// Precondition: follows the one added last.
+    /// Adds a commit. Precondition: it follows the one that was added last.
     void add(Entry entry) {
         bytes_ += entry.frame->size();
         entries_.push_back(std::move(entry));
@@ -35,19 +35,19 @@ public:
         }
     }
 
-    /// nullptr when it is not held.
+    /// Returns nullptr if the commit is not in memory.
     [[nodiscard]] const Entry* find(Revision revision) const {
         if (entries_.empty() || revision < entries_.front().revision) return nullptr;
         const Revision index = revision - entries_.front().revision;
         return index < entries_.size() ? &entries_[index] : nullptr;
     }
 
-    /// A session is being sent this commit in parts.
+    /// Call it when a session is being sent this commit in parts.
     void shareInParts(Revision revision, const SharedBytes& frames) {
         newestInParts_ = std::max(newestInParts_, revision);
         inParts_[revision] = frames;
     }
-    /// nullptr when no session is being sent it.
+    /// Returns nullptr if no session is being sent the commit.
     [[nodiscard]] SharedBytes findInParts(Revision revision) {
         const auto found = inParts_.find(revision);
         if (found == inParts_.end()) return nullptr;
@@ -55,8 +55,8 @@ public:
         if (!frames) inParts_.erase(found);
         return frames;
     }
-    /// The newest commit in parts that this process has sent: a client that cannot read it cannot
-    /// resume before it.
+    /// Returns the newest commit in parts that this process has sent. A client that cannot read
+    /// parts cannot resume before it.
     [[nodiscard]] Revision newestInParts() const { return newestInParts_; }
 
 private:

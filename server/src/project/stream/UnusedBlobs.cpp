@@ -1,4 +1,4 @@
-// When big values in the store may be removed.
+// Decides when unused big values may be removed from the store.
 #include "stream/UnusedBlobs.h"
 
 #include <algorithm>
@@ -12,7 +12,7 @@ void UnusedBlobs::named(const std::vector<Hash>& blobs, Revision revision) {
     }
 }
 
-// An earlier commit that is durable may name it, too.
+// An earlier durable commit may also name the value.
 void UnusedBlobs::rolledBack(Revision durable) {
     for (auto& [hash, revision] : named_) revision = std::min(revision, durable);
 }

@@ -1,4 +1,4 @@
-// Has checkpoints stored, and lists them.
+// Stores checkpoints and lists them.
 #include "upkeep/CheckpointRequests.h"
 
 #include <algorithm>
@@ -9,7 +9,7 @@ namespace usdlive::server {
 namespace {
 
 constexpr std::size_t kMaxNameBytes = 200;
-constexpr std::size_t kMaxWaiting = 1'000;  // for their revision to be durable, of all sessions
+constexpr std::size_t kMaxWaiting = 1'000;  // requests of all sessions that wait for their revision
 
 bool isName(const std::string& name) {
     const auto isControl = [](unsigned char byte) { return byte < 0x20 || byte == 0x7f; };

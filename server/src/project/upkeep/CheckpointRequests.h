@@ -1,4 +1,4 @@
-// Named revisions (CP1, CP2).
+// Requests for checkpoints: named revisions (CP1, CP2).
 #pragma once
 
 #include <deque>
@@ -10,7 +10,7 @@
 
 namespace usdlive::server {
 
-/// Names the revision that is executed when it is asked for, once that is durable.
+/// Creates checkpoints of the newest executed revision, when that is durable, and lists them.
 class CheckpointRequests : public LineListener {
 public:
     CheckpointRequests(const HistoryLine& line, SessionTable& sessions, const AccessPolicy& access,
@@ -25,7 +25,7 @@ public:
     void create(Session& session, const CreateCheckpoint& request);
     void list(const Session& session, const ListCheckpoints& request);
 
-    // Answers of the port.
+    // Answers of ports::History.
     void added(SessionId session, std::uint64_t request, const Result<Checkpoint>& added);
     void listed(SessionId session, std::uint64_t request, Result<std::vector<Checkpoint>> read);
 
@@ -47,7 +47,7 @@ private:
     Wire<ports::History> history_;
     Wire<ports::Clock> clock_;
     Wire<ports::Activity> activity_;
-    std::deque<Pending> pending_;  ///< by revision
+    std::deque<Pending> pending_;  ///< sorted by revision
 };
 
 }  // namespace usdlive::server

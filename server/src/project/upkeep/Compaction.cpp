@@ -1,4 +1,4 @@
-// Decides how far the history is replaced, and has the store do it.
+// Decides how far the history is replaced by a base, and passes it to the store.
 #include "upkeep/Compaction.h"
 
 #include <algorithm>
@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::int64_t kDayMs = 24 * 60 * 60 * 1'000;
 constexpr std::uint64_t kMostDays = 100'000;
-constexpr std::size_t kMostCompacts = 16;  // that wait, of all sessions
+constexpr std::size_t kMostCompacts = 16;  // waiting requests of all sessions
 
 }  // namespace
 
@@ -59,7 +59,8 @@ void Compaction::add(const std::optional<SessionId>& session, std::uint64_t requ
     if (requests_.size() == 1) findNextBase();
 }
 
-/// A checkpoint that is made from now on is of what is durable now, or later.
+/// The limit is the durable revision: a checkpoint that is created from now on has this or a later
+/// one.
 void Compaction::findNextBase() {
     if (!requests_.empty()) history_->findBase(requests_.front().beforeMs, line_->durable());
 }
@@ -78,7 +79,7 @@ void Compaction::baseFound(Result<BaseLimit> limit) {
     history_->compact(limit->revision);
 }
 
-/// No session asks the store for this revision's commit or an older one.
+/// Returns a revision: no session needs the commits up to it from the store.
 Revision Compaction::oldestNeeded() const {
     return std::min(
         {greeting_->oldestNeeded(line_->durable()), reads_->oldestNeeded(line_->durable()),

@@ -1,4 +1,4 @@
-// History that is bounded: commits of long ago are replaced by a base (CH4).
+// Replaces old commits by a base (CH4).
 #pragma once
 
 #include <deque>
@@ -17,8 +17,9 @@
 
 namespace usdlive::server {
 
-/// Has the oldest commits replaced, on request or as the server was started, as far as no
-/// checkpoint and no session needs them. One request at a time. Says what the store takes.
+/// Replaces the oldest commits, on request or because of --history-days, as far as no checkpoint
+/// and no session needs them. Executes one request at a time. Also reports the disk space of the
+/// store.
 class Compaction {
 public:
     struct Parts {
@@ -26,7 +27,7 @@ public:
         HistoryStart& start;
         SessionTable& sessions;
         const AccessPolicy& access;
-        // Those that read the history:
+        // The parts that read the history:
         const Greeting& greeting;
         const CommitReads& reads;
         const Catchup& catchup;
@@ -35,23 +36,23 @@ public:
     Compaction(std::optional<std::uint64_t> historyDays, const Parts& parts, const Ports& ports);
 
     void request(Session& session, const CompactHistory& request);
-    /// Has commits replaced that are older than --history-days.
+    /// Replaces the commits that are older than --history-days.
     void boundHistory();
     void measure(const Session& session, const RequestStorage& request);
 
-    // Answers of the port.
+    // Answers of ports::History.
     void baseFound(Result<BaseLimit> limit);
     void compacted(const Result<CompactOutcome>& outcome);
     void measured(SessionId session, std::uint64_t request, Result<Storage> storage);
 
 private:
     struct Request {
-        std::optional<SessionId> session;  ///< nothing: boundHistory()
+        std::optional<SessionId> session;  ///< nothing: requested by boundHistory()
         std::uint64_t request = 0;
         std::int64_t beforeMs = 0;
-        // Once the base is found:
-        Revision from = 0;    ///< the base before
-        std::string keptFor;  ///< why not more is replaced
+        // Set when the base is found:
+        Revision from = 0;    ///< the previous base
+        std::string keptFor;  ///< the reason why newer commits are kept
     };
     void add(const std::optional<SessionId>& session, std::uint64_t request, std::uint64_t days);
     void findNextBase();
@@ -69,7 +70,7 @@ private:
     Wire<const Openings> openings_;
     Wire<ports::History> history_;
     Wire<ports::Clock> clock_;
-    std::deque<Request> requests_;  ///< the first is under way
+    std::deque<Request> requests_;  ///< the first one is in progress
 };
 
 }  // namespace usdlive::server

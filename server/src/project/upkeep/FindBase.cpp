@@ -1,4 +1,4 @@
-// Finds how far the history may be replaced by a base (CH4).
+// Finds the revision up to which the history may be replaced by a base (CH4).
 #include "usdlive/server/project/CommitContent.h"
 #include "usdlive/server/project/Project.h"
 
@@ -6,8 +6,8 @@ namespace usdlive::server {
 
 namespace {
 
-/// When the commit was made. It may be large: of one in parts the first says it, of an import its
-/// stub.
+/// Returns the time of a commit. Decodes only a small part of a large one: the first frame of a
+/// commit in parts, or the stub of an import.
 Result<std::int64_t> timeOf(const StoredCommit& stored) {
     StoredCommit read = stored;
     std::size_t offset = 0;
@@ -32,7 +32,7 @@ Result<std::int64_t> timeOf(const CommitStore& store, Revision revision) {
 
 }  // namespace
 
-/// Times grow with the revisions, but for what a clock that was set back does.
+/// Searches by bisection: times grow with revisions, unless the clock was set back.
 Result<BaseLimit> findBase(const CommitStore& store, std::int64_t beforeMs, Revision upTo) {
     BaseLimit limit{store.base().revision, {}};
     for (Revision newer = upTo + 1; limit.revision + 1 < newer;) {

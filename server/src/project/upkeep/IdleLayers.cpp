@@ -1,4 +1,4 @@
-// Unloads layers that are not in use.
+// Removes layers that are not in use from memory.
 #include "upkeep/IdleLayers.h"
 
 #include <optional>
@@ -8,7 +8,7 @@ namespace usdlive::server {
 
 namespace {
 
-/// The memory that a spec of a loaded layer takes, about, beside the bytes it is stored in.
+/// The estimated memory of a spec in a loaded layer, in addition to its stored bytes.
 constexpr std::size_t kSpecBytes = 512;
 
 }  // namespace
@@ -28,7 +28,8 @@ IdleLayers::IdleLayers(const Limits& limits, const Parts& parts, ports::Clock& c
       clock_(clock),
       counters_(counters) {}
 
-/// Called when a layer is loaded, and when a session has opened or closed it.
+/// Adds a layer if it is idle. Called when a layer is loaded, and when a session has opened or
+/// closed it.
 void IdleLayers::add(const LayerId& layer) {
     const LayerDoc* doc = line_->doc(layer);
     if (!doc || !layers_->has(layer) || added_.contains(layer) || sessions_->isOpen(layer)) return;
@@ -38,8 +39,8 @@ void IdleLayers::add(const LayerId& layer) {
     bytes_ += bytes;
 }
 
-/// The layers that decide what is locked in others (LK5): of root layers that lock specs, all that
-/// is in their local layer stacks.
+/// Returns the layers that decide about spec locks (LK5): those in the local layer stacks of root
+/// layers that lock specs.
 std::set<LayerId> IdleLayers::lockingStacks() const {
     std::set<LayerId> stacks(access_->lockingRoots());
     std::vector<LayerId> next(stacks.begin(), stacks.end());
@@ -54,7 +55,7 @@ std::set<LayerId> IdleLayers::lockingStacks() const {
     return stacks;
 }
 
-/// Does anything that is executed or under way need its content?
+/// Returns whether an unfinished commit or operation needs the layer.
 bool IdleLayers::isNeeded(const LayerId& layer) const {
     const Revision durable = line_->durable();
     return layers_->changed(layer) > durable || files_->saved(layer).revision > durable ||

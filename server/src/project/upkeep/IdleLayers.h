@@ -1,4 +1,4 @@
-// Layers that no session has open leave the memory.
+// Removes layers that no session has open from memory.
 #pragma once
 
 #include <map>
@@ -16,14 +16,14 @@
 
 namespace usdlive::server {
 
-/// Unloads layers that no session has had open for some time, or earlier where all of them take
-/// much. What is known of them beside their content stays; they are loaded again when they are
+/// Removes layers from memory that no session has had open for some time, or earlier if they use
+/// too much memory together. Their other states stay in memory. They are loaded again when they are
 /// needed.
 class IdleLayers : public LayerListener, public SessionListener {
 public:
     struct Limits {
         std::int64_t layerMs = 60'000;
-        std::size_t bytes = 256ull << 20;  ///< of all idle layers, about
+        std::size_t bytes = 256ull << 20;  ///< approximate memory of all idle layers
     };
     struct Parts {
         const HistoryLine& line;
@@ -32,7 +32,7 @@ public:
         const Snapshots& snapshots;
         const SessionTable& sessions;
         const AccessPolicy& access;
-        // Those that need layers nobody has open:
+        // The parts that may need layers that no session has open:
         const Submissions& submissions;
         const Saves& saves;
         const Reloads& reloads;
@@ -40,8 +40,8 @@ public:
     IdleLayers(const Limits& limits, const Parts& parts, ports::Clock& clock,
                ProjectCounters& counters);
 
-    /// To be called now and then. The layer that was left first goes first; one that is needed has
-    /// its turn later.
+    /// Removes idle layers, those that are idle for the longest time first. Skips layers that are
+    /// needed. Call it regularly.
     void unload();
 
     void ready(const LayerId& layer, bool /*imported*/) override { add(layer); }
@@ -52,7 +52,7 @@ private:
     struct Idle {
         LayerId layer;
         std::int64_t sinceMs = 0;
-        std::size_t bytes = 0;  ///< that it takes in memory, about
+        std::size_t bytes = 0;  ///< approximate memory of the layer
     };
     void add(const LayerId& layer);
     [[nodiscard]] bool isNeeded(const LayerId& layer) const;
@@ -71,10 +71,10 @@ private:
     Wire<ports::Clock> clock_;
     Wire<ProjectCounters> counters_;
 
-    std::map<std::uint64_t, Idle> idle_;  ///< in the order in which they were added
+    std::map<std::uint64_t, Idle> idle_;  ///< layers in the order in which they became idle
     std::set<LayerId> added_;             ///< the layers of idle_
     std::uint64_t last_ = 0;
-    std::size_t bytes_ = 0;  ///< of all of them
+    std::size_t bytes_ = 0;  ///< memory of all of them
 };
 
 }  // namespace usdlive::server
