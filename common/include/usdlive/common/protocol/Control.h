@@ -146,7 +146,7 @@ struct LayerStates {
     bool operator==(const LayerStates&) const = default;
 };
 
-/// Where a user is and what they look at. Feature `presence`. Never stored.
+/// The selection, camera and time of a user. Feature `presence`. Never stored.
 struct Presence {
     ClientId client;  ///< the server sets this and the next two
     UserName user;
@@ -160,7 +160,7 @@ struct Presence {
     bool operator==(const Presence&) const = default;
 };
 /// Client: its presence, at most kPresencesPerSecond times a second. It repeats an unchanged one
-/// every kPresenceRepeatMs; without any for kPresenceTimeMs, it counts as gone.
+/// every kPresenceRepeatMs. The server drops a presence that was not sent for kPresenceTimeMs.
 struct ShowPresence {
     static constexpr std::string_view kType = "showPresence";
     Presence presence;
@@ -170,7 +170,7 @@ struct ShowPresence {
 inline constexpr int kPresencesPerSecond = 20;
 inline constexpr std::int64_t kPresenceRepeatMs = 1'000;
 inline constexpr std::int64_t kPresenceTimeMs = 3'000;
-/// Server: presences of others that changed, and clients that are gone.
+/// Server: changed presences of other clients, and clients whose presence has ended.
 struct Presences {
     static constexpr std::string_view kType = "presences";
     std::vector<Presence> shown;
