@@ -1,4 +1,4 @@
-// Answers of the server that a blocking call waits for.
+// The answers of the server for which blocking calls wait.
 #pragma once
 
 #include <cstdint>
@@ -11,19 +11,19 @@
 
 namespace usdlive::client {
 
-/// Answers by the numbers of their requests. Several requests may wait, when an event handler asks
-/// while its caller waits.
+/// The answers by the numbers of their requests. Several requests may wait at the same time if an
+/// event handler makes one while a blocking call dispatches events.
 class Answers {
 public:
     void await(std::uint64_t request) { awaited_[request] = std::nullopt; }
     [[nodiscard]] bool isThere(std::uint64_t request) const {
         return awaited_.at(request).has_value();
     }
-    /// Ends the wait. Nothing: there was no answer.
+    /// Ends the wait. Returns nothing if there was no answer.
     [[nodiscard]] std::optional<Result<Event>> take(std::uint64_t request) {
         return std::move(awaited_.extract(request).mapped());
     }
-    /// Ignores answers that nobody waits for.
+    /// Keeps an answer. Ignores one for which no call waits.
     void add(std::uint64_t request, Result<Event> answer) {
         if (const auto found = awaited_.find(request); found != awaited_.end())
             found->second = std::move(answer);

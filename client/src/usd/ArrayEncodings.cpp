@@ -1,4 +1,4 @@
-// Big arrays that the editor has written, encoded and hashed by a worker before they are sealed.
+// Encodes and hashes the editor's big arrays by a worker before their frame is sealed.
 #include "usd/ArrayEncodings.h"
 
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 namespace usdlive::client {
 
-// The worker writes `encoded` and `bytes`; they are read once `done` is true.
+// The worker writes `encoded` and `bytes`. They are read only when `done` is true.
 struct ArrayEncodings::Job final : public usd::BlobSink {
     explicit Job(std::vector<pxr::VtValue> written) : arrays(std::move(written)) {}
 
@@ -24,7 +24,8 @@ struct ArrayEncodings::Job final : public usd::BlobSink {
 
     const std::vector<pxr::VtValue> arrays;
     std::atomic<bool> done = false;
-    std::vector<std::optional<Value>> encodings;  // beside arrays; nothing: it cannot be
+    std::vector<std::optional<Value>>
+        encodings;  // one for each array; nothing: it cannot be encoded
     std::vector<std::pair<Hash, SharedBytes>> kept;
 };
 

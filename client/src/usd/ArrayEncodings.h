@@ -9,24 +9,24 @@
 
 namespace usdlive::client {
 
-/// Encodes the big arrays of a frame beside it. An array of 200 MB takes a tenth of a second and
-/// more to copy and hash, and the editor's frame is not to wait for that: the frame is sealed when
-/// a worker has done it, some ticks later.
+/// Encodes the big arrays of a frame by a worker. Copying and hashing an array of 200 MB takes more
+/// than a tenth of a second, which must not delay the editor's frame. The frame is sealed some
+/// ticks later, when the worker has finished.
 ///
-/// As a sink it gives what it has encoded, and passes the bytes of values on. One thread.
+/// As a sink it returns the encoded arrays, and forwards the bytes of values. Used by one thread.
 class ArrayEncodings final : public usd::BlobSink {
 public:
-    /// Both outlive this.
+    /// Both arguments outlive this object.
     ArrayEncodings(usd::BlobSink& blobs, Worker& worker);
 
-    /// Once encoding was for nothing, as the editor had written the register again meanwhile,
-    /// arrays are encoded within the frame for so long.
+    /// If an encoding was useless because the editor wrote the register again meanwhile, arrays are
+    /// encoded within the frame for this time.
     static constexpr std::int64_t kAtOnceMs = 1'000;
 
-    /// May the frame be sealed, in which `arrays` were written? The first call with an array begins
-    /// to encode it. True also when it is not worth waiting.
+    /// Returns whether the frame in which `arrays` were written may be sealed: all are encoded, or
+    /// waiting is not worthwhile. The first call with an array starts to encode it.
     [[nodiscard]] bool areReady(std::vector<pxr::VtValue> arrays, std::int64_t nowMs);
-    /// The frame is sealed: nothing is known any more.
+    /// Drops all results. Call it when the frame was sealed.
     void clear() { job_.reset(); }
 
     void keepBlob(const Hash& hash, SharedBytes bytes) override;

@@ -9,7 +9,7 @@ namespace usdlive::client {
 
 namespace {
 
-// False: it does not follow what was added before.
+// Returns false if the part does not follow the parts that were added before.
 bool addPart(usd::LayerFill& fill, const SnapshotPart& part) {
     const Overloaded add{
         [&](const SnapshotPart::Spec& spec) {
@@ -25,7 +25,7 @@ bool addPart(usd::LayerFill& fill, const SnapshotPart& part) {
 
 }  // namespace
 
-// The worker's as long as something is under way, then the owner's.
+// Used by the worker while it builds, afterwards by the owner.
 struct BackgroundFill::Job {
     Job(const pxr::SdfLayerHandle& layer, usd::BlobSource& blobs) : fill(layer, blobs) {}
 

@@ -10,30 +10,30 @@
 
 namespace usdlive::client {
 
-/// The content of a layer, made by a worker while the editor goes on. Belongs to the thread that
-/// owns the layer.
+/// Builds the content of a layer by a worker, so that the editor is not blocked. Belongs to the
+/// thread that owns the layer.
 class BackgroundFill {
 public:
-    /// `blobs` is asked by the worker, and lives as long as that.
+    /// `blobs` is called by the worker and outlives it.
     BackgroundFill(const pxr::SdfLayerHandle& layer, usd::BlobSource& blobs, Worker& worker);
-    /// What is not done is not done any more.
+    /// Cancels the remaining work.
     ~BackgroundFill();
     BackgroundFill(const BackgroundFill&) = delete;
     BackgroundFill& operator=(const BackgroundFill&) = delete;
 
-    /// Either a doc, or the parts of a snapshot in their order. A doc of at most kMadeAtOnce specs
-    /// takes a few milliseconds: it is made here and now.
+    /// Adds either a whole doc or the parts of a snapshot in order. A doc of at most kMadeAtOnce
+    /// specs takes a few milliseconds and is built at once.
     static constexpr std::size_t kMadeAtOnce = 2'000;
     void add(const LayerDoc& doc);
     void add(std::shared_ptr<const SnapshotPart> part);
 
-    /// All that was added is made.
+    /// Returns whether everything that was added is built.
     [[nodiscard]] bool isDone() const;
-    /// A part does not go with those before it. Precondition: isDone().
+    /// Returns whether a part did not fit the parts before it. Precondition: isDone().
     [[nodiscard]] bool hasFailed() const;
-    /// As LayerFill::namesLayers(). Precondition: isDone().
+    /// Returns LayerFill::namesLayers(). Precondition: isDone().
     [[nodiscard]] bool namesLayers() const;
-    /// As LayerFill::into(). Precondition: isDone() and not hasFailed(). Once.
+    /// Calls LayerFill::into(). Call it once. Precondition: isDone() and not hasFailed().
     Result<void> into(usd::SdfLayerStore& store);
 
 private:

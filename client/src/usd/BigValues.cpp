@@ -1,4 +1,4 @@
-// The big values of one client: which are here, asked for, and still needed.
+// Requests, delivers and releases the big values of one client.
 #include "usd/BigValues.h"
 
 #include <algorithm>
@@ -9,7 +9,8 @@ namespace usdlive::client {
 namespace {
 
 constexpr std::size_t kMaxCacheMemory = std::size_t(256) << 20;
-// Values are released when more than this many are kept, and twice as many as the last time.
+// Values are released if more than this number are kept, and twice as many as after the last
+// release.
 constexpr std::size_t kKeptAtLeast = 8;
 
 }  // namespace

@@ -1,4 +1,4 @@
-// The big values of one client: which are here, asked for, and still needed.
+// The big values of one client: available, requested and still needed ones.
 #pragma once
 
 #include <cstdint>
@@ -12,28 +12,28 @@
 
 namespace usdlive::client {
 
-/// Keeps the big values of a client (B2-B7): asks the server for those that layers name and that
-/// are not here, brings them to the layers, and releases those that nothing names any more.
+/// Keeps the big values of a client (B2-B7): requests missing values that layers name from the
+/// server, delivers them to the layers, and releases values that nothing names any more.
 class BigValues {
 public:
     BigValues(std::filesystem::path folder, std::uint64_t folderBytes);
 
     [[nodiscard]] BlobCache& cache() { return cache_; }
-    /// For layers: a value that is not here is asked for by the next requestMissing().
+    /// The source for layers. A missing value is requested by the next requestMissing().
     [[nodiscard]] usd::BlobSource& source() { return source_; }
 
-    /// A value has arrived whole. One that is not `lasting` is only of a preview.
+    /// Receives a complete value. One that is not `lasting` belongs to a preview only.
     void arrived(const Hash& hash, SharedBytes bytes, bool lasting);
-    /// The server cannot give the value.
+    /// Call it when the server does not have the value.
     void failed(const Hash& hash) { awaited_.erase(hash); }
-    /// Notes the values of a commit of one's own: the server has them.
+    /// Notes the values of an own commit: the server has them.
     void committed(const Commit& commit);
 
-    /// Brings the values that have arrived to the layers that wait for them.
+    /// Delivers received values to the layers that wait for them.
     void deliver(const LiveSet& layers);
     void requestMissing(Session& session);
     [[nodiscard]] bool isAwaitedBy(const LiveLayer& layer) const;
-    /// B7: releases values that neither pending work nor `needed` names. Cheap when there is little
+    /// B7: releases values that neither pending edits nor `needed` name. Cheap if there is little
     /// to release.
     template <class Needed>
     void release(const Session& session, const std::set<Hash>& lost, Needed needed) {
@@ -59,10 +59,10 @@ private:
 
     BlobCache cache_;
     Source source_{*this};
-    std::set<Hash> missing_;  // noticed within a tick
-    std::set<Hash> awaited_;  // asked for
+    std::set<Hash> missing_;  // values that a layer was missing during this tick
+    std::set<Hash> awaited_;  // requested values
     std::vector<Hash> arrived_;
-    std::set<Hash> committed_;   // of one's own commits, since the last release
+    std::set<Hash> committed_;   // values of own commits since the last release
     std::size_t stillKept_ = 0;  // values that the last release kept
 };
 

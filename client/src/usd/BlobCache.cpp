@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// A file that is being written by somebody else is left alone for so long.
+// Incomplete files of other processes are removed after this time.
 constexpr std::chrono::hours kUnfinishedFor{1};
 
 }  // namespace
@@ -83,7 +83,7 @@ void BlobCache::keepOnly(const std::set<Hash>& named, const std::set<Hash>& stor
             ++kept;
             continue;
         }
-        // A cached one that is still to be written is written where these are.
+        // A cached value that is not written yet is then written to the cache folder.
         const bool caches = stored.contains(*kept);
         (caches ? cached_ : dropped_).insert(*kept);
         if (!caches) std::erase(unwritten_, *kept);
@@ -158,12 +158,12 @@ void BlobCache::work() {
         lock.unlock();
         const bool written = writeFile(hash, *bytes, kept);
         lock.lock();
-        // Queued again when it is to be kept by now; then that is what counts.
+        // The value may have been queued again, to be kept by now.
         const bool again = std::ranges::find(unwritten_, hash) != unwritten_.end();
         const auto entry = entries_.find(hash);  // it may have been dropped meanwhile
         const bool waits = entry != entries_.end() && entry->second.state == State::Unwritten;
         if (written && !again && waits) entry->second.state = State::Written;
-        // A full disk: what others have need not stay in memory for it.
+        // The disk may be full. Values that others have need not stay in memory.
         if (!written && !again && waits && !kept_.contains(hash)) entry->second.state = State::Held;
         evict();
     }
@@ -208,7 +208,7 @@ bool BlobCache::makeOwnFolder() {
     return bool(own_);
 }
 
-// Removes the files that were used longest ago.
+// Removes the least recently used files.
 void BlobCache::clean() {
     struct File {
         fs::file_time_type used;
@@ -220,7 +220,7 @@ void BlobCache::clean() {
     std::uint64_t all = 0;
     std::error_code error;
     for (const auto& entry : fs::directory_iterator(folder_, error)) {
-        std::error_code gone;  // another process cleans, too
+        std::error_code gone;  // another process may have removed it
         const File file{entry.last_write_time(gone), entry.file_size(gone), entry.path()};
         if (gone) continue;
         const auto age = fs::file_time_type::clock::now() - file.used;
@@ -248,7 +248,7 @@ SharedBytes BlobCache::readFile(const Hash& hash) {
     return bytes ? bytes : readFile(folder_ / hash.hex(), hash);
 }
 
-// The file may be of an earlier run, or of a full disk: what its bytes are is what counts.
+// Verifies the content, because an earlier run may have written an incomplete file.
 SharedBytes BlobCache::readFile(const fs::path& path, const Hash& hash) {
     std::error_code error;
     const auto size = fs::file_size(path, error);
@@ -260,7 +260,7 @@ SharedBytes BlobCache::readFile(const fs::path& path, const Hash& hash) {
         fs::remove(path, error);
         return nullptr;
     }
-    fs::last_write_time(path, fs::file_time_type::clock::now(), error);  // used now
+    fs::last_write_time(path, fs::file_time_type::clock::now(), error);  // notes the use
     return std::make_shared<const Bytes>(std::move(bytes));
 }
 

@@ -18,37 +18,37 @@
 
 namespace usdlive::client {
 
-/// Big values by their hash (V9), in memory and in files. Files are written by a thread of its own,
-/// so that keeping one costs a frame nothing. Several processes may share a folder.
+/// A cache of big values by their hash (V9), in memory and in files. A separate thread writes the
+/// files, so that they do not delay a frame. Several processes may share a folder.
 ///
-/// `folder/<hash>` is a cache: of more than `folderBytes` the files used longest ago are removed.
-/// Values that only this process has (see keepBlob()) are also in a folder of its own, which no
-/// other process touches while this one runs.
+/// `folder/<hash>` is a cache: if it exceeds `folderBytes`, the least recently used files are
+/// removed. Values that only this process has (see keepBlob()) are also in a folder of its own,
+/// which no other process changes while this one runs.
 ///
-/// Memory holds at most about `memoryBytes`, the ones used last; more only of what could not be
-/// written.
+/// The most recently used values stay in memory, about `memoryBytes`. Values that could not be
+/// written stay in addition.
 class BlobCache final : public usd::BlobSource, public usd::BlobSink {
 public:
     static constexpr std::uint64_t kUnbounded = ~std::uint64_t(0);
 
     explicit BlobCache(std::filesystem::path folder, std::size_t memoryBytes = 256 * 1024 * 1024,
                        std::uint64_t folderBytes = kUnbounded);
-    /// Waits until what is kept is written.
+    /// Waits until all kept values are written.
     ~BlobCache() override;
 
     [[nodiscard]] SharedBytes blob(const Hash& hash) override;
-    /// Keeps a value that nobody else may have, until keepOnly() does not name it.
+    /// Keeps a value that others may not have, until a keepOnly() that does not name it.
     void keepBlob(const Hash& hash, SharedBytes bytes) override;
-    /// Caches a value that the server has.
+    /// Caches a value that the server has, too.
     void cacheBlob(const Hash& hash, SharedBytes bytes);
-    /// Holds a value in memory only, for as long as there is room.
+    /// Holds a value in memory only, as long as there is space.
     void holdBlob(const Hash& hash, SharedBytes bytes);
-    /// Of the values that were kept so far only `named` are kept on. Of the others those that the
-    /// server has (`stored`) are cached from now on, and the rest is removed.
+    /// Stops keeping all values except `named`. The others are cached from now on if the server has
+    /// them (`stored`), and removed otherwise.
     void keepOnly(const std::set<Hash>& named, const std::set<Hash>& stored);
-    /// How many are kept.
+    /// Returns the number of kept values.
     [[nodiscard]] std::size_t kept();
-    /// Is it here, as far as its file's name says?
+    /// Returns whether the value is in memory or there is a file with its name.
     [[nodiscard]] bool holds(const Hash& hash);
 
 private:
@@ -60,12 +60,12 @@ private:
     };
     static constexpr const char* kOwn = "own-";
 
-    // With mutex_ held.
+    // The caller holds mutex_.
     void insert(const Hash& hash, SharedBytes bytes, State state);
     void write(const Hash& hash, SharedBytes bytes);
     void evict();
 
-    // By the writer.
+    // Called by the writer's thread.
     void work();
     void workOff(const std::set<Hash>& cached, const std::set<Hash>& dropped);
     [[nodiscard]] bool writeFile(const Hash& hash, const Bytes& bytes, bool kept);
@@ -78,17 +78,17 @@ private:
     const std::filesystem::path folder_;
     const std::size_t memoryBytes_;
     const std::uint64_t folderBytes_;
-    std::uint64_t writtenBytes_ = 0;  // since the folder was cleaned; of the writer
+    std::uint64_t writtenBytes_ = 0;  // bytes since the last clean(); used by the writer only
 
-    std::mutex mutex_;  // guards all below
+    std::mutex mutex_;  // guards all members below
     std::condition_variable changed_;
     std::unordered_map<Hash, Entry> entries_;
-    std::list<Hash> uses_;  // the latest first
+    std::list<Hash> uses_;  // most recently used first
     std::size_t bytes_ = 0;
     std::deque<Hash> unwritten_;
     std::set<Hash> kept_;
-    std::set<Hash> cached_, dropped_;  // kept no longer, and still in the own folder
-    ProcessFolder own_;                // when there is something to keep; made by the writer
+    std::set<Hash> cached_, dropped_;  // no longer kept, but still in the own folder
+    ProcessFolder own_;                // created by the writer when it is first needed
     bool stopping_ = false;
 
     std::thread writer_;

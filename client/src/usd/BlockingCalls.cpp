@@ -1,4 +1,4 @@
-// Calls of a Client that wait for the server: loops around tick(), each with a bound.
+// The calls of a Client that wait for the server: loops around tick(), each with a time limit.
 #include <algorithm>
 #include <chrono>
 
@@ -15,12 +15,12 @@ using std::chrono::milliseconds;
 
 namespace {
 
-// A server that cannot be reached is tried again for this long, as it may be starting; the longer
-// time-out is for one that is there and does not answer.
+// Retries to reach a server for this time, because it may be starting. The longer time-out applies
+// to a server that accepts the connection but does not answer.
 constexpr double kRefusedMs = 1000;
-// A call that hears nothing from a connected server for this long is given up.
+// A call fails if a connected server sends nothing for this time.
 constexpr double kSilenceMs = 60'000;
-// What a blocking call gives one tick.
+// The budget for each tick of a blocking call.
 constexpr double kBlockingBudgetMs = 50;
 
 }  // namespace
@@ -108,10 +108,10 @@ void Client::Impl::close(const LayerId& id) {
     const auto* open = layers_.find(id);
     if (!open && !opens_.has(id)) return;
     if (!mayBlock("close")) return;
-    // A layer that has no content yet has no edits to send.
+    // A layer without content has no edits to send.
     if (open && (open->isFilled() || open->isRefilling())) {
         flush(options_.connectTimeoutMs);
-        // The layer keeps its content: a layer that was just reloaded gets it back first.
+        // The layer keeps its content. If it was just reloaded, waits until the content is back.
         for (auto* live = layers_.find(id); live && live->isRefilling(); live = layers_.find(id)) {
             line_.connection().wait(milliseconds(1));
             tick(kBlockingBudgetMs);
@@ -147,8 +147,8 @@ Result<LayersSaved> Client::Impl::saveAndWait(std::vector<LayerId> layers, bool 
     return answer->map([](const client::Event& one) { return std::get<event::Saved>(one).answer; });
 }
 
-// Ticks until the server has answered. Nothing: not in time. Event handlers run meanwhile, and may
-// ask and wait themselves.
+// Calls tick() until the server has answered. Returns nothing if it did not in time. Event handlers
+// run meanwhile, and may make requests and wait themselves.
 std::optional<Result<client::Event>> Client::Impl::answerTo(std::uint64_t request,
                                                             double timeoutMs) {
     answers_.await(request);
@@ -168,7 +168,7 @@ Error Client::Impl::notConfirmed(double timeoutMs) const {
                 (session_.isConnected() ? "" : ": there is no connection to the server")};
 }
 
-// --- leaving
+// --- disconnecting
 
 std::optional<client::UnsentWork> Client::Impl::leave(double timeoutMs) {
     if (!mayBlock("leave")) return std::nullopt;
@@ -181,7 +181,7 @@ std::optional<client::UnsentWork> Client::Impl::leave(double timeoutMs) {
     return unsent();
 }
 
-// What is pending, as it is kept now.
+// Returns the pending transactions after they were written to the disk.
 std::optional<client::UnsentWork> Client::Impl::unsent() {
     if (auto kept = unsent_->keep()) return kept;
     if (session_.pendingTransactions() == 0) return std::nullopt;

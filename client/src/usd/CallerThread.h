@@ -1,4 +1,4 @@
-// Makes sure that a client is used from one thread.
+// Checks that a client is used from one thread only.
 #pragma once
 
 #include <atomic>
@@ -11,10 +11,10 @@
 
 namespace usdlive::client {
 
-/// The thread that a client belongs to: the first that calls claim().
+/// The thread to which a client belongs: the first one that calls claim().
 class CallerThread {
 public:
-    /// Claims the client for the caller's thread. An error: another thread has it.
+    /// Claims the client for the caller's thread. Returns an error if it belongs to another thread.
     [[nodiscard]] std::optional<Error> claim(std::string_view function) const {
         const auto self = std::this_thread::get_id();
         if (owner_.load(std::memory_order_relaxed) == self) return std::nullopt;
@@ -22,7 +22,8 @@ public:
         if (owner_.compare_exchange_strong(nobody, self)) return std::nullopt;
         return elsewhere(function);
     }
-    /// The same without a claim: any thread may call `function` as long as nobody has the client.
+    /// Does the same without a claim: any thread may call `function` while the client belongs to no
+    /// thread.
     [[nodiscard]] std::optional<Error> check(std::string_view function) const {
         const auto owner = owner_.load();
         if (owner == std::thread::id() || owner == std::this_thread::get_id()) return std::nullopt;

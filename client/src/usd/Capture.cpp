@@ -51,10 +51,10 @@ std::optional<ChildList> listOf(const TfToken& field) {
     return std::nullopt;
 }
 
-// Targets and connections have specs in Sdf that say nothing of their own.
+// Sdf has specs for targets and connections, which have no content of their own.
 bool isTarget(const SdfPath& path) { return path.IsTargetPath(); }
 
-// As VtDictionary takes key paths apart.
+// Splits a key path like VtDictionary.
 std::vector<std::string> splitKeyPath(const TfToken& keyPath) {
     std::vector<std::string> keys;
     std::string_view rest = keyPath.GetString();
@@ -82,7 +82,7 @@ std::size_t bytesOf(const pxr::VtValue& array) {
 
 }  // namespace
 
-// One seal: brings the working copy to what the layer holds, at the places that were written.
+// One call of seal(): updates the working copy to the content of the layer, at the written places.
 class Capture::Sealing {
 public:
     Sealing(Capture& capture, usd::SdfLayerStore& store, usd::BlobSink& blobs)
@@ -90,7 +90,7 @@ public:
 
     void compareDirty() {
         for (const SdfPath& path : capture_.unclear_) compareSpec(path);
-        // Lists at last: a spec met on the way may have been created by comparing.
+        // Compares lists last, because the comparison above may have created specs.
         for (const auto& [path, spec] : capture_.dirty_)
             if (!doc().has(path.GetString())) compareSpec(path);
         for (const auto& [path, spec] : capture_.dirty_)
@@ -101,7 +101,7 @@ public:
                     compareOrder(path, list);
     }
 
-    // What other threads wrote can be of any moment: all that is still different is theirs.
+    // Writes of other threads can occur at any time: every remaining difference is theirs.
     void refuseForeign() {
         const Error reason{ErrorCode::InvalidArgument,
                            "was edited by another thread than the one that uses the connection. "
@@ -126,7 +126,7 @@ private:
         return layer_->GetSpecType(path);
     }
 
-    // Was it created since the last seal?
+    // Returns whether the spec was created since the last seal().
     [[nodiscard]] bool isNew(const SdfPath& path) const {
         return capture_.working_->idsAlong(path.GetString()).back() >= capture_.firstNew_;
     }
@@ -142,7 +142,7 @@ private:
     [[nodiscard]] AuthoredEdit authored(const SdfPath& path, EditAction action) const {
         return {capture_.layer_, path.GetString(), std::move(action)};
     }
-    // The field as it is in the layer; nothing when it cannot be expressed.
+    // Returns the layer's field as an edit; nothing if it cannot be expressed.
     [[nodiscard]] std::vector<AuthoredEdit> written(const SdfPath& path, const TfToken& field) {
         std::vector<AuthoredEdit> edits;
         const auto present = store_.read(path, field, blobs_);
@@ -165,7 +165,7 @@ private:
                 collect(childPath(path, list, name), edits);
     }
 
-    // Sets the layer's field, or the part of it, back to what the working copy has.
+    // Resets the layer's field, or a part of it, to the content of the working copy.
     void giveUp(const SdfPath& path, const TfToken& field, Error reason) {
         auto edits = written(path, field);
         if (edits.empty()) reason.message += textOf(path, field);
@@ -175,7 +175,7 @@ private:
                                      : EditAction(EraseField{field, {}});
         static_cast<void>(store_.apply(path.GetString(), back));
     }
-    // Of a value that no edit can hold.
+    // Returns the text of a value that no edit can express.
     [[nodiscard]] std::string textOf(const SdfPath& path, const TfToken& field) const {
         constexpr std::size_t kMostText = 1'000;
         std::string text = pxr::TfStringify(layer_->GetField(path, field));
@@ -206,7 +206,7 @@ private:
     }
 
     void compareFields(const SdfPath& path, const DirtySpec& spec) {
-        // What else is written has to fit the type.
+        // The type comes first, because other fields must fit it.
         const TfToken& typeName = pxr::SdfFieldKeys->TypeName;
         if (spec.fields.contains(typeName)) compareField(path, typeName);
         for (const auto& [field, dirty] : spec.fields) {
@@ -232,7 +232,7 @@ private:
             static_cast<void>(store_.apply(path.GetString(), EraseField{field, {}}));  // ED10
             wanted = nullptr;
         }
-        // Of a spec that this transaction creates M13 keeps what others write.
+        // M13: in a spec that this transaction creates, parts that others write are kept.
         const bool whole = !held && wanted && !wanted->as<Value>() && isNew(path);
         for (auto& action : whole ? fieldDifference(field.GetString(), held, wanted)
                                   : authoredParts(field.GetString(), held, wanted)) {
@@ -240,7 +240,7 @@ private:
             if (recorded) continue;
             if (field == pxr::SdfFieldKeys->TypeName && !held &&
                 doc().kind(path.GetString()) == SpecKind::Attribute) {
-                giveUpSpec(path, recorded.error());  // there is none without a type
+                giveUpSpec(path, recorded.error());  // an attribute without a type is not possible
                 static_cast<void>(capture_.record(path.GetString(), DeleteSpec{}));
             } else {
                 giveUp(path, field, recorded.error());
@@ -249,7 +249,7 @@ private:
         }
     }
 
-    // Only this sample is read: an attribute may have many thousands.
+    // Reads only this sample, because an attribute may have many thousands.
     void compareSample(const SdfPath& path, double time) {
         pxr::VtValue present;
         const Value* held = sampleAt(doc().field(path.GetString(), kTimeSamples), time);
@@ -279,8 +279,8 @@ private:
             return;
         }
         if (!compareKeys(path, field, keyPath, keys) || keys.size() == 1) return;
-        // Setting a nested key may have displaced a value that stood in its way, and erasing one
-        // the dictionaries that became empty by it.
+        // Setting a nested key may have replaced a value at a shorter key path. Erasing one may
+        // have erased dictionaries that became empty.
         compareKeys(path, field, TfToken(keys.front()), {keys.front()});
     }
     bool compareKeys(const SdfPath& path, const TfToken& field, const TfToken& keyPath,
@@ -311,7 +311,7 @@ private:
         }
         return true;
     }
-    // `part`: of the entry at `keys`.
+    // Extends `part`, a part of the entry at `keys`, to a part of the field.
     static void prepend(const std::vector<std::string>& keys, FieldPart& part) {
         DictionaryKey whole{keys};
         if (const auto* below = std::get_if<DictionaryKey>(&part))
@@ -365,7 +365,7 @@ private:
             if (!known.contains(name)) compareSpec(childPath(parent, list, name));
     }
 
-    // A spec with all that it holds, and all below it.
+    // Compares a spec with its fields and everything below it.
     void compareSpec(const SdfPath& path) {
         const std::string text = path.GetString();
         const auto kind = usd::specKind(typeInLayer(path));
@@ -382,7 +382,7 @@ private:
         for (const ChildList list : kLists) compareList(path, list);
     }
 
-    // A parent may be unknown, too; it then brings this spec with it.
+    // The parent may be missing, too. Its comparison then includes this spec.
     void createFailed(const SdfPath& path, const Error& reason) {
         const SdfPath parent = path.GetParentPath();
         if (reason.code == ErrorCode::SpecNotFound && !parent.IsEmpty() &&
@@ -398,7 +398,7 @@ private:
         for (const TfToken& field : layer_->ListFields(path))
             if (!usd::isStructural(field)) fields.insert(field);
         for (const auto& name : doc().fieldNames(path.GetString())) fields.insert(TfToken(name));
-        const TfToken& typeName = pxr::SdfFieldKeys->TypeName;  // what the others have to fit
+        const TfToken& typeName = pxr::SdfFieldKeys->TypeName;  // the other fields must fit it
         if (fields.erase(typeName)) compareField(path, typeName);
         for (const TfToken& field : fields) compareField(path, field);
     }
@@ -456,7 +456,7 @@ void Capture::begin() {
     begun_();
 }
 
-// ED8, ED9, ED11: what no file could hold.
+// Refuses content that no file can have (ED8, ED9, ED11).
 Result<void> Capture::check(std::string_view path, const EditAction& action) const {
     const auto* set = std::get_if<SetField>(&action);
     if (set && dependsOnType(set->field)) {
@@ -485,7 +485,7 @@ Result<void> Capture::record(std::string_view path, EditAction action) {
     return {};
 }
 
-// Nothing else of this object is for other threads.
+// The only function that other threads call.
 bool Capture::isForeign() {
     if (std::this_thread::get_id() == thread_) return false;
     if (!foreign_.exchange(true)) begun_();
@@ -514,11 +514,11 @@ void Capture::specDeleted(const SdfPath& path) {
         static_cast<void>(record(text, DeleteSpec{}));
         return;
     }
-    // Created and deleted since the last seal: others need not hear of it.
+    // Created and deleted since the last seal(), so nothing is sent.
     static_cast<void>(working_->apply(text, DeleteSpec{}));
 }
 
-// Takes back the last edits as long as they are about what is deleted with `path`. True: the
+// Removes the last edits while they concern specs that are deleted with `path`. Returns whether the
 // creation of `path` was among them.
 bool Capture::dropBelow(std::string_view path) {
     while (!edits_.empty()) {

@@ -24,40 +24,41 @@ namespace usdlive::client {
 
 /// Turns what an editor writes into one live layer into the edits of a transaction.
 ///
-/// What happens to the namespace is taken in the order it happens. Of everything else only the
-/// place is noted: seal() reads what stands there in the end, so a value that was set a hundred
-/// times in a frame is one edit, and one that was set back is none.
+/// Changes of the namespace are recorded in order. Of all other changes only the place is recorded,
+/// and seal() reads the final content there. A value that was set a hundred times in a frame is one
+/// edit; a value that was set back is none.
 ///
-/// Used by the thread that owns the layer. Writes of other threads are refused: seal() takes them
-/// back and returns them as lost. Between two seals nothing but the editor may change it.
+/// Used by the thread that owns the layer. Writes of other threads are refused: seal() reverts them
+/// and returns them as lost. Between two calls of seal() only the editor may change the layer.
 class Capture final : public usd::LayerWriteObserver {
 public:
-    /// `view` gives what the session shows of the layer, see Session::view(). `begun` is called,
-    /// by whatever thread writes, when hasWrites() becomes true.
+    /// `view` returns the session's view of the layer (Session::view()). `begun` is called by the
+    /// writing thread when hasWrites() becomes true.
     Capture(
         LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun = [] {});
 
     [[nodiscard]] bool hasWrites() const;
 
-    /// A write that cannot be shared; the layer is back at what the session has there.
+    /// A write that cannot be shared. The layer has the content of the session there again.
     struct LostWrite {
         std::string path;
-        std::string field;                ///< empty: the spec itself
+        std::string field;                ///< empty: the spec itself is meant
         Error reason;                     ///< names layer, path, field and type
-        std::vector<AuthoredEdit> edits;  ///< what was written, as far as it can be expressed
+        std::vector<AuthoredEdit> edits;  ///< the written edits, as far as they can be expressed
     };
     struct Sealed {
-        std::vector<AuthoredEdit> edits;  ///< each valid after the ones before
+        std::vector<AuthoredEdit> edits;  ///< in order; each is valid after the ones before
         std::vector<LostWrite> lost;
     };
-    /// What was written since the last call. Precondition: the layer is at rest, i.e. the call does
-    /// not come from within Sdf. `store` is the layer's; big values go to `blobs`.
+    /// Ends a frame: returns the edits that were written since the last call. Precondition: the
+    /// call does not come from within Sdf. `store` is that of the layer. Big values are passed to
+    /// `blobs`.
     [[nodiscard]] Sealed seal(usd::SdfLayerStore& store, usd::BlobSink& blobs);
 
-    /// Forgets what was written since the last seal.
+    /// Forgets the writes since the last seal().
     void discard();
-    /// The layer was replaced in a way that told nothing of the single writes: seal() compares it
-    /// whole.
+    /// Call it when the content was replaced without notices of single writes: seal() compares the
+    /// whole layer.
     void contentReplaced();
 
     void specCreated(const pxr::SdfPath& path, pxr::SdfSpecType type) override;
@@ -72,20 +73,20 @@ public:
     void arrayWritten(const pxr::SdfPath& path, const pxr::TfToken& field,
                       std::optional<double> time, const pxr::VtValue& array) override;
 
-    /// Arrays that were written since the last seal and take a part of a frame to encode: the last
-    /// of each register. They share the memory of what the layer holds.
+    /// Appends the arrays that were written since the last seal() and take long to encode: the last
+    /// one of each register. They share memory with the layer.
     static constexpr std::size_t kBigArrayBytes = std::size_t(4) << 20;
     void appendBigArrays(std::vector<pxr::VtValue>& arrays) const;
 
 private:
     struct DirtyField {
-        bool whole = false;  // then the two below say nothing more
+        bool whole = false;  // compare everything; the two members below are unused
         std::set<pxr::TfToken> keyPaths;
         std::set<double> times;
     };
     struct DirtySpec {
         std::map<pxr::TfToken, DirtyField> fields;
-        std::array<bool, 4> lists{};  // by ChildList: the order has to be compared
+        std::array<bool, 4> lists{};  // by ChildList: the order may have changed
     };
     class Sealing;
 
@@ -102,15 +103,18 @@ private:
     const LayerId layer_;
     const std::function<const LayerDoc*()> view_;
     const std::function<void()> begun_;
-    const std::thread::id thread_ = std::this_thread::get_id();  // that owns the layer
-    std::atomic<bool> foreign_ = false;  // another thread has written since the last seal
-    // The session's view with edits_ applied to it; there from the first write to the seal.
+    const std::thread::id thread_ = std::this_thread::get_id();  // the thread that owns the layer
+    std::atomic<bool> foreign_ = false;  // another thread has written since the last seal()
+    // The session's view with edits_ applied to it. Set from the first write to seal().
     std::optional<LayerDoc> working_;
-    NodeId firstNew_ = 0;  // of working_: specs from here on were created since the last seal
+    NodeId firstNew_ =
+        0;  // specs of working_ with this id or a higher one were created since the last seal()
     std::vector<AuthoredEdit> edits_;
-    // Where to look at the seal. By SdfPath, which sorts a spec right before all that is below it.
+    // The places that seal() compares. Ordered by SdfPath, which sorts a spec directly before the
+    // specs below it.
     std::map<pxr::SdfPath, DirtySpec> dirty_;
-    // Specs that events and working copy disagree about: compared whole, with all below.
+    // Specs for which the notices contradict the working copy: seal() compares them with everything
+    // below.
     std::set<pxr::SdfPath> unclear_;
     std::vector<LostWrite> lost_;
     using Register = std::tuple<pxr::SdfPath, pxr::TfToken, std::optional<double>>;

@@ -14,7 +14,8 @@ std::vector<std::pair<std::string, std::string>> placements(const std::vector<st
     std::vector<std::size_t> numbers;
     for (const auto& name : to) numbers.push_back(positions.at(name));
 
-    // From the back, so that what a name is placed before stands where it belongs already.
+    // Starts at the end, so that the name before which another one is placed is already in its
+    // place.
     const auto stays = longestIncreasing(numbers);
     std::vector<std::pair<std::string, std::string>> moves;
     for (std::size_t i = to.size(); i-- > 0;)

@@ -6,8 +6,9 @@
 
 namespace usdlive::client {
 
-/// The fewest moves that turn the list `from` into `to`, applied one after the other: (name, the
-/// name it is placed before; empty: last). Precondition: a permutation without duplicates.
+/// Returns the least number of moves that turn the list `from` into `to`, in order: (name, the name
+/// before which it is placed; empty: at the end). Precondition: `to` is a permutation of `from`
+/// without duplicates.
 [[nodiscard]] std::vector<std::pair<std::string, std::string>> placements(
     const std::vector<std::string>& from, const std::vector<std::string>& to);
 

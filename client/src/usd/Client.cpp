@@ -1,4 +1,5 @@
-// The facade that editors use: checks who calls, and passes the call on to the part that does it.
+// The facade for editors: checks the calling thread and forwards each call to the part that
+// executes it.
 #include "usdlive/client/usd/Client.h"
 
 #include <utility>
@@ -55,7 +56,7 @@ Result<std::unique_ptr<Client>> ClientInternals::make(std::unique_ptr<Connection
     return made;
 }
 
-// --- who may call what
+// --- checks of the caller
 
 std::optional<Error> Client::misuse(const std::string& function, bool blocks) const {
     return impl_->misuse(function, blocks);
@@ -185,7 +186,7 @@ std::uint64_t Client::listCheckpoints() {
 
 std::uint64_t Client::listSkipped() { return here("listSkipped").session().request(ListSkipped{}); }
 
-// --- work that was lost or not sent
+// --- lost and unsent edits
 
 std::uint64_t Client::lostWorkCount() const { return here("lostWorkCount").lost().count(); }
 

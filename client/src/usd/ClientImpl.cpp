@@ -1,4 +1,4 @@
-// The inside of a Client: its parts, and the tick that drives them.
+// Implements the tick of a Client, which drives its parts.
 #include "usd/ClientImpl.h"
 
 #include <pxr/usd/sdf/changeBlock.h>
@@ -19,9 +19,9 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Cache folders that nobody has named, in the system's temporary folder.
+// The names of cache folders in the system's temporary folder.
 constexpr const char* kCachePrefix = "usdlive-cache-";
-// What the last work of a client may take.
+// The budget of the last tick of a client.
 constexpr double kLastBudgetMs = 50;
 
 }  // namespace
@@ -83,7 +83,7 @@ client::Session::Options Client::Impl::sessionOptions(const Options& options, Cl
     return session;
 }
 
-// --- who may call what
+// --- checks of the caller
 
 std::optional<Error> Client::Impl::misuse(std::string_view function, bool blocks) const {
     if (auto elsewhere = thread_.claim(function)) return elsewhere;
@@ -110,7 +110,7 @@ bool Client::Impl::mayBlock(std::string_view function) {
 
 Client::TickResult Client::Impl::tick(double budgetMs, Seal seal) {
     TickResult result;
-    if (ticking_) return result;  // called by a notice handler: the outer tick goes on after it
+    if (ticking_) return result;  // called by a notice handler: the outer tick continues
     work(budgetMs, result, seal);
     events_.dispatch();
     return result;
@@ -129,8 +129,8 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         result.filling = layers_.fill(left());
         values_.requestMissing(session_);
         happened = session_.takeEvents();
-        // A new layer and the edit that names it may come in one tick: composition opens the layer
-        // when the block ends.
+        // A new layer and the edit that names it may arrive in one tick. Composition opens the
+        // layer at the end of the block.
         for (const client::Event& one : happened)
             if (const auto* changed = std::get_if<event::LayersChanged>(&one))
                 layers_.setOfProject(changed->layers);
@@ -146,7 +146,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
                     [&] { return unsent_ ? unsent_->neededBlobs() : std::set<Hash>(); });
 }
 
-// Sends what was written and applies what has arrived. False: there is more to do.
+// Sends the editor's writes and applies received edits. Returns false if there is more to do.
 bool Client::Impl::exchange(double budgetMs, Seal seal) {
     auto& live = layers_.live();
     if (seal == Seal::Now)
@@ -162,7 +162,7 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
 }
 
 void Client::Impl::setGesture(bool begins) {
-    // What was written before is not part of a gesture that begins, and is of one that ends.
+    // Earlier writes do not belong to a gesture that begins, but to one that ends.
     tick(0, Seal::Now);
     if (begins)
         session_.beginGesture();
@@ -171,7 +171,7 @@ void Client::Impl::setGesture(bool begins) {
 }
 
 std::uint64_t Client::Impl::save(std::vector<LayerId> layers, bool force) {
-    // What was written before is saved, too.
+    // Earlier writes are saved, too.
     TickResult ticked;
     if (!ticking_) work(0, ticked, Seal::Now);
     saveAgain(layers_.live(), session_);
@@ -189,7 +189,7 @@ void Client::Impl::takeEvents(std::vector<client::Event> happened, TickResult& r
     reportJoined();
 }
 
-// A layer is joined when the editor has all of it.
+// Reports a layer as joined when the editor has its whole content.
 void Client::Impl::reportJoined() {
     std::erase_if(joined_, [&](event::Joined& joined) {
         const auto* live = layers_.find(joined.layer);
@@ -250,7 +250,7 @@ std::optional<LayerId> Client::Impl::layerId(const pxr::SdfLayerHandle& layer) c
     return layers_.idOf(layer);
 }
 
-// --- work that was lost or not sent
+// --- lost and unsent edits
 
 Result<pxr::SdfLayerRefPtr> Client::Impl::lostWorkAsLayer(std::uint64_t index, const LayerId& id) {
     return lost_.asLayer(index, id, session_.confirmed(id), values_.cache());

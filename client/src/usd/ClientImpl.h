@@ -1,4 +1,4 @@
-// The inside of a Client: its parts, and the tick that drives them.
+// The implementation of Client: its parts, and the tick that drives them.
 #pragma once
 
 #include <cstdint>
@@ -29,36 +29,38 @@
 
 namespace usdlive {
 
-/// Where a client keeps its layers and its files.
+/// The folders in which a client keeps its layers and its files.
 struct ClientFolders {
-    /// `folder` empty: a fresh one below the system's temporary folder.
+    /// Creates the folders. If `folder` is empty, creates a new one below the system's temporary
+    /// folder.
     static Result<ClientFolders> create(const std::filesystem::path& folder);
 
-    std::unique_ptr<client::Worker> background;  ///< for what no frame has time for
-    client::ProcessFolder own;                   ///< a fresh folder, removed with this
+    std::unique_ptr<client::Worker> background;  ///< for work that takes longer than a frame
+    client::ProcessFolder own;                   ///< a new folder, removed with this object
     std::unique_ptr<client::CacheFolderPlaces> cache;
 };
 
-/// The parts of a client. Parts decide and own their state; this lets them work in the right order
-/// in each tick, and stands between them and the session.
+/// The parts of a client. Each part owns its state. This class calls them in the right order in
+/// each tick, and connects them with the session.
 class Client::Impl final : public client::SessionHost, public client::LayerView {
 public:
     Impl(std::unique_ptr<client::Connection> connection, Options options, ClientId id,
          ClientFolders folders);
     ~Impl() override;
 
-    // Who may call what.
+    // Checks of the calling thread and state.
     [[nodiscard]] std::optional<Error> misuse(std::string_view function, bool blocks) const;
-    /// Throws Misuse on another thread.
+    /// Throws Misuse if another thread calls.
     void require(std::string_view function) const;
-    /// The same, and false, with an error event, within tick(): a notice handler that throws would
-    /// end the process.
+    /// Does the same. Within tick(), returns false and reports an error event instead of throwing,
+    /// because an exception in a notice handler would end the process.
     bool mayBlock(std::string_view function);
 
     // The frame.
     enum class Seal { WhenEncoded, Now };
     TickResult tick(double budgetMs, Seal seal = Seal::WhenEncoded);
-    /// What the callbacks do is the editor's own.
+    /// Returns whether the client itself is changing layers. Changes in callbacks are those of the
+    /// editor.
     [[nodiscard]] bool isApplying() const { return ticking_ && !events_.isDispatching(); }
     void setGesture(bool begins);
     std::uint64_t save(std::vector<LayerId> layers, bool force);
@@ -71,7 +73,7 @@ public:
     void close(const LayerId& id);
     bool flush(double timeoutMs);
     Result<LayersSaved> saveAndWait(std::vector<LayerId> layers, bool force, double timeoutMs);
-    /// Nothing: the server has not answered in time.
+    /// Returns nothing if the server has not answered in time.
     std::optional<Result<client::Event>> answerTo(std::uint64_t request, double timeoutMs);
     std::optional<client::UnsentWork> leave(double timeoutMs);
 
@@ -79,7 +81,7 @@ public:
     [[nodiscard]] pxr::SdfLayerRefPtr layer(const LayerId& id) const;
     [[nodiscard]] std::optional<LayerId> layerId(const pxr::SdfLayerHandle& layer) const;
 
-    // Work that was lost or not sent.
+    // Lost and unsent edits.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
                                                               const LayerId& id);
     void startJournal(client::ClientInternals::Connector connector);
@@ -92,7 +94,7 @@ public:
         return session_.pendingTransactions() + (frame_.holdsBack() ? 1 : 0);
     }
 
-    // Parts that need nothing around them.
+    // Direct access to parts.
     [[nodiscard]] const Options& options() const { return options_; }
     [[nodiscard]] const client::CallerThread& thread() const { return thread_; }
     [[nodiscard]] client::Session& session() { return session_; }
@@ -129,7 +131,7 @@ private:
     void work(double budgetMs, TickResult& result, Seal seal);
     bool exchange(double budgetMs, Seal seal);
     void takeEvents(std::vector<client::Event> happened, TickResult& result);
-    /// False: not for the editor, or not yet.
+    /// Returns false for events that the editor does not get, or not yet.
     bool note(client::Event& one);
     bool noteError(const ErrorMessage& message);
     void reportJoined();
@@ -139,8 +141,8 @@ private:
     [[nodiscard]] std::optional<client::UnsentWork> unsent();
 
     const Options options_;
-    const client::ProcessFolder ownFolder_;  // when the editor has not named one
-    std::future<void> removing_;             // folders of editors that were killed
+    const client::ProcessFolder ownFolder_;  // used if the editor has not set one
+    std::future<void> removing_;             // removes the folders of killed editors
     client::CallerThread thread_;
     const std::unique_ptr<client::Worker> background_;
     const client::CacheFolderPlaces& cache_;
@@ -148,17 +150,17 @@ private:
     client::EditorEvents events_;
     client::LostWorkReports lost_;
     client::BigValues values_;
-    client::Worker filler_;   // makes the content of layers
-    client::Worker encoder_;  // encodes what the editor has written
+    client::Worker filler_;   // builds the content of layers
+    client::Worker encoder_;  // encodes the editor's big arrays
     client::EditorFrame frame_;
     client::ServerLine line_;
-    std::unique_ptr<client::UnsentWorkStore> unsent_;  // once the project is known
+    std::unique_ptr<client::UnsentWorkStore> unsent_;  // set when the project is known
     client::Session session_;
     client::OpenLayers layers_;
     client::OpenRequests opens_;
     client::LocksAndMutes locks_;
     client::Answers answers_;
-    std::vector<client::event::Joined> joined_;  // for layers that are not filled yet
+    std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;
 };
 

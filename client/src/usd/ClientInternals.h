@@ -1,4 +1,4 @@
-// The door to the inside of a Client, for tests and tools of this project. Not installed.
+// Access to the internals of a Client, for tests and tools of this project. Not installed.
 #pragma once
 
 #include <functional>
@@ -12,11 +12,11 @@ namespace usdlive::client {
 
 struct ClientInternals {
     using Connector = std::function<Result<std::unique_ptr<Connection>>()>;
-    /// Client::connect() over connections of another kind.
+    /// Does the same as Client::connect(), with connections made by `connector`.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connectBy(Connector connector,
                                                                    Client::Options options);
-    /// Over a single connection: unsent work is kept only where `stateFolder` is set, and cannot
-    /// be sent.
+    /// Connects over a single connection. Unsent edits are kept only if `stateFolder` is set, and
+    /// cannot be sent.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connectBy(
         std::unique_ptr<Connection> connection, Client::Options options);
 

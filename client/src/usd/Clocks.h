@@ -1,4 +1,4 @@
-// The clocks of the client: for intervals, for times that other people read, and for budgets.
+// The clocks of the client: for intervals, for displayed times, and for budgets.
 #pragma once
 
 #include <chrono>
@@ -6,19 +6,19 @@
 
 namespace usdlive {
 
-/// Milliseconds of a clock that never jumps; its zero has no meaning.
+/// Returns milliseconds of a clock that never jumps and has an arbitrary zero.
 inline std::int64_t steadyMs() {
     const auto now = std::chrono::steady_clock::now().time_since_epoch();
     return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
 }
 
-/// Milliseconds since 1970 (UTC).
+/// Returns milliseconds since 1970 (UTC).
 inline std::int64_t wallClockMs() {
     const auto now = std::chrono::system_clock::now().time_since_epoch();
     return std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
 }
 
-/// The time since it was made.
+/// Measures the time since its construction.
 class Stopwatch {
 public:
     [[nodiscard]] double ms() const {

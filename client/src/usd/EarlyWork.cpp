@@ -1,4 +1,4 @@
-// What an editor wrote into a layer before the layer was live.
+// Finds and keeps edits that an editor made in a layer before the layer was live.
 #include "usd/EarlyWork.h"
 
 #include "usd/LayerClaims.h"

@@ -1,4 +1,4 @@
-// What an editor wrote into a layer before the layer was live.
+// Edits that an editor made in a layer before the layer was live.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -12,12 +12,12 @@
 
 namespace usdlive::client {
 
-/// The edits that a layer holds which is not live, since it was last live or empty.
+/// Returns the edits of a layer that is not live, since it was last live or empty.
 [[nodiscard]] Result<std::vector<std::pair<std::string, EditAction>>> earlyWork(
     const pxr::SdfLayerRefPtr& layer, BlobCache& blobs);
 
-/// Keeps these edits as lost work (M12): the layer becomes live now, and its content is replaced.
-/// Work that cannot be expressed as edits is kept as a file.
+/// Keeps these edits as lost work (M12), because the layer becomes live and its content is
+/// replaced. Content that cannot be expressed as edits is kept as a file.
 void keepEarlyWork(const LayerId& id, const pxr::SdfLayerRefPtr& layer, BlobCache& blobs,
                    LostWorkReports& lost);
 

@@ -1,4 +1,4 @@
-// The queue of events for the editor.
+// Queues events for the editor and dispatches them.
 #include "usd/EditorEvents.h"
 
 #include "usd/Raised.h"

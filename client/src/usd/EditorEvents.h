@@ -16,10 +16,10 @@ public:
 
     void setHandler(Handler handler) { handler_ = std::move(handler); }
     void push(Event event) { events_.push_back(std::move(event)); }
-    /// Queues an error that no request asked for.
+    /// Queues an error that answers no request.
     void report(Error error);
-    /// Calls the handler for all events. The handler may call any function of the client. Called
-    /// by the handler itself, it does nothing: the outer call delivers what follows.
+    /// Calls the handler for all queued events. The handler may call any function of the client. A
+    /// call from within the handler does nothing: the outer call dispatches the following events.
     void dispatch();
     [[nodiscard]] bool isDispatching() const { return dispatching_; }
 

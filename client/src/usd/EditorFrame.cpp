@@ -1,4 +1,4 @@
-// What the editor has written in one frame, on its way to the session.
+// Turns the editor's writes of one frame into a transaction of the session.
 #include "usd/EditorFrame.h"
 
 #include <pxr/usd/sdf/changeBlock.h>

@@ -1,4 +1,4 @@
-// What the editor has written in one frame, on its way to the session.
+// Turns the editor's writes of one frame into a transaction of the session.
 #pragma once
 
 #include <cstdint>
@@ -13,28 +13,29 @@
 
 namespace usdlive::client {
 
-/// Captures what the editor writes, over all live layers: one frame is one transaction.
+/// Captures the editor's writes in all live layers. To *seal* a frame means to end it and to submit
+/// its edits as one transaction.
 class EditorFrame {
 public:
-    /// All of it outlives this. `encoder` encodes big arrays.
+    /// All arguments outlive this object. `encoder` encodes big arrays.
     EditorFrame(BlobCache& blobs, Worker& encoder, LostWorkReports& lost)
         : encodings_(blobs, encoder), lost_(lost) {}
 
-    /// Where LiveLayers put the big arrays that the editor writes.
+    /// The sink for big arrays that the editor writes into LiveLayers.
     [[nodiscard]] usd::BlobSink& sink() { return encodings_; }
 
-    /// Makes what was written since the last call a transaction of the session. Must not be called
+    /// Submits the writes since the last call as one transaction of the session. Must not be called
     /// from within Sdf.
     void seal(LiveSet& layers, Session& session);
-    /// The same, unless big arrays are still being encoded beside it (false): then the frame stays
-    /// open, and no edits of others may come into the layers.
+    /// Does the same if all big arrays are encoded. Otherwise returns false: the frame stays open,
+    /// and edits of others must not be applied to the layers.
     [[nodiscard]] bool sealWhenEncoded(LiveSet& layers, Session& session);
-    /// A frame is open because of its big arrays.
+    /// Returns whether a frame is kept open because of its big arrays.
     [[nodiscard]] bool holdsBack() const { return holdsBack_; }
     [[nodiscard]] static bool hasWrites(LiveSet& layers);
 
-    /// Makes edits of a layer's root and authors them, after what was written before. `makeEdits`
-    /// is called when the session has that.
+    /// Submits edits of a layer's root after all earlier writes. `makeEdits` is called when the
+    /// earlier writes are submitted.
     void author(LiveSet& layers, Session& session, LiveLayer& live,
                 const std::function<std::vector<EditAction>()>& makeEdits);
 
@@ -44,8 +45,8 @@ private:
     bool holdsBack_ = false;
 };
 
-/// Has the server write the files of layers again that the editor has saved itself: their files
-/// would count as changed by somebody else, and lack what others have edited.
+/// Requests the server to save layers again that the editor has saved itself. Otherwise their files
+/// would count as changed outside, and lack the edits of others.
 void saveAgain(LiveSet& layers, Session& session);
 
 }  // namespace usdlive::client

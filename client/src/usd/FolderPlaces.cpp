@@ -1,4 +1,4 @@
-// Layers in folders: project folders that the editor opens from, and the cache folder of a client.
+// Maps layers to files in project folders and in the cache folder of a client.
 #include "usd/FolderPlaces.h"
 
 #include <algorithm>
@@ -65,7 +65,7 @@ void CacheFolderPlaces::add(std::vector<LayerId> layers, double budgetMs) {
 AllPlaces::AllPlaces(std::unique_ptr<LayerPlaces> first) { places_.push_back(std::move(first)); }
 
 void AllPlaces::attach(std::unique_ptr<LayerPlaces> further) {
-    // Places that give a layer the same identifier are the same.
+    // Two places are the same if they give a layer the same identifier.
     const LayerId any{"layer.usda"};
     const auto identifier = further->identifierOf(any);
     const bool known = std::ranges::any_of(

@@ -1,4 +1,5 @@
-// Layers in folders: project folders that the editor opens from, and the cache folder of a client.
+// LayerPlaces in folders: project folders from which the editor opens layers, and the cache folder
+// of a client.
 #pragma once
 
 #include <filesystem>
@@ -10,14 +11,14 @@
 
 namespace usdlive::client {
 
-/// The folder that the server serves, or a copy of it, from which the editor opens layers itself.
-/// It has the files of its layers: nothing is made or removed in it.
+/// A folder from which the editor opens layers itself: the one that the server serves, or a copy of
+/// it. It has the files of its layers, so no files are created or removed in it.
 class FolderPlaces : public LayerPlaces {
 public:
-    /// InvalidArgument: `folder` is not a folder.
+    /// Error: InvalidArgument (`folder` is not a folder).
     static Result<std::unique_ptr<FolderPlaces>> create(const std::filesystem::path& folder);
 
-    /// Absolute, without links.
+    /// Returns the absolute path, without links.
     [[nodiscard]] const std::filesystem::path& folder() const { return folder_; }
 
     [[nodiscard]] std::string identifierOf(const LayerId& layer) const override;
@@ -36,12 +37,12 @@ private:
     const std::filesystem::path folder_;
 };
 
-/// The cache folder: it mirrors the project with files without content, so that relative paths
+/// The cache folder. It mirrors the project by files without content, so that relative paths
 /// between layers resolve.
 class CacheFolderPlaces final : public FolderPlaces {
 public:
-    /// Creates the folder. InvalidArgument when that fails. `worker` makes the files that a frame
-    /// has no time for, and outlives this.
+    /// Creates the folder. `worker` creates the files that do not fit into a frame, and outlives
+    /// this object. Error: InvalidArgument (the folder cannot be created).
     static Result<std::unique_ptr<CacheFolderPlaces>> create(const std::filesystem::path& folder,
                                                              Worker& worker);
 
@@ -58,15 +59,16 @@ private:
     Placeholders placeholders_;
 };
 
-/// Several places at once. Layers are opened at the first one; those of the others are recognized.
+/// Several places together. Layers are opened at the first one; layers of the others are
+/// recognized.
 class AllPlaces final : public LayerPlaces {
 public:
     explicit AllPlaces(std::unique_ptr<LayerPlaces> first);
-    /// Ignores a place that is there already.
+    /// Adds a place, unless it exists already.
     void attach(std::unique_ptr<LayerPlaces> further);
 
-    /// The identifier of `layer` at the place that has the layer `beside`; at the first place where
-    /// none has.
+    /// Returns the identifier of `layer` at the place that has the layer `beside`, or at the first
+    /// place if none has it.
     [[nodiscard]] std::string identifierBeside(const pxr::SdfLayerHandle& beside,
                                                const LayerId& layer) const;
 

@@ -19,11 +19,11 @@ using std::chrono::milliseconds;
 
 namespace {
 
-// Work that is acknowledged within this time is never written.
+// A transaction that is acknowledged within this time is never written.
 constexpr auto kDelay = milliseconds(250);
-// A journal that cannot be written is tried again after this time.
+// Retries to write the journal after this time.
 constexpr auto kRetry = milliseconds(1'000);
-// Above this size the file is written anew when less than half of it is still pending.
+// A larger file is written again when less than half of it is still pending.
 constexpr std::uint64_t kCompactBytes = 16 * 1024 * 1024;
 constexpr const char* kExtension = ".journal";
 constexpr const char* kBlobExtension = ".blobs";
@@ -58,7 +58,7 @@ Bytes encodeAnswered(std::uint64_t sequence) {
     return bytes;
 }
 
-// A name for a folder, the same for the same text and another for another.
+// Returns a distinct folder name for each text.
 std::string fileName(const std::string& text) {
     static constexpr char kDigits[] = "0123456789abcdef";
     std::string name;
@@ -86,7 +86,7 @@ fs::path blobFolderOf(const fs::path& journal) {
     return fs::path(journal).replace_extension(kBlobExtension);
 }
 
-// The big values that it names.
+// Returns the big values that the transaction names.
 std::set<Hash> hashes(const JournaledWork& work) {
     std::set<Hash> named;
     for (const AuthoredEdit& edit : work.edits)
@@ -137,7 +137,7 @@ Result<void> writeSynced(const fs::path& path, const Bytes& bytes) {
     return {};
 }
 
-// Big values without their journal, as a process that was killed may leave them.
+// Removes big values without a journal, which a killed process may have left.
 void removeOrphan(const fs::path& folder) {
     constexpr auto kSurelyLeft = std::chrono::hours(1);
     std::error_code error;
@@ -149,7 +149,7 @@ void removeOrphan(const fs::path& folder) {
         fs::remove_all(folder, error);
 }
 
-// A new name is on the disk when its folder is.
+// A new file name is durable only after its folder was synced.
 void syncFolder(const fs::path& folder) {
     const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (opened < 0) return;
@@ -193,7 +193,8 @@ Journal::~Journal() {
 void Journal::pending(const PendingWork& work) {
     JournaledWork kept{work.sequence, wallClockMs(), work.revision, work.hash, work.edits};
     const std::lock_guard lock(mutex_);
-    if (works_.empty() && answered_.empty()) changed_.notify_all();  // else it is awake
+    if (works_.empty() && answered_.empty())
+        changed_.notify_all();  // otherwise the thread is awake
     pending_[work.sequence] = describe(kept.timeMs, kept.edits);
     works_[work.sequence] = std::move(kept);
 }
@@ -255,7 +256,7 @@ void Journal::run() {
         lock.lock();
         busy_ = false;
         writing_.clear();
-        // What could not be written is written later, unless it is of no use any more.
+        // Transactions that could not be written are written later, unless they were answered.
         for (auto& [sequence, work] : works)
             if (pending_.contains(sequence)) works_.try_emplace(sequence, std::move(work));
         for (const std::uint64_t sequence : answered) answered_.insert(sequence);
@@ -264,7 +265,7 @@ void Journal::run() {
     }
 }
 
-// Leaves in both what could not be written.
+// Leaves entries that could not be written in both arguments.
 void Journal::write(std::map<std::uint64_t, JournaledWork>& works,
                     std::set<std::uint64_t>& answered) {
     std::erase_if(answered, [&](std::uint64_t sequence) { return !places_.contains(sequence); });
@@ -308,7 +309,7 @@ Result<void> Journal::writeBatch(const std::map<std::uint64_t, JournaledWork>& w
     for (const auto& [sequence, place] : places_) live += place.bytes;
     const bool compacts = file_.size() > kCompactBytes && live < file_.size() / 2;
     if (const auto done = compacts ? compact() : file_.sync(); !done) return done;
-    // Work that has changed, as an open gesture does, names other values than before.
+    // A changed transaction, such as that of an open gesture, may name other values than before.
     for (const auto& [sequence, work] : works) name(sequence, hashes(work));
     for (const std::uint64_t sequence : answered) name(sequence, {});
     return {};
@@ -325,7 +326,7 @@ Result<void> Journal::openFile() {
     return {};
 }
 
-// Big values are files of their own, by their hash: the cache may forget them.
+// Writes big values as separate files, by their hash, because the cache may drop them.
 Result<void> Journal::keepBlobs(const JournaledWork& work) {
     std::set<Hash> missing = hashes(work);
     std::erase_if(missing, [this](const Hash& hash) { return kept_.contains(hash); });
@@ -335,7 +336,7 @@ Result<void> Journal::keepBlobs(const JournaledWork& work) {
     fs::create_directories(folder, error);
     for (const Hash& hash : missing) {
         const auto bytes = blobs_.blob(hash);
-        if (!bytes) continue;  // of another's edit, which the server has
+        if (!bytes) continue;  // a value of another user's edit, which the server has
         if (const auto written = writeSynced(folder / hash.hex(), *bytes); !written) return written;
         kept_.insert(hash);
     }
@@ -343,7 +344,8 @@ Result<void> Journal::keepBlobs(const JournaledWork& work) {
     return {};
 }
 
-// From now on the work names these values, and no others. What no work names is removed.
+// Notes that the transaction names these values and no others. Removes values that no transaction
+// names.
 void Journal::name(std::uint64_t sequence, std::set<Hash> named) {
     for (const Hash& hash : named) ++names_[hash];
     for (const Hash& hash : std::exchange(named_[sequence], std::move(named))) {
@@ -354,7 +356,8 @@ void Journal::name(std::uint64_t sequence, std::set<Hash> named) {
     if (named_[sequence].empty()) named_.erase(sequence);
 }
 
-// Values of work that could not be written: by the next time it may name others.
+// Removes values of transactions that could not be written, because they may name others at the
+// next attempt.
 void Journal::removeUnnamed() {
     std::erase_if(kept_, [this](const Hash& hash) {
         if (names_.contains(hash)) return false;

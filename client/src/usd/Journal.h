@@ -17,44 +17,46 @@
 
 namespace usdlive::client {
 
-/// Work as a journal keeps it. Paths are as the editor saw them at `revision`, after the work
-/// before.
+/// A transaction in a journal. Its paths are valid at `revision`, after the earlier transactions of
+/// the journal.
 struct JournaledWork {
     std::uint64_t sequence = 0;
     std::int64_t timeMs = 0;  ///< milliseconds since 1970
     Revision revision = 0;
-    Hash hash;  ///< the chain hash of that revision
+    Hash hash;  ///< hash of the chain at that revision
     std::vector<AuthoredEdit> edits;
 };
 
-/// Keeps one's own pending transactions on the disk, so that what the server has not acknowledged
-/// survives the end of the process.
+/// Keeps a client's pending transactions on the disk, so that unacknowledged edits survive the end
+/// of the process.
 ///
-/// A thread of its own writes and syncs: about a quarter of a second after the work was made, and
-/// nothing of work that is acknowledged before. The file and the folder of its big values are
-/// removed when nothing is pending. Belongs to the thread that makes the work.
+/// A separate thread writes and syncs each transaction about a quarter of a second after it was
+/// submitted, unless it is acknowledged earlier. The file and the folder of its big values are
+/// removed when nothing is pending. Belongs to the thread that submits the transactions.
 class Journal {
 public:
-    /// `folder`: see journalFolder(). It is made when there is something to keep.
+    /// `folder` is a journalFolder(). It is created when it is first needed.
     Journal(std::filesystem::path folder, ClientId client, usd::BlobSource& blobs);
-    /// Writes what is pending.
+    /// Writes the pending transactions.
     ~Journal();
 
     void pending(const PendingWork& work);
     void answered(std::uint64_t sequence);
 
-    /// Returns when everything so far is on the disk, or could not be written.
+    /// Waits until all transactions are on the disk, or could not be written.
     void flush();
-    /// Big values of work that is not on the disk yet: `blobs` has to give them until then.
+    /// Returns the big values of transactions that are not on the disk yet. `blobs` must provide
+    /// them until then.
     [[nodiscard]] std::set<Hash> neededBlobs();
-    /// What is pending: nothing when all of it was answered.
+    /// Returns the pending transactions; nothing if all were answered.
     [[nodiscard]] std::optional<UnsentWork> summary();
-    /// Why the journal cannot be written; once for each time that it begins to fail.
+    /// Returns the reason why the journal cannot be written, once for each time when it begins to
+    /// fail.
     [[nodiscard]] std::optional<Error> takeError();
 
 private:
     struct Place {
-        std::uint64_t at = 0;  // in the file
+        std::uint64_t at = 0;  // position in the file
         std::uint64_t bytes = 0;
     };
 
@@ -74,50 +76,51 @@ private:
     const ClientId client_;
     usd::BlobSource& blobs_;
 
-    std::mutex mutex_;  // guards all below, up to the next comment
+    std::mutex mutex_;  // guards the following members
     std::condition_variable changed_;
-    std::map<std::uint64_t, JournaledWork> works_;  // to be written
-    std::set<std::uint64_t> answered_;              // that are in the file, or being written
-    std::map<std::uint64_t, UnsentWork> pending_;   // what each holds, for summary()
-    std::set<Hash> writing_;                        // big values of what is being written
+    std::map<std::uint64_t, JournaledWork> works_;  // transactions to be written
+    std::set<std::uint64_t>
+        answered_;  // answered transactions that are in the file or being written
+    std::map<std::uint64_t, UnsentWork> pending_;  // description of each transaction, for summary()
+    std::set<Hash> writing_;  // big values of transactions that are being written
     bool busy_ = false;
     bool hurry_ = false;
     bool stopping_ = false;
     std::optional<Error> error_;
 
-    // The thread's own.
+    // Used by the writing thread only.
     RecordFile file_;
     std::map<std::uint64_t, Place> places_;
-    std::set<Hash> kept_;                            // big values beside the file
-    std::map<std::uint64_t, std::set<Hash>> named_;  // that are named, by which work
-    std::map<Hash, std::size_t> names_;              // and by how many
+    std::set<Hash> kept_;                            // big values in the folder
+    std::map<std::uint64_t, std::set<Hash>> named_;  // big values that each transaction names
+    std::map<Hash, std::size_t> names_;              // number of transactions that name each value
     bool failing_ = false;
     std::thread thread_;
 };
 
-/// Where the journals of a user for a project are: `root`/`project`/`user`.
+/// Returns the folder of a user's journals for a project: `root`/`project`/`user`.
 [[nodiscard]] std::filesystem::path journalFolder(const std::filesystem::path& root,
                                                   const std::string& project, const UserName& user);
-/// A place for state that outlives a connection: $XDG_STATE_HOME/usdlive, else
-/// ~/.local/state/usdlive; empty when there is neither.
+/// Returns the folder for state that outlives a connection: $XDG_STATE_HOME/usdlive, or
+/// ~/.local/state/usdlive, or an empty path if both are unset.
 [[nodiscard]] std::filesystem::path stateFolder();
 
-/// The journal of a connection that has ended, held against other processes.
+/// The journal of a connection that has ended, locked against other processes.
 class LeftJournal {
 public:
-    /// StorageLocked: its connection, or somebody who sends it, is still there.
+    /// Error: StorageLocked (its connection still exists, or another process is sending it).
     [[nodiscard]] static Result<LeftJournal> open(const std::filesystem::path& folder,
                                                   const ClientId& client);
-    /// Those that no process uses, and that hold work; the oldest first. `damaged`: why others
-    /// cannot be read.
+    /// Returns the journals with transactions that no process uses, the oldest first. `damaged`
+    /// receives the reasons why others cannot be read.
     [[nodiscard]] static std::vector<UnsentWork> list(const std::filesystem::path& folder,
                                                       std::vector<Error>& damaged);
 
     [[nodiscard]] const std::map<std::uint64_t, JournaledWork>& works() const { return works_; }
     [[nodiscard]] UnsentWork summary() const;
     [[nodiscard]] std::filesystem::path blobFolder() const;
-    /// These are done; `renumbered` is in the place of one of them. Returns when that is on the
-    /// disk.
+    /// Removes answered transactions. `renumbered` replaces one of them. Returns when the change is
+    /// on the disk.
     Result<void> answered(const std::vector<std::uint64_t>& sequences,
                           std::optional<JournaledWork> renumbered = std::nullopt);
     void remove();

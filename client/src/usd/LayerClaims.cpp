@@ -5,7 +5,8 @@
 namespace usdlive::client {
 
 LayerClaims& LayerClaims::ofProcess() {
-    static auto& claims = *new LayerClaims;  // layers may be released while the process ends
+    static auto& claims =
+        *new LayerClaims;  // never destroyed: layers may be released while the process ends
     return claims;
 }
 
@@ -40,7 +41,7 @@ std::optional<LayerDoc> LayerClaims::left(const pxr::SdfLayerHandle& layer) cons
     return found == entries_.end() ? std::nullopt : found->second.left;
 }
 
-// Called when the number of entries has doubled, so that claiming stays cheap.
+// Called when the number of entries has doubled, so that claim() stays cheap.
 void LayerClaims::forgetExpired() {
     std::erase_if(entries_, [](const auto& entry) { return entry.second.layer.IsExpired(); });
     forgetAt_ = std::max<std::size_t>(64, 2 * entries_.size());

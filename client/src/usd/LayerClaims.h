@@ -10,33 +10,33 @@
 
 namespace usdlive::client {
 
-/// The layers of this process that are live, each through one connection. Two connections would
-/// each apply the edits of the other, and a layer has one state delegate.
+/// The live layers of this process, each with the connection to which it belongs. Two connections
+/// for one layer would each apply the edits of the other, and a layer has only one state delegate.
 ///
-/// Also remembers what a layer held when it stopped being live: a layer that is opened again has
-/// unsaved work only if it differs from that. Any thread.
+/// Also keeps the content of a layer when it stops being live: a layer that is opened again has
+/// unsent edits only if it differs from that. May be used by any thread.
 class LayerClaims {
 public:
     static LayerClaims& ofProcess();
 
-    /// Claims the layer for `owner`. False when another owner has it.
+    /// Claims the layer for `owner`. Returns false if it belongs to another owner.
     [[nodiscard]] bool claim(const pxr::SdfLayerHandle& layer, const void* owner);
     [[nodiscard]] bool isLiveElsewhere(const pxr::SdfLayerHandle& layer, const void* owner) const;
-    /// Ends the claim. `left` is what the layer holds now; nothing when that is not known.
+    /// Ends the claim. `left` is the present content of the layer; nothing if it is unknown.
     void release(const pxr::SdfLayerHandle& layer, const void* owner, std::optional<LayerDoc> left);
-    /// What the layer held when it was released last.
+    /// Returns the content of the layer when it was released last.
     [[nodiscard]] std::optional<LayerDoc> left(const pxr::SdfLayerHandle& layer) const;
 
 private:
     struct Entry {
-        pxr::SdfLayerHandle layer;  // keeps the key from being used again
+        pxr::SdfLayerHandle layer;  // prevents that the key is used again
         const void* owner = nullptr;
         std::optional<LayerDoc> left;
     };
 
     void forgetExpired();
 
-    mutable std::mutex mutex_;  // guards all below
+    mutable std::mutex mutex_;  // guards all members below
     std::map<const void*, Entry> entries_;
     std::size_t forgetAt_ = 64;
 };

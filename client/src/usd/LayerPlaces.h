@@ -12,33 +12,33 @@
 
 namespace usdlive::client {
 
-/// Where the layers of a project are for this process: the SdfLayer of a layer, the layer of an
-/// SdfLayer, and what lets composition open a layer before its content has arrived. Nothing else in
-/// the client knows file paths of layers. Used by one thread.
+/// Maps the layers of a project to the identifiers of SdfLayers in this process, and lets
+/// composition open a layer before its content has arrived. No other part of the client knows file
+/// paths of layers. Used by one thread.
 class LayerPlaces {
 public:
     virtual ~LayerPlaces() = default;
 
-    /// The identifier with which SdfLayer::FindOrOpen() opens the layer.
+    /// Returns the identifier with which SdfLayer::FindOrOpen() opens the layer.
     [[nodiscard]] virtual std::string identifierOf(const LayerId& layer) const = 0;
-    /// The layer with this identifier. Nothing: the identifier is of another place. Decides by the
-    /// name alone: the project need not have the layer.
+    /// Returns the layer with this identifier; nothing if the identifier belongs to another place.
+    /// Depends on the name only: the project may not have the layer.
     [[nodiscard]] virtual std::optional<LayerId> layerAt(const std::string& identifier) const = 0;
-    /// The same of an SdfLayer, which is neither null nor anonymous.
+    /// Does the same for an SdfLayer, which is neither null nor anonymous.
     [[nodiscard]] virtual std::optional<LayerId> layerOf(
         const pxr::SdfLayerHandle& layer) const = 0;
 
-    /// Lets FindOrOpen() find the layer, without content where this place has none. Returns whether
-    /// that had to be done.
+    /// Makes sure that FindOrOpen() finds the layer, without content if this place has none.
+    /// Returns whether something had to be created.
     virtual Result<bool> makeFindable(const LayerId& layer) = 0;
-    /// Undoes makeFindable() for a layer that turned out not to be in the project.
+    /// Undoes makeFindable() for a layer that is not in the project.
     virtual void remove(const LayerId& layer) = 0;
-    /// Does makeFindable() for layers that the project has from now on: for those that `budgetMs`
-    /// is enough for before it returns, for the others soon.
+    /// Calls makeFindable() for new layers of the project: for as many as fit into `budgetMs`
+    /// before it returns, and for the others soon afterwards.
     virtual void add(std::vector<LayerId> layers, double budgetMs) = 0;
-    /// All layers of add() can be found.
+    /// Returns whether all layers of add() can be found.
     [[nodiscard]] virtual bool isComplete() const = 0;
-    /// The first failure of add() since the last call.
+    /// Returns the first error of add() since the last call.
     [[nodiscard]] virtual std::optional<Error> takeError() = 0;
 };
 

@@ -7,7 +7,8 @@ namespace usdlive::client {
 
 namespace {
 
-// Edits since a snapshot, brought in one by one; of more it is quicker to make the content anew.
+// The most edits after a snapshot that are applied one by one. If there are more, building the
+// content again is faster.
 constexpr std::size_t kMostSince = 5'000;
 
 bool namesOthers(const EditAction& action) {
@@ -44,7 +45,7 @@ void LiveLayer::setPermission(bool closed, bool lockedByOther) {
     lockedByOther_ = lockedByOther;
     const bool after = closed || lockedByOther;
     if (before == after) return;
-    // A muted layer says no, whatever was set: what was before is not known.
+    // A muted layer never permits edits, so the editor's own setting is unknown.
     if (after) permitted_ = layer_->IsMuted() || layer_->PermissionToEdit();
     layer_->SetPermissionToEdit(!after && permitted_);
 }
@@ -107,16 +108,17 @@ void LiveLayer::reset(const LayerDoc& doc) {
 void LiveLayer::fill() {
     if (!fill_ || !fill_->isDone()) return;
     if (fill_->hasFailed()) {
-        // The session made something of the same parts: that is shown.
+        // The session has made a doc from the same parts. Shows that one.
         if (const LayerDoc* view = surroundings_.view()) reset(*view);
         return;
     }
     const bool lockedByOther = lockedByOther_;
-    setPermission(false, false);  // content is only brought into a layer that may be edited
+    setPermission(false, false);  // content can only be put into a layer that may be edited
     const bool wasFilled = bool(store_);
     if (!wasFilled)
         store_ = std::make_unique<usd::SdfLayerStore>(layer_, surroundings_.source, &capture_);
-    // Sdf does not compare what streams with what it becomes, and tells that all is replaced.
+    // Sdf does not compare a streaming layer with its new content, and notifies that all was
+    // replaced.
     expectsReplacement_ = !wasFilled && layer_->StreamsData() && !layer_->GetRootPrims().empty();
     namesLayers_ = fill_->namesLayers();
     const auto filled = fill_->into(*store_);
@@ -155,8 +157,8 @@ Capture::Sealed LiveLayer::seal() {
     return sealed;
 }
 
-// A muting or a reload replaced the content; that is no edit. Sdf keeps what a muted layer held:
-// what was written before, in the same frame, is read there.
+// A mute or a reload has replaced the content, which is not an edit. Sdf keeps the content of a
+// muted layer, so writes of the same frame before the mute are read there.
 Capture::Sealed LiveLayer::sealMuted() {
     const std::string path = layer_->GetIdentifier();
     pxr::SdfLayer::RemoveFromMutedLayers(path);
@@ -169,7 +171,7 @@ Capture::Sealed LiveLayer::sealMuted() {
     return sealed;
 }
 
-// Replaces the content by the project's.
+// Replaces the content by that of the project.
 void LiveLayer::startOver() {
     capture_.discard();
     if (layer_->IsMuted()) return;

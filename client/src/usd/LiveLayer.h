@@ -18,58 +18,60 @@
 
 namespace usdlive::client {
 
-/// One SdfLayer that is live, or on its way there.
+/// An SdfLayer that is live or becoming live.
 ///
-/// It begins without content and closed to the editor (Sdf answers edits with its own clear error).
-/// reset() gives it content, which a worker makes and fill() then brings in; from then on the
-/// editor may write, and what it writes is captured. The layer is kept in memory as long as this
-/// lives.
+/// At first it has no content and the editor may not edit it (Sdf reports its own clear error).
+/// reset() starts to build the content by a worker, and fill() puts it in. From then on the editor
+/// may write, and its writes are captured. This object keeps the layer in memory.
 class LiveLayer final : public pxr::TfWeakBase {
 public:
     struct Surroundings {
         usd::BlobSource& source;
-        usd::BlobSource& workerSource;  ///< the same for any thread; what is not there stays so
+        usd::BlobSource&
+            workerSource;  ///< the same for any thread; missing values are not requested
         usd::BlobSink& sink;
         Worker& worker;
-        /// What the session shows of the layer.
+        /// Returns the session's view of the layer.
         std::function<const LayerDoc*()> view;
-        /// The layer cannot show what it should; it differs from the project there.
+        /// Called when the layer cannot show some content, so that it differs from the project.
         std::function<void(Error)> report;
-        /// Any thread: isIdle() has become false.
+        /// Called by any thread when isIdle() becomes false.
         std::function<void()> wake;
     };
 
     LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings);
-    /// The layer keeps its content and its editor's permission.
+    /// The layer keeps its content and the permission that the editor has set.
     ~LiveLayer();
 
     [[nodiscard]] const LayerId& id() const { return id_; }
     [[nodiscard]] const pxr::SdfLayerRefPtr& layer() const { return layer_; }
-    /// All content is in and the editor may write.
+    /// Returns whether the layer has all its content and the editor may write.
     [[nodiscard]] bool isFilled() const { return store_ && !fill_; }
 
-    /// Somebody else's lock holds the layer (LK1): Sdf answers edits of the editor with its own
-    /// error, `permissionToEdit` is false. What the editor had set holds again afterwards.
+    /// Call it when another user has locked or unlocked the layer (LK1). While it is locked,
+    /// `permissionToEdit` is false and Sdf refuses edits of the editor. Afterwards the editor's own
+    /// setting applies again.
     void setLockedByOther(bool locked);
-    /// There is nothing for a tick to do, until `wake` is called.
+    /// Returns whether a tick has nothing to do for this layer until `wake` is called.
     [[nodiscard]] bool isIdle() const;
 
-    /// As LayerView: content that a reset() will be about. The worker begins with it.
+    /// Receives a part of a snapshot (LayerView), so that the worker can start building the content
+    /// before reset().
     void arriving(std::shared_ptr<const SnapshotPart> part);
     void arrived(const LayerDoc& snapshot);
-    /// All content anew. What comes to apply() meanwhile waits for it.
+    /// Replaces all content. Edits of apply() wait until it is built.
     void reset(const LayerDoc& doc);
     void apply(const std::string& path, const EditAction& action);
     [[nodiscard]] bool isFilling() const { return fill_ != nullptr; }
-    /// Content is being made for a layer that had some before.
+    /// Returns whether content is being built for a layer that had content before.
     [[nodiscard]] bool isRefilling() const { return store_ && fill_; }
-    /// Brings the content in once it is made; never waits.
+    /// Puts the content in if it is built. Never waits.
     void fill();
 
     [[nodiscard]] bool hasWrites() const;
-    /// Precondition: not within a change block of ours.
+    /// Calls Capture::seal(). Precondition: the client has no open change block.
     [[nodiscard]] Capture::Sealed seal();
-    /// As Capture::appendBigArrays().
+    /// Calls Capture::appendBigArrays().
     void appendBigArrays(std::vector<pxr::VtValue>& arrays) const {
         if (isFilled()) capture_.appendBigArrays(arrays);
     }
@@ -77,12 +79,14 @@ public:
     void blobArrived(const Hash& hash);
     [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }
 
-    /// False: the layer names no others, for sure. Sdf looks at every spec to tell which.
+    /// Returns false if the layer certainly names no other layers. Finding the named layers takes
+    /// long, because Sdf reads every spec.
     [[nodiscard]] bool namesLayers() const { return namesLayers_; }
-    /// Composition changed what the layer uses, since the last takeUsesChanged().
+    /// Returns whether the layers that this layer uses may have changed since the last
+    /// takeUsesChanged().
     [[nodiscard]] bool usesChanged() const { return usesChanged_; }
     [[nodiscard]] bool takeUsesChanged() { return std::exchange(usesChanged_, false); }
-    /// The editor itself has written the layer to its file, since the last call.
+    /// Returns whether the editor has saved the layer to its file since the last call.
     [[nodiscard]] bool takeSaved() { return std::exchange(saved_, false); }
 
 private:
@@ -106,21 +110,20 @@ private:
     const pxr::SdfLayerRefPtr layer_;
     const Surroundings surroundings_;
     Capture capture_;
-    std::unique_ptr<usd::SdfLayerStore> store_;  // from the first content on
+    std::unique_ptr<usd::SdfLayerStore> store_;  // set when the layer gets its first content
     std::unique_ptr<BackgroundFill> arriving_;
-    std::optional<LayerDoc> snapshot_;  // what arriving_ makes, once all has arrived
+    std::optional<LayerDoc> snapshot_;  // the doc of arriving_, when it is complete
     std::unique_ptr<BackgroundFill> fill_;
-    std::vector<Waiting> waiting_;  // as long as fill_ works
-    // The editor may write unless one of the next two is true; then what it may is what it had set.
-    bool closed_ = false;  // until all content is in
+    std::vector<Waiting> waiting_;  // edits that wait for fill_
+    // The editor may write if both of the next two are false, and if its own setting permits it.
+    bool closed_ = false;  // true until the layer has all content
     bool lockedByOther_ = false;
-    bool permitted_ = true;  // what the editor had set before
-    // Sdf tells of a replaced content at the end of a change block, so that ours has to be known
-    // again.
+    bool permitted_ = true;  // the editor's own setting
+    // The client has replaced the content. Sdf notifies of it later, at the end of the change
+    // block.
     bool expectsReplacement_ = false;
-    bool startOver_ =
-        false;  // the layer was reloaded or muted: its content is not the editor's work
-    bool writtenBeforeMuted_ = false;  // and not sealed yet
+    bool startOver_ = false;           // the layer was reloaded or muted: the change is not an edit
+    bool writtenBeforeMuted_ = false;  // written before the mute, and not sealed yet
     bool usesChanged_ = false;
     bool namesLayers_ = false;
     bool saved_ = false;

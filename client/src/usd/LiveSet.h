@@ -11,8 +11,8 @@
 
 namespace usdlive::client {
 
-/// The live layers of one client, and which of them have something for a tick to do: a tick costs
-/// what is active, not what is open.
+/// The live layers of one client, and the active ones among them, for which a tick has work. The
+/// cost of a tick depends on the active layers, not on the open ones.
 class LiveSet {
 public:
     using Layers = std::map<LayerId, std::unique_ptr<LiveLayer>>;
@@ -20,21 +20,21 @@ public:
     [[nodiscard]] LiveLayer* find(const LayerId& id) const;
     [[nodiscard]] LiveLayer* find(const pxr::SdfLayerHandle& layer) const;
     [[nodiscard]] const Layers& all() const { return layers_; }
-    /// For LoadedLayers.
+    /// Returns the layers for LoadedLayers.
     [[nodiscard]] const std::shared_ptr<const LoadedLayers::Known>& known();
 
     void add(std::unique_ptr<LiveLayer> layer);
     void remove(const LayerId& id);
 
-    /// Any thread: the layer is not LiveLayer::isIdle() any more.
+    /// Call it from any thread when the layer is no longer LiveLayer::isIdle().
     void wake(const LayerId& id);
-    /// Those that are not idle, by id. Valid until one is added or removed.
+    /// Returns the layers that are not idle, sorted by id. Valid until a layer is added or removed.
     [[nodiscard]] std::vector<LiveLayer*> active();
 
 private:
     Layers layers_;
     std::map<const void*, LiveLayer*> bySdfLayer_;
-    std::shared_ptr<const LoadedLayers::Known> known_;  // made when it is asked for
+    std::shared_ptr<const LoadedLayers::Known> known_;  // created when it is requested
     std::set<LayerId> active_;
     std::mutex mutex_;  // guards woken_
     std::vector<LayerId> woken_;

@@ -28,7 +28,7 @@ struct LoadedLayers::State {
             (before.contains(id) ? others : added).push_back(layer);
         }
         before = std::move(present);
-        // They are taken from the end.
+        // next() takes them from the end.
         others.insert(others.end(), added.begin(), added.end());
         const auto end = Clock::now();
         const std::lock_guard lock(mutex);
@@ -37,11 +37,11 @@ struct LoadedLayers::State {
         isLooking = false;
     }
 
-    Known before;      // the worker's: what the last look found
-    std::mutex mutex;  // guards all below
+    Known before;      // used by the worker only: the result of the last search
+    std::mutex mutex;  // guards all members below
     std::vector<pxr::SdfLayerHandle> found;
     bool isLooking = false;
-    bool again = false;  // something was opened after the look had begun
+    bool again = false;  // a layer was opened after the search had begun
     Clock::time_point dueAt;
 };
 

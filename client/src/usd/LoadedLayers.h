@@ -9,11 +9,11 @@
 
 namespace usdlive::client {
 
-/// Finds out which layers this process has loaded. Sdf notifies nobody when it opens one, and a
-/// look takes time in proportion to all that are loaded, so that a worker does it, for at most a
-/// twentieth of its time.
+/// Finds the layers that this process has loaded. Sdf sends no notice when it opens one, and a
+/// search takes time in proportion to all loaded layers. A worker searches, for at most a twentieth
+/// of its time.
 ///
-/// Used by the thread that owns the layers. Layers that have gone meanwhile are left out.
+/// Used by the thread that owns the layers. Layers that were deleted meanwhile are left out.
 class LoadedLayers {
 public:
     using Known = std::unordered_set<const void*>;  ///< SdfLayerHandle::GetUniqueIdentifier()
@@ -21,16 +21,16 @@ public:
     LoadedLayers();
     ~LoadedLayers();
 
-    /// Begins to look when it is time, or at once when one may `just` have been opened. Layers of
-    /// `known` are left out.
+    /// Starts a search if it is due, or at once if `just` says that a layer may have been opened.
+    /// Leaves out the layers of `known`.
     void look(bool just, const std::shared_ptr<const Known>& known, Worker& worker);
-    /// One that was found and not returned yet: first those that were not there at the look before.
-    /// Null when there is none.
+    /// Returns the next found layer, or null if there is none. Layers that the search before did
+    /// not find come first.
     [[nodiscard]] pxr::SdfLayerRefPtr next();
 
 private:
     struct State;
-    std::shared_ptr<State> state_;  // also of the worker's task
+    std::shared_ptr<State> state_;  // shared with the worker's task
 };
 
 }  // namespace usdlive::client

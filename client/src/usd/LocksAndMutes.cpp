@@ -1,4 +1,4 @@
-// Locks of layers, and mutes for everybody: edits of the root of a layer.
+// Locks layers, and mutes them for all users, by edits of a layer's root.
 #include "usd/LocksAndMutes.h"
 
 #include <pxr/base/vt/dictionary.h>

@@ -1,4 +1,4 @@
-// Locks of layers, and mutes for everybody: edits of the root of a layer.
+// Locks of layers, and mutes for all users, as edits of a layer's root.
 #pragma once
 
 #include <set>
@@ -8,8 +8,8 @@
 
 namespace usdlive::client {
 
-/// Locks and unlocks live layers (LK1), mutes and unmutes layers for everybody (MU1). All of it is
-/// kept in the layers themselves, so this has no state.
+/// Locks and unlocks live layers (LK1), and mutes and unmutes layers for all users (MU1). The
+/// layers themselves store this, so the class has no state.
 class LocksAndMutes {
 public:
     LocksAndMutes(LiveSet& layers, EditorFrame& frame, Session& session, UserName user)

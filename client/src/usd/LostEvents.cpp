@@ -1,4 +1,4 @@
-// Which events of lost work are told at once, and which stand for several.
+// Decides which events about lost edits are reported at once, and merges the others.
 #include "usd/LostEvents.h"
 
 #include <algorithm>
@@ -11,10 +11,10 @@ namespace usdlive::client {
 
 namespace {
 
-// Work of more edits is no repetition that a person could take for one.
+// Larger transactions are never merged: a user cannot take them for a repetition.
 constexpr std::size_t kMostEdits = 1'000;
 
-// What was to be changed, without the values.
+// Returns a key of the error code and the edited registers, without their values.
 std::string registersOf(const LostWork& work) {
     std::string key(errorName(work.reason.code));
     if (work.edits.empty()) return key + work.reason.message;
@@ -29,33 +29,33 @@ std::string registersOf(const LostWork& work) {
 
 std::optional<event::Lost> LostEvents::add(event::Lost lost, std::int64_t nowMs) {
     if (lost.work.edits.size() > kMostEdits) return lost;
-    const auto [found, isNew] = told_.try_emplace(registersOf(lost.work));
-    Told& told = found->second;
+    const auto [found, isNew] = reported_.try_emplace(registersOf(lost.work));
+    Reported& reported = found->second;
     if (isNew) {
-        told.atMs = nowMs;
-        if (told_.size() == 1) nextMs_ = nowMs + kTogetherMs;
+        reported.atMs = nowMs;
+        if (reported_.size() == 1) nextMs_ = nowMs + kTogetherMs;
         return lost;
     }
-    if (told.waiting) lost.count += told.waiting->count;
-    told.waiting = std::move(lost);
+    if (reported.waiting) lost.count += reported.waiting->count;
+    reported.waiting = std::move(lost);
     return std::nullopt;
 }
 
 std::vector<event::Lost> LostEvents::due(std::int64_t nowMs) {
     std::vector<event::Lost> events;
-    if (told_.empty() || nowMs < nextMs_) return events;
+    if (reported_.empty() || nowMs < nextMs_) return events;
     nextMs_ = std::numeric_limits<std::int64_t>::max();
-    for (auto one = told_.begin(); one != told_.end();) {
-        Told& told = one->second;
-        if (nowMs >= told.atMs + kTogetherMs) {
-            if (!told.waiting) {
-                one = told_.erase(one);
+    for (auto one = reported_.begin(); one != reported_.end();) {
+        Reported& reported = one->second;
+        if (nowMs >= reported.atMs + kTogetherMs) {
+            if (!reported.waiting) {
+                one = reported_.erase(one);
                 continue;
             }
-            events.push_back(std::move(*std::exchange(told.waiting, std::nullopt)));
-            told.atMs = nowMs;
+            events.push_back(std::move(*std::exchange(reported.waiting, std::nullopt)));
+            reported.atMs = nowMs;
         }
-        nextMs_ = std::min(nextMs_, told.atMs + kTogetherMs);
+        nextMs_ = std::min(nextMs_, reported.atMs + kTogetherMs);
         ++one;
     }
     std::ranges::sort(events, {}, [](const event::Lost& lost) { return lost.index; });
@@ -64,8 +64,9 @@ std::vector<event::Lost> LostEvents::due(std::int64_t nowMs) {
 
 std::vector<event::Lost> LostEvents::waiting() {
     std::vector<event::Lost> events;
-    for (auto& [key, told] : told_)
-        if (told.waiting) events.push_back(std::move(*std::exchange(told.waiting, std::nullopt)));
+    for (auto& [key, reported] : reported_)
+        if (reported.waiting)
+            events.push_back(std::move(*std::exchange(reported.waiting, std::nullopt)));
     std::ranges::sort(events, {}, [](const event::Lost& lost) { return lost.index; });
     return events;
 }

@@ -11,29 +11,30 @@
 
 namespace usdlive::client {
 
-/// Tells of lost work at a rate that an editor can show: a tool that writes one register sixty
-/// times a second into a locked layer is refused sixty times, and its user reads of it once a
-/// second. All lost work itself is kept by LostWorkStore; only its events are collapsed.
+/// Limits the rate of events about lost edits. A tool that writes one register of a locked layer
+/// sixty times a second is refused sixty times, but its user is notified once a second.
+/// LostWorkStore keeps all lost edits; only the events are merged.
 class LostEvents {
 public:
     static constexpr std::int64_t kTogetherMs = 1'000;
 
-    /// The event to tell now. Nothing when work of the same code and registers was told within the
-    /// last kTogetherMs: due() gives it later, the newest for all of them.
+    /// Returns the event if it is to be reported now. Returns nothing if an event with the same
+    /// error code and registers was reported within the last kTogetherMs: due() returns the newest
+    /// of them later.
     [[nodiscard]] std::optional<event::Lost> add(event::Lost lost, std::int64_t nowMs);
-    /// What has waited for kTogetherMs, by index. Called in each tick: allocates nothing when
-    /// nothing is due.
+    /// Returns the events that have waited for kTogetherMs, sorted by index. Called in each tick:
+    /// allocates nothing if nothing is due.
     [[nodiscard]] std::vector<event::Lost> due(std::int64_t nowMs);
-    /// What still waits, by index: for an editor that leaves.
+    /// Returns all waiting events, sorted by index, for an editor that disconnects.
     [[nodiscard]] std::vector<event::Lost> waiting();
 
 private:
-    struct Told {
+    struct Reported {
         std::int64_t atMs = 0;
         std::optional<event::Lost> waiting;
     };
-    std::unordered_map<std::string, Told> told_;  // by code and registers
-    std::int64_t nextMs_ = 0;                     // nothing is due before
+    std::unordered_map<std::string, Reported> reported_;  // by error code and registers
+    std::int64_t nextMs_ = 0;                             // nothing is due before
 };
 
 }  // namespace usdlive::client

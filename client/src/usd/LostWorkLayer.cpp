@@ -23,7 +23,7 @@ public:
     LayerDoc take() { return std::move(doc_); }
 
 private:
-    // Makes the spec at `path` and those above it as they are in the project, or as overs.
+    // Creates the spec at `path` and its ancestors like those of the project, or as overs.
     void need(const std::string& path, const SetField* set) {
         if (path.empty() || doc_.has(path)) return;
         need(specpath::parent(path), nullptr);
@@ -49,7 +49,7 @@ private:
         return set && set->field == "targetPaths" ? SpecKind::Relationship : SpecKind::Attribute;
     }
 
-    // Without a type an attribute cannot be written as text.
+    // The text format requires a type for an attribute.
     void describeProperty(const std::string& path, const SetField* set) {
         for (const auto field : kPropertyFields)
             if (const FieldValue* value = known_ ? known_->field(path, field) : nullptr)

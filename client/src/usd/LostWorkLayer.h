@@ -5,10 +5,11 @@
 
 namespace usdlive::client {
 
-/// The lost edits of one layer as a layer of their own (M12): sparse, with overs on the way to what
-/// they are about, so that it can be laid over the project's. `known` (nullptr: nothing) tells the
-/// kinds and types of specs that the edits take for granted. Best effort: an edit that finds
-/// nothing to stand on, like the deletion of a spec of the project, is passed over.
+/// Returns the lost edits of one layer as a sparse layer (M12), with overs for the ancestors of
+/// edited specs, so that it can be used as a stronger layer above the project's. `known` is the
+/// layer in the project, or nullptr; it supplies the kinds and types of specs that the edits
+/// assume. Edits that cannot be expressed in such a layer, such as deletions of the project's
+/// specs, are skipped.
 [[nodiscard]] LayerDoc lostWorkDoc(const LostWork& work, const LayerId& layer,
                                    const LayerDoc* known, usd::BlobSource& blobs);
 

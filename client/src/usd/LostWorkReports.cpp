@@ -1,4 +1,4 @@
-// Work that did not get into the project: kept, and reported to the editor.
+// Keeps lost edits and reports them to the editor.
 #include "usd/LostWorkReports.h"
 
 #include "usd/Clocks.h"

@@ -80,7 +80,7 @@ LostWorkStore::LostWorkStore(fs::path folder, std::size_t inMemory)
 LostWorkStore::~LostWorkStore() {
     file_.remove();
     std::error_code ignored;
-    fs::remove(folder_, ignored);  // stays when it holds the content of a layer
+    fs::remove(folder_, ignored);  // fails, as intended, if it contains a layer's content
 }
 
 Result<void> LostWorkStore::add(LostWork work) {
@@ -88,7 +88,7 @@ Result<void> LostWorkStore::add(LostWork work) {
     return newest_.size() > inMemory_ ? spill() : Result<void>();
 }
 
-// Half of what is in memory at once, so that not every loss writes.
+// Moves half of the entries at once, so that not each new entry writes to the file.
 Result<void> LostWorkStore::spill() {
     if (!file_.isOpen()) {
         std::error_code ignored;

@@ -10,21 +10,21 @@
 
 namespace usdlive::client {
 
-/// Work of one's own that is not in the project (M12), by an index that never changes. The newest
-/// is in memory; older work is moved to a file, which is removed with this.
+/// The lost edits of a client (M12), by an index that never changes. The newest ones are in memory;
+/// older ones are moved to a file, which is removed with this object.
 class LostWorkStore {
 public:
-    /// `folder` is made when it is first needed. `inMemory`: more than so many go to the file.
+    /// `folder` is created when it is first needed. At most `inMemory` entries stay in memory.
     explicit LostWorkStore(std::filesystem::path folder, std::size_t inMemory = 1'000);
     ~LostWorkStore();
 
-    /// Its index is size() - 1 then. StorageFailed: older work could not be moved to the file; it
-    /// stays in memory.
+    /// Adds an entry with the index size(). Error: StorageFailed (older entries could not be moved
+    /// to the file; they stay in memory).
     Result<void> add(LostWork work);
     [[nodiscard]] std::uint64_t size() const { return places_.size() + newest_.size(); }
-    /// InvalidArgument: there is none of this index.
+    /// Error: InvalidArgument (there is no entry with this index).
     [[nodiscard]] Result<LostWork> at(std::uint64_t index) const;
-    /// A new file name for content of a layer that cannot be kept as edits.
+    /// Returns a new file name for content that cannot be kept as edits.
     [[nodiscard]] std::filesystem::path fileFor(const LayerId& layer);
 
 private:
@@ -34,14 +34,14 @@ private:
     const std::size_t inMemory_;
     std::deque<LostWork> newest_;
     RecordFile file_;
-    std::vector<std::uint64_t> places_;  // in the file, by index
+    std::vector<std::uint64_t> places_;  // positions in the file, by index
     unsigned files_ = 0;
 };
 
 [[nodiscard]] Bytes encodeLostWork(const LostWork& work);
 [[nodiscard]] Result<LostWork> decodeLostWork(ByteView bytes);
 
-/// Edits as their author made them, as bytes and back: a submit frame with absolute paths.
+/// Encode and decode edits with absolute paths, as a submit frame.
 [[nodiscard]] Bytes encodeAuthored(std::uint64_t sequence, const std::vector<AuthoredEdit>& edits);
 [[nodiscard]] Result<std::vector<AuthoredEdit>> decodeAuthored(ByteView bytes);
 

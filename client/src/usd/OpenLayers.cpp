@@ -1,4 +1,4 @@
-// The layers of a client that are live, and how a layer becomes live and stops being live.
+// Makes layers live, and stops it.
 #include "usd/OpenLayers.h"
 
 #include <pxr/usd/sdf/layerUtils.h>
@@ -18,9 +18,10 @@ namespace usdlive::client {
 
 namespace {
 
-// Time for making layers findable in the first tick that knows them, and in a later one.
+// The budget for making layers findable: in the first tick that knows the project, and in a later
+// one.
 constexpr double kFirstFindableMs = 200, kFindableMs = 1;
-// Loaded layers that one tick looks at.
+// The most loaded layers that one tick checks.
 constexpr std::size_t kLookedAtPerTick = 100;
 
 }  // namespace
@@ -44,7 +45,7 @@ void OpenLayers::setOfProject(std::vector<LayerId> layers) {
     std::ranges::set_difference(layers, ofProject_, std::back_inserter(added));
     with_.places.add(std::move(added), ofProject_.empty() ? kFirstFindableMs : kFindableMs);
     ofProject_ = std::move(layers);
-    // The project may have what failed.
+    // The project may have the failed layers now.
     failed_.clear();
     std::erase_if(guessed_, [this](const LayerId& id) { return isOfProject(id); });
 }
@@ -103,7 +104,7 @@ const std::vector<LayerId>& OpenLayers::openUsed(LiveLayer& live, LoadSet load) 
     return used.layers;
 }
 
-// Those that are in the project, with their identifiers.
+// Returns the used layers that are in the project, with their identifiers.
 std::vector<std::pair<std::string, LayerId>> OpenLayers::usedBy(const LiveLayer& live,
                                                                 LoadSet load) const {
     std::vector<std::pair<std::string, LayerId>> used;
@@ -138,7 +139,7 @@ std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> OpenLayers::loadedHere() co
 }
 
 std::optional<LayerId> OpenLayers::layerOf(const pxr::SdfLayerHandle& layer) const {
-    // A layer with file format arguments is another view of its file, never the file itself.
+    // A layer with file format arguments is a view of its file, not the file itself.
     if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
         return std::nullopt;
     auto id = with_.places.layerOf(layer);
@@ -158,7 +159,7 @@ Error OpenLayers::liveElsewhere(const LayerId& id) {
 
 // --- closing
 
-// Takes a copy: the caller's id may be the one that is removed here.
+// Takes the id by value, because this function may remove the caller's.
 void OpenLayers::leave(LayerId id) {
     const LiveLayer* live = find(id);
     if (!live) return;

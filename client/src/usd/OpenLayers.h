@@ -1,4 +1,4 @@
-// The layers of a client that are live, and how a layer becomes live and stops being live.
+// The live layers of a client: how a layer becomes live and stops being live.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -20,71 +20,72 @@
 
 namespace usdlive::client {
 
-/// Knows the layers of the project and those of them that are live here. None of its functions
-/// waits for the server: a layer that was joined is filled by later ticks.
+/// The layers of the project, and those of them that are live in this client. No function waits for
+/// the server: later ticks fill a layer that was joined.
 class OpenLayers {
 public:
-    /// All of it outlives this.
+    /// All members outlive this object.
     struct Surroundings {
         Session& session;
         LayerPlaces& places;
         EditorEvents& events;
         LostWorkReports& lost;
         BigValues& values;
-        usd::BlobSink& sink;  ///< for arrays that the editor writes
-        Worker& filler;       ///< makes the content of layers
-        Worker& background;   ///< looks for loaded layers
+        usd::BlobSink& sink;  ///< for the editor's big arrays
+        Worker& filler;       ///< builds the content of layers
+        Worker& background;   ///< searches for loaded layers
         UserName user;
     };
     explicit OpenLayers(Surroundings surroundings);
 
     [[nodiscard]] LiveSet& live() { return live_; }
     [[nodiscard]] LiveLayer* find(const LayerId& id) const { return live_.find(id); }
-    /// The live layer's name, if it is one of this client.
+    /// Returns the name of the layer if it is a live layer of this client.
     [[nodiscard]] std::optional<LayerId> idOf(const pxr::SdfLayerHandle& layer) const;
 
     // The project.
-    /// Sorted.
+    /// Returns the layers of the project, sorted.
     [[nodiscard]] const std::vector<LayerId>& ofProject() const { return ofProject_; }
     [[nodiscard]] bool isOfProject(const LayerId& id) const;
     void setOfProject(std::vector<LayerId> layers);
 
     // Opening.
-    /// Makes a layer of this client's own place live. LayerNotFound, LayerUnreadable, or
-    /// InvalidArgument when it is live through another connection.
+    /// Makes a layer of this client's own place live. Errors: LayerNotFound, LayerUnreadable,
+    /// InvalidArgument (it is live through another connection).
     Result<void> open(const LayerId& id);
-    /// Makes an SdfLayer live that the editor has opened.
+    /// Makes an SdfLayer live that the editor has already opened.
     Result<void> join(const LayerId& id, const pxr::SdfLayerRefPtr& layer);
-    /// Opens the layers of the project that `live`, which is filled, uses. Looks at all of its
-    /// specs, but not again until its uses change.
+    /// Opens the layers of the project that `live` uses. Reads all its specs, but not again until
+    /// the used layers may have changed. Precondition: `live` is filled.
     const std::vector<LayerId>& openUsed(LiveLayer& live, LoadSet load);
-    /// Have the layers that it uses been opened with it?
+    /// Returns whether the layers that it uses were opened with it.
     [[nodiscard]] bool hasUsed(const LayerId& id, LoadSet load) const;
-    /// The server cannot give the layer: it is not opened again by itself until the project has
-    /// other layers.
+    /// Call it when the server does not have the layer. It is not opened automatically again until
+    /// the layers of the project change.
     void failed(const LayerId& id);
-    /// Layers of the project that this process has loaded and that are not live, sorted.
+    /// Returns the layers of the project that this process has loaded and that are not live,
+    /// sorted.
     [[nodiscard]] std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> loadedHere() const;
     [[nodiscard]] std::optional<LayerId> layerOf(const pxr::SdfLayerHandle& layer) const;
     [[nodiscard]] bool isLiveElsewhere(const pxr::SdfLayerHandle& layer) const;
     [[nodiscard]] static Error liveElsewhere(const LayerId& id);
 
     // Closing.
-    /// The layer stops being live and keeps its content; the session still follows it.
+    /// Makes the layer stop being live. It keeps its content, and the session still follows it.
     void leave(LayerId id);
     void leaveAll();
-    /// The same at the editor's wish: the session forgets the layer.
+    /// Does the same at the request of the editor: the session forgets the layer.
     void close(const LayerId& id);
 
     // Parts of a tick.
-    /// Makes layers live that the editor's composition has opened meanwhile.
+    /// Makes layers live that composition has opened meanwhile.
     void adoptLoaded(double budgetMs);
-    /// Brings content in that is made. Returns how many layers still wait for theirs.
+    /// Puts content in that is built. Returns the number of layers that still wait for theirs.
     std::size_t fill(double budgetMs);
-    /// Makes layers findable that edits of this tick name: composition opens them when the change
-    /// block ends.
+    /// Makes layers findable that edits of this tick name, because composition opens them at the
+    /// end of the change block.
     void makeNamedFindable();
-    /// Sets `permissionToEdit` by the lock that the server reports.
+    /// Sets `permissionToEdit` according to the lock that the server has reported.
     void followLock(const LayerId& id);
     void followLocks();
 
@@ -100,10 +101,10 @@ private:
         LoadSet load;
         std::vector<LayerId> layers;
     };
-    std::map<LayerId, Used> used_;  // by live layers whose used layers were opened with them
-    std::set<LayerId> guessed_;     // made findable though the project did not have them
-    std::set<LayerId> failed_;      // not adopted again until the project has other layers
-    std::set<LayerId> closed_;      // by the editor: not adopted again
+    std::map<LayerId, Used> used_;  // by live layer whose used layers were opened with it
+    std::set<LayerId> guessed_;     // layers made findable that the project did not have
+    std::set<LayerId> failed_;      // not made live again until the project's layers change
+    std::set<LayerId> closed_;      // closed by the editor: not made live again
 };
 
 }  // namespace usdlive::client

@@ -1,4 +1,4 @@
-// Requests to open layers, which ticks work off.
+// Executes requests to open layers, tick by tick.
 #include "usd/OpenRequests.h"
 
 #include <algorithm>
@@ -8,7 +8,8 @@ namespace usdlive::client {
 
 namespace {
 
-// When the progress of a request is first reported, and how often then (as the server does, PG1).
+// The time until the progress of a request is first reported, and between later reports (as in
+// PG1).
 constexpr std::int64_t kProgressEveryMs = 500;
 
 }  // namespace
@@ -33,7 +34,7 @@ bool OpenRequests::start(double budgetMs) {
     while (!unstarted_.empty()) {
         const auto found = requests_.find(unstarted_.front());
         unstarted_.pop_front();
-        if (found == requests_.end()) continue;  // closed meanwhile
+        if (found == requests_.end()) continue;  // the layer was closed meanwhile
         const LayerId layer = found->second.asked.front();
         if (const auto opened = layers_.open(layer); !opened)
             end(found, opened);
@@ -76,7 +77,7 @@ void OpenRequests::see(Request& request, const LayerId& layer) {
 }
 
 bool OpenRequests::advance(Request& request, const Stopwatch& watch, double budgetMs) {
-    // Used layers that are filled already are in the way of nobody: they are looked at, too.
+    // Also checks used layers that are filled already.
     for (bool found = true; found;) {
         found = false;
         for (auto one = request.unfilled.begin(); one != request.unfilled.end();) {

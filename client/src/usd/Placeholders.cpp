@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// One task's; what else the worker does waits so long.
+// The files of one task. Other tasks of the worker wait for it.
 constexpr std::size_t kMadeInOneTask = 100;
 
 Result<std::string> emptyCrate(const fs::path& folder) {
@@ -32,8 +32,7 @@ Result<std::string> emptyCrate(const fs::path& folder) {
     return content.str();
 }
 
-// A mutex whose threads take turns: who takes it over and over, as the worker does, lets in who
-// waits.
+// A fair mutex: a thread that locks it repeatedly, like the worker, lets waiting threads in.
 class Turns {
 public:
     void lock() {
@@ -51,7 +50,7 @@ private:
 struct Placeholders::State : std::enable_shared_from_this<State> {
     explicit State(fs::path folder) : folder(std::move(folder)) {}
 
-    // The mutex is held: nobody is to find a file that is half written.
+    // The caller holds the mutex, so that no thread finds an incomplete file.
     Result<bool> make(const LayerId& layer) {
         const fs::path place = folder / layer.value;
         std::error_code error;
@@ -81,7 +80,7 @@ struct Placeholders::State : std::enable_shared_from_this<State> {
         isComplete = left.empty();
     }
 
-    // Posts itself again, so that the worker's other tasks come in between.
+    // Posts itself again, so that other tasks of the worker run in between.
     void work(Worker& worker) {
         for (std::size_t i = 0; i < kMadeInOneTask; ++i) {
             if (isComplete) break;
@@ -93,12 +92,12 @@ struct Placeholders::State : std::enable_shared_from_this<State> {
     }
 
     const fs::path folder;
-    // Read by each tick, which waits for no file.
+    // Read by each tick, which must not wait for files.
     std::atomic<bool> isComplete = true, hasFailed = false;
-    Turns mutex;  // guards all below
+    Turns mutex;  // guards all members below
     std::string crate;
-    std::vector<LayerId> left;  // the next one last; only one thread at a time takes from it
-    bool isAtWork = false;      // the worker is
+    std::vector<LayerId> left;  // the next one is last; only one thread at a time takes from it
+    bool isAtWork = false;      // a task of the worker is in progress
     std::optional<Error> failure;
 };
 

@@ -11,29 +11,29 @@
 
 namespace usdlive::client {
 
-/// The files without content that stand for the project's layers in the cache folder, so that
-/// composition can open them. Making many takes seconds: a worker makes those that a frame has no
-/// time for, and make() one that is needed at once.
+/// The placeholder files of the project's layers in the cache folder. They have no content, and let
+/// composition open the layers. Creating many takes seconds: a worker creates those that do not fit
+/// into a frame, and make() creates one that is needed at once.
 class Placeholders {
 public:
     explicit Placeholders(std::filesystem::path folder);
     ~Placeholders();
     Placeholders(Placeholders&&) noexcept;
 
-    /// Makes the files of those layers that have none: as many as fit into `budgetMs` before it
-    /// returns, the rest by `worker`, which is used until isComplete().
+    /// Creates the files of layers that have none: as many as fit into `budgetMs` before it
+    /// returns, and the rest by `worker`, which is used until isComplete().
     void add(std::vector<LayerId> layers, double budgetMs, Worker& worker);
     [[nodiscard]] bool isComplete() const;
-    /// Makes the layer's file unless there is one. True: made.
+    /// Creates the layer's file unless it exists. Returns whether it was created.
     Result<bool> make(const LayerId& layer);
     void remove(const LayerId& layer);
 
-    /// The first failure since the last call.
+    /// Returns the first error since the last call.
     [[nodiscard]] std::optional<Error> takeError();
 
 private:
     struct State;
-    std::shared_ptr<State> state_;  // also of the worker's tasks
+    std::shared_ptr<State> state_;  // shared with the worker's tasks
 };
 
 }  // namespace usdlive::client

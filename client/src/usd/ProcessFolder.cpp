@@ -19,12 +19,12 @@ namespace fs = std::filesystem;
 constexpr const char* kLock = ".lock";
 constexpr int kAttempts = 3;
 
-// The file, locked; -1 when another process has it, or it is not there any more.
+// Returns the locked file, or -1 if another process has locked it or it no longer exists.
 int lockFile(const fs::path& path, int flags) {
     const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | flags, 0600);
     if (file < 0) return -1;
     struct stat opened{}, named{};
-    // Who removed it in between had it locked until then.
+    // A process that removes the file has it locked, so it may have disappeared before flock().
     if (::flock(file, LOCK_EX | LOCK_NB) == 0 && ::fstat(file, &opened) == 0 &&
         ::stat(path.c_str(), &named) == 0 && opened.st_ino == named.st_ino)
         return file;

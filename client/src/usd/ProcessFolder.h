@@ -5,9 +5,9 @@
 
 namespace usdlive::client {
 
-/// A folder that one process uses, and that goes with it. Beside it is a file `<folder>.lock` that
-/// the process holds locked: the folder of a process that ended without a word is removed by the
-/// next one (removeDead()).
+/// A folder that one process uses and removes at its end. The process keeps the file
+/// `<folder>.lock` next to it locked. If the process was killed, a later one removes the folder
+/// (removeDead()).
 class ProcessFolder {
 public:
     ProcessFolder() = default;
@@ -18,11 +18,11 @@ public:
     }
     ~ProcessFolder();
 
-    /// Makes `parent/<prefix><something unused>`, for this user alone. Without a path: it cannot be
-    /// made.
+    /// Creates `parent/<prefix><unused name>`, accessible to this user only. The result has an
+    /// empty path if it cannot be created.
     [[nodiscard]] static ProcessFolder make(const std::filesystem::path& parent,
                                             const std::string& prefix);
-    /// Removes such folders of `parent` whose processes are gone.
+    /// Removes such folders in `parent` whose processes have ended.
     static void removeDead(const std::filesystem::path& parent, const std::string& prefix);
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
@@ -35,7 +35,7 @@ private:
     int lock_ = -1;
 };
 
-/// A name that no other process thinks up.
+/// Returns a name that no other process uses.
 [[nodiscard]] std::string unusedName();
 
 }  // namespace usdlive::client

@@ -1,9 +1,9 @@
-// A flag that is true within a scope.
+// Sets a flag within a scope.
 #pragma once
 
 namespace usdlive::client {
 
-/// Sets a flag for as long as it lives, also when a callback of the editor throws.
+/// Sets a flag for its lifetime, also if a callback of the editor throws.
 class Raised {
 public:
     explicit Raised(bool& flag) : flag_(flag) { flag_ = true; }

@@ -67,7 +67,7 @@ Result<RecordFile> RecordFile::open(const std::filesystem::path& path, Mode mode
     if (::flock(opened.file_, LOCK_EX | LOCK_NB) != 0)
         return fail(ErrorCode::StorageLocked, path.string() + " is in use");
     struct stat status{};
-    // Its owner may have removed it between the two calls.
+    // The owner may have removed the file between the two calls.
     if (::fstat(opened.file_, &status) != 0 || status.st_nlink == 0)
         return fail(ErrorCode::StorageLocked, path.string() + " was removed");
     opened.size_ = std::uint64_t(status.st_size);

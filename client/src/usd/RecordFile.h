@@ -10,11 +10,11 @@
 
 namespace usdlive::client {
 
-/// A file of records that are only appended: each is u32 size, the first 8 bytes of the SHA-256 of
-/// its payload, and the payload. A record that was torn by a crash ends the file: it and what
-/// follows is not read, and the next record takes its place.
+/// A file of records that are only appended. A record is a u32 size, the first 8 bytes of the
+/// SHA-256 of its payload, and the payload. A record that a crash has cut off ends the file: it and
+/// everything behind it is not read, and the next record overwrites it.
 ///
-/// One thread at a time.
+/// Used by one thread at a time.
 class RecordFile {
 public:
     RecordFile() = default;
@@ -23,18 +23,18 @@ public:
     ~RecordFile();
 
     enum class Mode { New, Existing };
-    /// Opens the file for this process alone (a lock that ends with the process). InvalidArgument
-    /// when it cannot be opened; StorageLocked when another process, or another object, has it.
+    /// Opens and locks the file until the object or the process ends. Errors: InvalidArgument (it
+    /// cannot be opened), StorageLocked (another process or object has it open).
     [[nodiscard]] static Result<RecordFile> open(const std::filesystem::path& path, Mode mode);
 
-    /// Calls `each` for every whole record: its number of bytes into the file, and its payload.
+    /// Calls `each` for every complete record, with its position in bytes and its payload.
     Result<void> readAll(const std::function<void(std::uint64_t at, ByteView payload)>& each);
     [[nodiscard]] Result<Bytes> read(std::uint64_t at) const;
 
-    /// Appends records with one write; returns where each begins. StorageFailed leaves the file as
-    /// it was.
+    /// Appends records with one write. Returns their positions. Error: StorageFailed; the file is
+    /// unchanged then.
     Result<std::vector<std::uint64_t>> append(const std::vector<Bytes>& payloads);
-    /// Returns when what was appended is on the disk.
+    /// Waits until all appended records are on the disk.
     Result<void> sync();
     Result<void> truncate(std::uint64_t size);
 

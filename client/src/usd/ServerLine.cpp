@@ -1,4 +1,4 @@
-// A client's connection to the server, between the session and the transport.
+// Passes messages between a connection and the session.
 #include "usd/ServerLine.h"
 
 #include <utility>

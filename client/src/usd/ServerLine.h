@@ -1,4 +1,4 @@
-// A client's connection to the server, between the session and the transport.
+// The connection of a client to the server, between the session and the transport.
 #pragma once
 
 #include <memory>
@@ -9,25 +9,26 @@
 
 namespace usdlive::client {
 
-/// Hands what a connection brings to the session, and remembers why it was lost or refused. One
-/// thread; the network has a thread of its own.
+/// Passes the messages of a connection to the session, and keeps the reason why it was lost or
+/// refused. Used by one thread; the network has a thread of its own.
 class ServerLine {
 public:
     explicit ServerLine(std::unique_ptr<Connection> connection)
         : connection_(std::move(connection)) {}
 
     [[nodiscard]] Connection& connection() { return *connection_; }
-    /// Hands all that has arrived, up to a bound, to the session.
+    /// Passes the received messages to the session, up to a limit.
     void receive(Session& session);
-    /// The server has welcomed the session.
+    /// Call it when the server has welcomed the session.
     void welcomed() { refusal_.reset(); }
-    /// The server, or the session that could not read it, ends this connection. False: every
-    /// attempt to connect ends with this same message, which was reported before.
+    /// Call it when the server ends the connection, or the session because it cannot read a
+    /// message. Returns false if the last connection ended with the same message, which was then
+    /// reported already.
     [[nodiscard]] bool closing(const ErrorMessage& message, Session& session);
 
     [[nodiscard]] bool isOpen() const { return open_; }
     [[nodiscard]] const std::optional<Error>& lastLoss() const { return lastLoss_; }
-    /// Why the server does not take this client at all.
+    /// Returns the reason if the server refuses this client permanently.
     [[nodiscard]] const std::optional<Error>& refused() const { return refused_; }
     [[nodiscard]] Error notThere() const {
         return lastLoss_.value_or(Error{ErrorCode::NotConnected, "the server did not answer"});
@@ -40,9 +41,9 @@ private:
     void hangUp(Error reason, Session& session);
 
     const std::unique_ptr<Connection> connection_;
-    bool open_ = false;  // as far as receive() knows
+    bool open_ = false;  // as seen by receive()
     std::optional<Error> lastLoss_;
-    std::optional<ErrorMessage> refusal_;  // that ended the last connection
+    std::optional<ErrorMessage> refusal_;  // the message that ended the last connection
     std::optional<Error> refused_;
 };
 

@@ -10,8 +10,8 @@ namespace {
 
 constexpr std::size_t kMessages = 4096;
 constexpr double kBudgetMs = 50;
-// So many are sent before the journal is brought up to date: fewer than the numbers a server
-// remembers of a client (M9), so that nothing is sent twice when this process ends on the way.
+// The journal is updated after this number of transactions. It is less than the number that a
+// server remembers of a client (M9), so that none is committed twice if this process is killed.
 constexpr std::size_t kBatch = 500;
 
 }  // namespace
@@ -96,7 +96,8 @@ void UnsentSender::take(Event& one) {
     }
 }
 
-// The project has to be the one that the work was made on, or a later state of it.
+// Checks that the project's history contains the revisions of the transactions, and reads the later
+// moves and deletes.
 Result<void> UnsentSender::readLog() {
     const Revision first = wanted_.begin()->first, newest = session_.revision();
     const auto other = [this](const std::string& why) {
@@ -211,8 +212,8 @@ void UnsentSender::author(const JournaledWork& work) {
     session_.setNextSequence(nextFree_);
 }
 
-// The session gives a transaction another number where the server has refused it for what can be
-// mended. The journal has to know that number before it is sent.
+// If the server refuses a transaction for a reason that can be corrected, the session sends it
+// again with another number. The journal must contain that number before.
 void UnsentSender::pending(const PendingWork& work) {
     if (work.sequence < nextFree_) return;
     nextFree_ = work.sequence + 1;
@@ -225,7 +226,7 @@ void UnsentSender::pending(const PendingWork& work) {
     if (!noted) failure_ = noted.error();
 }
 
-// Where its spec stands now.
+// Returns the edit with the present path of its spec.
 Result<AuthoredEdit> UnsentSender::carried(const AuthoredEdit& edit, Revision since) const {
     if (const auto missing = missing_.find(edit.layer); missing != missing_.end())
         return tl::unexpected(missing->second);

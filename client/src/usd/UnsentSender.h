@@ -16,25 +16,24 @@
 
 namespace usdlive::client {
 
-/// Sends the work of a connection that has ended, exactly once.
+/// Sends the unsent transactions of a connection that has ended, exactly once.
 ///
-/// The work keeps its name: a session of its own takes up the client id of the connection that
-/// made it and sends each transaction under its old sequence number (M9). What is in the log by
-/// that id already is passed over; the rest is addressed anew, carried through the moves and
-/// deletes that others committed meanwhile (M3).
+/// A separate session uses the client id of that connection and sends each transaction with its old
+/// sequence number (M9). Transactions that the log already contains are skipped. The paths of the
+/// others are carried forward over the moves and deletes that others have committed meanwhile (M3).
 class UnsentSender final : public SessionHost, public LayerView {
 public:
-    /// `journal` and `blobs` outlive this; `options` are those of the session, with the journal's
-    /// client id.
+    /// `journal` and `blobs` outlive this object. `options` are those of the session, with the
+    /// journal's client id.
     UnsentSender(Connection& connection, Session::Options options, LeftJournal& journal,
                  usd::BlobSource& blobs);
 
-    /// Blocks until all is answered. NotConnected: the time is over; HistoryDiverged: the project
-    /// is another one, or its history does not reach back that far. What is not answered then stays
-    /// in the journal, and can be sent again.
+    /// Blocks until all transactions are answered. Errors: NotConnected (the time is over),
+    /// HistoryDiverged (the project has another history, or one that begins later). Unanswered
+    /// transactions then stay in the journal and can be sent again.
     [[nodiscard]] Result<SentWork> send(double timeoutMs);
 
-    /// What was refused or dropped, also when send() has failed.
+    /// Returns the refused and dropped edits, also after send() has failed.
     [[nodiscard]] std::vector<LostWork> takeLost() { return std::move(lost_); }
 
     // SessionHost
@@ -46,7 +45,7 @@ public:
     void pending(const PendingWork& work) override;
     void answered(std::uint64_t sequence) override { done_.push_back(sequence); }
 
-    // LayerView: nobody looks at it.
+    // LayerView: no editor shows these layers.
     void reset(const LayerId&, const LayerDoc&) override {}
     void apply(const LayerId&, const std::string&, const EditAction&) override {}
 
@@ -75,12 +74,13 @@ private:
     bool open_ = false;
     std::optional<Error> failure_;
     std::optional<Error> lastLoss_;
-    std::map<Revision, Hash> wanted_;  // the chain hashes that the journal's work was made on
+    std::map<Revision, Hash>
+        wanted_;  // hashes of the chain at the revisions of the journal's transactions
     std::set<std::uint64_t> committed_;
-    NamespaceLog moves_;  // of others
+    NamespaceLog moves_;  // the moves and deletes of others
     std::map<LayerId, Error> missing_;
     std::vector<std::uint64_t> done_;
-    std::uint64_t nextFree_ = 1;  // above all numbers of the journal
+    std::uint64_t nextFree_ = 1;  // higher than all numbers of the journal
     SentWork sent_;
     std::vector<LostWork> lost_;
 };

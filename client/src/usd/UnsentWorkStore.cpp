@@ -7,7 +7,7 @@ namespace usdlive::client {
 
 namespace {
 
-// The big values beside a journal, and the client's own.
+// Reads big values from a journal's folder or from the client's cache.
 class EitherSource final : public usd::BlobSource {
 public:
     EitherSource(usd::BlobSource& first, usd::BlobSource& second)

@@ -15,30 +15,34 @@
 
 namespace usdlive::client {
 
-/// Unsent work of one user in one project: this connection's, which a journal keeps, and what
-/// earlier connections have left. One thread.
+/// The unsent transactions of one user in one project: those of this connection, in its journal,
+/// and those of earlier connections. Used by one thread.
 class UnsentWorkStore {
 public:
     using Connector = std::function<Result<std::unique_ptr<Connection>>()>;
-    /// `options` are those of this connection's session. Without a `folder` nothing is kept;
-    /// without a `connector` nothing that was left can be sent.
+    /// `options` are those of this connection's session. Without a `folder` nothing is kept.
+    /// Without a `connector` the transactions of earlier connections cannot be sent.
     UnsentWorkStore(std::filesystem::path folder, Connector connector, Session::Options options,
                     BlobCache& blobs);
 
     void pending(const PendingWork& work);
     void answered(std::uint64_t sequence);
-    /// What of this connection is pending, when it is on the disk; nothing when all was answered.
+    /// Waits until the pending transactions of this connection are on the disk, and returns them;
+    /// nothing if all were answered.
     [[nodiscard]] std::optional<UnsentWork> keep();
     [[nodiscard]] std::optional<Error> takeError();
-    /// Big values that the journal still has to write.
+    /// Returns the big values that the journal has not written yet.
     [[nodiscard]] std::set<Hash> neededBlobs();
 
-    /// What others have left; `damaged`: why a journal cannot be read.
+    /// Returns the unsent transactions of earlier connections. `damaged` receives the reasons why
+    /// journals cannot be read.
     [[nodiscard]] std::vector<UnsentWork> left(std::vector<Error>& damaged) const;
-    /// Sends it. `lost` gets what is refused or dropped, also when the rest could not be sent; its
-    /// big values are kept in this connection's cache.
+    /// Sends the transactions of an earlier connection. `lost` receives the refused and dropped
+    /// edits, also if the others could not be sent; their big values are kept in this connection's
+    /// cache.
     Result<SentWork> send(const ClientId& work, double timeoutMs, std::vector<LostWork>& lost);
-    /// Its edits of one layer; `known`: that layer in the project, or nullptr.
+    /// Returns the unsent edits of one layer as a layer. `known` is that layer in the project, or
+    /// nullptr.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> asLayer(const ClientId& work, const LayerId& layer,
                                                       const LayerDoc* known);
     Result<void> discard(const ClientId& work);

@@ -17,7 +17,7 @@ void addAssets(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
         for (const Arc& arc : arcs)
             if (!arc.GetAssetPath().empty()) assets.insert(arc.GetAssetPath());
     };
-    // A file of an earlier version may hold a single payload.
+    // A file of an earlier OpenUSD version may have a single payload.
     if (value.IsHolding<Arc>()) return add({value.UncheckedGet<Arc>()});
     if (!value.IsHolding<pxr::SdfListOp<Arc>>()) return;
     const auto& list = value.UncheckedGet<pxr::SdfListOp<Arc>>();

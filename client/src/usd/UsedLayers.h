@@ -9,8 +9,8 @@
 
 namespace usdlive::client {
 
-/// The asset paths of the layers that a layer brings in, as it says them: sublayers, references
-/// and, with `All`, payloads, also those in variants that are not selected. Looks at every spec.
+/// Returns the asset paths of the layers that a layer uses, as authored: sublayers, references and,
+/// with `All`, payloads, also in variants that are not selected. Reads every spec.
 [[nodiscard]] std::set<std::string> usedAssets(const pxr::SdfLayerHandle& layer, LoadSet load);
 
 }  // namespace usdlive::client

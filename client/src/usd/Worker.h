@@ -8,22 +8,22 @@
 
 namespace usdlive::client {
 
-/// A thread that does what it is given, in order.
+/// A thread that executes tasks in order.
 class Worker {
 public:
     Worker();
-    /// Waits for the task at work; those not begun are dropped.
+    /// Waits for the running task. Drops the tasks that have not begun.
     ~Worker();
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
 
-    /// Any thread. A task must not throw.
+    /// Adds a task, which must not throw. May be called by any thread.
     void post(std::function<void()> task);
 
 private:
     void run();
 
-    std::mutex mutex_;  // guards all below
+    std::mutex mutex_;  // guards all members below
     std::condition_variable changed_;
     std::deque<std::function<void()>> tasks_;
     bool stopping_ = false;
