@@ -1,3 +1,4 @@
+// A minimal server that sends each message to all connections, to compare with.
 #pragma once
 
 #include <cstddef>

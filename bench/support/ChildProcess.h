@@ -1,3 +1,4 @@
+// Starts child processes on chosen processor cores.
 #pragma once
 
 #include <sys/types.h>

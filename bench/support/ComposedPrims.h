@@ -1,3 +1,4 @@
+// Composes all prims of a stage again after each change, as a UsdStage does.
 #pragma once
 
 #include <pxr/base/tf/notice.h>

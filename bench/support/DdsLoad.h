@@ -1,3 +1,4 @@
+// Loads a server with clients over DDS.
 #pragma once
 
 #include <string>

@@ -1,3 +1,4 @@
+// Measures the delivery of edits to many clients.
 #pragma once
 
 #include <string>

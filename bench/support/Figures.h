@@ -1,3 +1,4 @@
+// Command line arguments and printed figures of the benchmarks.
 #pragma once
 
 #include <chrono>

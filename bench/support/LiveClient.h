@@ -1,3 +1,4 @@
+// A client with one live layer, for benchmarks.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

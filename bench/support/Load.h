@@ -1,3 +1,4 @@
+// Loads a server with many connections and measures the delivery of edits.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Starts a server in a temporary folder, for benchmarks.
 #pragma once
 
 #include <cstdint>

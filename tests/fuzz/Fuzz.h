@@ -1,3 +1,4 @@
+// The functions that each fuzz target defines.
 #pragma once
 
 #include <cstdint>

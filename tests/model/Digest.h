@@ -1,3 +1,4 @@
+// Writes the state of an object as text, to compare states.
 #pragma once
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// The machines of the model and their known states.
 #pragma once
 
 #include <concepts>

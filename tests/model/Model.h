@@ -1,3 +1,4 @@
+// The model: a server, clients, and the messages between them.
 #pragma once
 
 #include <array>

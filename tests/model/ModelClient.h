@@ -1,3 +1,4 @@
+// The client of the model.
 #pragma once
 
 #include <string>

@@ -1,3 +1,4 @@
+// The server of the model.
 #pragma once
 
 #include <deque>

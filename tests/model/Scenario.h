@@ -1,3 +1,4 @@
+// The edits and faults of a search.
 #pragma once
 
 #include <array>

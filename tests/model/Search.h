@@ -1,3 +1,4 @@
+// Searches all reachable states of the model.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Makes random edits.
 #pragma once
 
 #include <map>

@@ -1,3 +1,4 @@
+// An editor of the simulation.
 #pragma once
 
 #include <map>

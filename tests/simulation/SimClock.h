@@ -1,3 +1,4 @@
+// The clock of the simulation and its planned actions.
 #pragma once
 
 #include <cstdint>

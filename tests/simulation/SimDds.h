@@ -1,3 +1,4 @@
+// A simulated session over DDS.
 #pragma once
 
 #include <functional>

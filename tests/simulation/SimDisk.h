@@ -1,3 +1,4 @@
+// The simulated disk of the server.
 #pragma once
 
 #include <memory>

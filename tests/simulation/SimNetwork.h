@@ -1,3 +1,4 @@
+// The simulated network.
 #pragma once
 
 #include <functional>

@@ -1,3 +1,4 @@
+// Random numbers from a seed.
 #pragma once
 
 #include <cstddef>

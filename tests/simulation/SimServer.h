@@ -1,3 +1,4 @@
+// The simulated server process with the real Project.
 #pragma once
 
 #include <deque>

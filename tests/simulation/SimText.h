@@ -1,3 +1,4 @@
+// Converts layers to text and back, with USD.
 #pragma once
 
 #include <string>

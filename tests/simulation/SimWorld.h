@@ -1,3 +1,4 @@
+// One run of the simulation.
 #pragma once
 
 #include <cstdint>

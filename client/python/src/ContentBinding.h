@@ -1,3 +1,4 @@
+// The Python binding of edits of layers and their undo.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -1,3 +1,4 @@
+// Converts errors to Python exceptions.
 #pragma once
 
 #include <nanobind/nanobind.h>

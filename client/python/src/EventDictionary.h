@@ -1,3 +1,4 @@
+// Converts events to Python dictionaries.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -1,3 +1,4 @@
+// Converts messages with USDLIVE_FIELDS to Python dictionaries.
 #pragma once
 
 // Protocol structs (USDLIVE_FIELDS) to Python and back. In Python the names are in snake_case, and

@@ -1,3 +1,4 @@
+// The Python binding of the layers API.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -1,3 +1,4 @@
+// The Python binding of the namespace editor.
 #pragma once
 
 #include <nanobind/nanobind.h>

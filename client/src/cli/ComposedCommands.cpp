@@ -1,3 +1,4 @@
+// The commands that show composed stages.
 #include "ComposedCommands.h"
 
 #include <filesystem>

@@ -1,3 +1,4 @@
+// Writes composed values as JSON.
 #include "ComposedValue.h"
 
 #include <pxr/base/gf/half.h>

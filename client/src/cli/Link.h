@@ -1,3 +1,4 @@
+// A session for commands that query a server.
 #pragma once
 
 #include <functional>

@@ -1,3 +1,4 @@
+// Writes a whole composed stage as text.
 #include "StageDump.h"
 
 #include <pxr/usd/sdf/layer.h>

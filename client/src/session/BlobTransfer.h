@@ -1,3 +1,4 @@
+// Splits big values into chunks and joins received ones.
 #pragma once
 
 // Big values that a session uploads and downloads.

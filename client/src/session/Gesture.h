@@ -1,3 +1,4 @@
+// An open gesture of the editor.
 #pragma once
 
 // An open gesture of this client (M11).

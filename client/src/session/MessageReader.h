@@ -1,3 +1,4 @@
+// Decodes the messages of a connection.
 #pragma once
 
 // Decodes received messages, on the thread of the network.

@@ -1,3 +1,4 @@
+// The pending transactions of a session, and the specs that they touch.
 #pragma once
 
 // An own transaction that the server has not answered.

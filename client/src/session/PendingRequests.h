@@ -1,3 +1,4 @@
+// The unanswered requests of a session.
 #pragma once
 
 // The requests of one connection that the server has not answered yet.

@@ -1,3 +1,4 @@
+// The unanswered transactions of a session, in order.
 #pragma once
 
 // The queue of own transactions that the server has not answered.

@@ -1,3 +1,4 @@
+// A client's session with a project: the protocol without I/O.
 #pragma once
 
 // Session: one client's side of the protocol, without network, threads and USD.

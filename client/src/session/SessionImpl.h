@@ -1,3 +1,4 @@
+// The implementation of Session.
 #pragma once
 
 // The inside of a session.

@@ -1,3 +1,4 @@
+// Puts the commits of the DDS topic in order with the session's own stream.
 #pragma once
 
 #include <map>

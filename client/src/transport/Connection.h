@@ -1,3 +1,4 @@
+// The interface of a connection to a server.
 #pragma once
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// Finds the projects that servers announce over DDS.
 #pragma once
 
 #include <map>

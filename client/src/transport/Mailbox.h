@@ -1,3 +1,4 @@
+// The data that a connection's thread and its owner share.
 #pragma once
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// The owner's side of a connection with a mailbox.
 #pragma once
 
 #include "Mailbox.h"

@@ -1,3 +1,4 @@
+// The delay before the next attempt to connect.
 #pragma once
 
 #include <algorithm>

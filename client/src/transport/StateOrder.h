@@ -1,3 +1,4 @@
+// Puts layer states and presences of the DDS topics in order with the session's own stream.
 #pragma once
 
 #include <map>

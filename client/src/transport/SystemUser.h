@@ -1,3 +1,4 @@
+// The name of the user that runs this process.
 #pragma once
 
 #include "usdlive/common/core/Id.h"

@@ -1,3 +1,4 @@
+// Encodes the editor's big arrays by a worker.
 #pragma once
 
 #include <cstdint>

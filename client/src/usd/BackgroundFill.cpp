@@ -1,3 +1,4 @@
+// Builds the content of a layer by a worker.
 #include "usd/BackgroundFill.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Builds the content of a layer by a worker.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

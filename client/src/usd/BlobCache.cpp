@@ -1,3 +1,4 @@
+// Caches big values in memory and in files.
 #include "usd/BlobCache.h"
 
 #include <algorithm>

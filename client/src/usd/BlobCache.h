@@ -1,3 +1,4 @@
+// A cache of big values in memory and in files.
 #pragma once
 
 #include <condition_variable>

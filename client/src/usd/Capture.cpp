@@ -1,3 +1,4 @@
+// Turns the editor's writes into one layer into edits.
 #include "usd/Capture.h"
 
 #include <pxr/base/gf/matrix4d.h>

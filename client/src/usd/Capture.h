@@ -1,3 +1,4 @@
+// Turns the editor's writes into one layer into edits.
 #pragma once
 
 #include <pxr/base/tf/token.h>

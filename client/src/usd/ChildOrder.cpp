@@ -1,3 +1,4 @@
+// Computes the moves between two orders of a list.
 #include "usd/ChildOrder.h"
 
 #include <string_view>

@@ -1,3 +1,4 @@
+// The moves between two orders of a list.
 #pragma once
 
 #include <string>

@@ -1,3 +1,4 @@
+// Writes pending transactions to the disk, and reads the journals of ended connections.
 #include "usd/Journal.h"
 
 #include <fcntl.h>

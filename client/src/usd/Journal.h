@@ -1,3 +1,4 @@
+// The journal of pending transactions on the disk.
 #pragma once
 
 #include <chrono>

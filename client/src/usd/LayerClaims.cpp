@@ -1,3 +1,4 @@
+// Keeps which connection each live layer of this process belongs to.
 #include "usd/LayerClaims.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// The live layers of this process and their connections.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

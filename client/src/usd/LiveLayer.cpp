@@ -1,3 +1,4 @@
+// Makes an SdfLayer live: fills it, applies edits to it and captures those of the editor.
 #include "usd/LiveLayer.h"
 
 #include <pxr/base/tf/weakPtr.h>

@@ -1,3 +1,4 @@
+// An SdfLayer that is live.
 #pragma once
 
 #include <pxr/base/tf/notice.h>

@@ -1,3 +1,4 @@
+// Keeps the live layers of a client.
 #include "usd/LiveSet.h"
 
 #include <iterator>

@@ -1,3 +1,4 @@
+// The live layers of a client.
 #pragma once
 
 #include <map>

@@ -1,3 +1,4 @@
+// Finds the layers that this process has loaded.
 #include "usd/LoadedLayers.h"
 
 #include <algorithm>

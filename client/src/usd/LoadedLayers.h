@@ -1,3 +1,4 @@
+// Finds the layers that this process has loaded.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

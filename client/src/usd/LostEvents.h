@@ -1,3 +1,4 @@
+// Limits the rate of events about lost edits.
 #pragma once
 
 #include <cstddef>

@@ -1,3 +1,4 @@
+// Builds a sparse layer from lost edits.
 #include "usd/LostWorkLayer.h"
 
 #include <pxr/usd/sdf/schema.h>

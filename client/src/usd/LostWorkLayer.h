@@ -1,3 +1,4 @@
+// Lost edits as a sparse layer.
 #pragma once
 
 #include "session/Session.h"

@@ -1,3 +1,4 @@
+// Keeps the lost edits of a client in memory and in a file.
 #include "usd/LostWorkStore.h"
 
 #include <algorithm>

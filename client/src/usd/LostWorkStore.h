@@ -1,3 +1,4 @@
+// The lost edits of a client.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Creates the placeholder files of layers in the cache folder.
 #include "usd/Placeholders.h"
 
 #include <pxr/base/tf/stringUtils.h>

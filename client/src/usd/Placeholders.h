@@ -1,3 +1,4 @@
+// The placeholder files of layers in the cache folder.
 #pragma once
 
 #include <filesystem>

@@ -1,3 +1,4 @@
+// Creates and removes folders that one process uses.
 #include "usd/ProcessFolder.h"
 
 #include <fcntl.h>

@@ -1,3 +1,4 @@
+// A folder that one process uses.
 #pragma once
 
 #include <filesystem>

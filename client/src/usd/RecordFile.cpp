@@ -1,3 +1,4 @@
+// Reads and appends checked records of a file.
 #include "usd/RecordFile.h"
 
 #include <fcntl.h>

@@ -1,3 +1,4 @@
+// A file of checked records that are only appended.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Sends the unsent transactions of an ended connection.
 #include "usd/UnsentSender.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Sends the unsent transactions of an ended connection.
 #pragma once
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// Keeps, lists and sends the unsent transactions of a user.
 #include "usd/UnsentWorkStore.h"
 
 #include "usd/LostWorkLayer.h"

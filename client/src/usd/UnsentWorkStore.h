@@ -1,3 +1,4 @@
+// The unsent transactions of a user in a project.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

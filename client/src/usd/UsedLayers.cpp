@@ -1,3 +1,4 @@
+// Finds the layers that a layer uses.
 #include "usd/UsedLayers.h"
 
 #include <pxr/usd/sdf/payload.h>

@@ -1,3 +1,4 @@
+// Finds the layers that a layer uses.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

@@ -1,3 +1,4 @@
+// Executes tasks in order on a thread.
 #include "usd/Worker.h"
 
 namespace usdlive::client {

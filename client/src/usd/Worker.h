@@ -1,3 +1,4 @@
+// A thread that executes tasks in order.
 #pragma once
 
 #include <condition_variable>

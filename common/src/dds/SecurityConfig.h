@@ -1,3 +1,4 @@
+// The DDS Security part of a Cyclone DDS configuration.
 #pragma once
 
 #include <string>

@@ -1,3 +1,4 @@
+// Checks identifiers as OpenUSD does.
 #pragma once
 
 #include <string_view>

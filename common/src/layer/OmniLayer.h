@@ -1,3 +1,4 @@
+// Kit's dictionary in the custom layer data of a layer.
 #pragma once
 
 #include <initializer_list>

@@ -1,3 +1,4 @@
+// Checks the bytes of values.
 #pragma once
 
 #include "usdlive/common/layer/Value.h"

@@ -1,3 +1,4 @@
+// Access to the data of an SdfLayer.
 #pragma once
 
 #include <pxr/base/vt/value.h>

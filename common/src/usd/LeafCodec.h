@@ -1,3 +1,4 @@
+// Converts single USD values to bytes and back.
 #pragma once
 
 #include <pxr/base/vt/value.h>

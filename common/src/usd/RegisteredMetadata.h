@@ -1,3 +1,4 @@
+// Handles metadata that no plug-in declares.
 #pragma once
 
 #include <pxr/base/vt/value.h>

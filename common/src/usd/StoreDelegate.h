@@ -1,3 +1,4 @@
+// The state delegate of a live layer.
 #pragma once
 
 #include <pxr/base/vt/value.h>

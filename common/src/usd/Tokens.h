@@ -1,3 +1,4 @@
+// Caches the tokens of frequent names.
 #pragma once
 
 #include <pxr/base/tf/token.h>

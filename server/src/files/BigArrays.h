@@ -1,3 +1,4 @@
+// Writes layers with big arrays as text, in parts, and reads such files.
 #pragma once
 
 #include <filesystem>

@@ -1,3 +1,4 @@
+// Moves big values between layer files and the blob store.
 #pragma once
 
 #include <mutex>

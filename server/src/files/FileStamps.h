@@ -1,3 +1,4 @@
+// Reads the attributes and hashes of files.
 #pragma once
 
 #include <filesystem>

@@ -1,3 +1,4 @@
+// Replaces a file atomically.
 #pragma once
 
 #include <sys/types.h>

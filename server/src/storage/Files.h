@@ -1,3 +1,4 @@
+// File operations of the stores.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Measures the free space of a disk.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Encodes the snapshots and bases of layers.
 #pragma once
 
 #include <filesystem>

@@ -1,3 +1,4 @@
+// The implementation of a CommitStore in RocksDB.
 #pragma once
 
 #include <rocksdb/db.h>

@@ -1,3 +1,4 @@
+// The files of a store next to its database.
 #pragma once
 
 #include <filesystem>

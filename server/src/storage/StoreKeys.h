@@ -1,3 +1,4 @@
+// The keys of the store's records.
 #pragma once
 
 #include <cstdint>

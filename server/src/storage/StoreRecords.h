@@ -1,3 +1,4 @@
+// Encodes the records of the store.
 #pragma once
 
 #include <cstring>

@@ -1,3 +1,4 @@
+// The rules that all commit stores share.
 #pragma once
 
 #include <cstdint>

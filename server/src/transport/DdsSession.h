@@ -1,3 +1,4 @@
+// One client's session over DDS.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// Publishes layer states and presences to all clients over DDS.
 #pragma once
 
 #include <map>

@@ -1,3 +1,4 @@
+// Encodes the error that ends a session.
 #pragma once
 
 #include "usdlive/server/project/SharedFrame.h"

@@ -1,3 +1,4 @@
+// Produces the frames that are sent beside a session's stream.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

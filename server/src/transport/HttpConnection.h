@@ -1,3 +1,4 @@
+// One HTTP connection.
 #pragma once
 
 #include <memory>

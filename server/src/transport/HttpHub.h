@@ -1,3 +1,4 @@
+// The part of the server that HTTP connections share.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// Limits the data that waits for a reader.
 #pragma once
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// The part of a session that all transports share.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// The part of the transport that WebSocket sessions share.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// One client's session over a WebSocket.
 #pragma once
 
 #include <memory>

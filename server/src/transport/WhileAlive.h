@@ -1,3 +1,4 @@
+// Handlers that do nothing after their owner is destroyed.
 #pragma once
 
 #include <memory>

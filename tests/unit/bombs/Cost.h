@@ -1,3 +1,4 @@
+// Measures the memory and time of a call.
 #pragma once
 
 #include <chrono>

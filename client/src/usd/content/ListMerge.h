@@ -1,3 +1,4 @@
+// Undoes changes of lists item by item.
 #pragma once
 
 #include <pxr/base/vt/value.h>

@@ -1,3 +1,4 @@
+// Converts values between the times of layers and combines list ops.
 #pragma once
 
 #include <pxr/base/vt/value.h>

@@ -1,3 +1,4 @@
+// Creates and removes specs, and sets list ops.
 #pragma once
 
 #include <pxr/base/vt/value.h>

@@ -1,3 +1,4 @@
+// Records writes to the delegate layer of auto authoring.
 #pragma once
 
 #include <pxr/base/tf/token.h>

@@ -1,3 +1,4 @@
+// Distributes edits of the delegate layer to the layers of the stack.
 #pragma once
 
 #include <pxr/base/tf/smallVector.h>

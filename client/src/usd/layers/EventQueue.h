@@ -1,3 +1,4 @@
+// Merges the layer events of a frame.
 #pragma once
 
 #include <set>

@@ -1,3 +1,4 @@
+// Detects changes of layer files.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// The state that the parts of Layers share.
 #pragma once
 
 #include "usd/layers/EventQueue.h"

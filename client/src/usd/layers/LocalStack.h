@@ -1,3 +1,4 @@
+// The local layers of a stage and the places with opinions about a prim.
 #pragma once
 
 #include <pxr/usd/sdf/changeList.h>

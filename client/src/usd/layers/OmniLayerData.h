@@ -1,3 +1,4 @@
+// Kit's data in a layer's customLayerData.
 #pragma once
 
 #include <pxr/base/vt/dictionary.h>

@@ -1,3 +1,4 @@
+// Finds the specs at and below a path of a stage.
 #pragma once
 
 #include <pxr/usd/sdf/path.h>

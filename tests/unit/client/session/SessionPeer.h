@@ -1,3 +1,4 @@
+// A session with a test server at its other end.
 #pragma once
 
 #include <deque>

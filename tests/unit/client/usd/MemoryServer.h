@@ -1,3 +1,4 @@
+// The real project of a server, in memory, for tests of clients.
 #pragma once
 
 #include <deque>

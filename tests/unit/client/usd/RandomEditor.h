@@ -1,3 +1,4 @@
+// Edits layers at random through Sdf.
 #pragma once
 
 #include <pxr/base/vt/value.h>

@@ -1,3 +1,4 @@
+// Applies edits that must succeed.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// Makes random edits and transactions.
 #pragma once
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Makes random values.
 #pragma once
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Sample frames of each kind.
 #pragma once
 
 #include <string>

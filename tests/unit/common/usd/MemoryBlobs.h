@@ -1,3 +1,4 @@
+// Big values in memory.
 #pragma once
 
 #include <map>

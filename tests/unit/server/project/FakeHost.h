@@ -1,3 +1,4 @@
+// A fake process around a project, which answers when a test asks for it.
 #pragma once
 
 #include <algorithm>

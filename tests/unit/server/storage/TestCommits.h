@@ -1,3 +1,4 @@
+// Commits for tests of stores.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// The exception for wrong calls of the client library.
 #pragma once
 
 #include <stdexcept>

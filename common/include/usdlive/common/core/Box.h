@@ -1,3 +1,4 @@
+// A value on the heap that behaves like the value itself.
 #pragma once
 
 #include <memory>

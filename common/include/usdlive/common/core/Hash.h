@@ -1,3 +1,4 @@
+// A SHA-256 hash as a value, and its text form.
 #pragma once
 
 #include <array>

@@ -1,3 +1,4 @@
+// Distinct types for ids: layers, clients, users and revisions.
 #pragma once
 
 #include <compare>

@@ -1,3 +1,4 @@
+// Parses the names of layers.
 #pragma once
 
 #include <string_view>

@@ -1,3 +1,4 @@
+// Combines lambdas for std::visit.
 #pragma once
 
 namespace usdlive {

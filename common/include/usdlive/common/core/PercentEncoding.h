@@ -1,3 +1,4 @@
+// Encodes and decodes percent-encoded text of URLs.
 #pragma once
 
 #include <optional>

@@ -1,3 +1,4 @@
+// A counted reference for copy-on-write structures.
 #pragma once
 
 #include <atomic>

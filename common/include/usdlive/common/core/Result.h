@@ -1,3 +1,4 @@
+// Errors and results of functions that can fail.
 #pragma once
 
 #include <string>

@@ -1,3 +1,4 @@
+// Computes SHA-256 hashes.
 #pragma once
 
 #include <memory>

@@ -1,3 +1,4 @@
+// The colour of a user.
 #pragma once
 
 #include <array>

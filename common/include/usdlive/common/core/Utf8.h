@@ -1,3 +1,4 @@
+// Checks, splits and quotes UTF-8 text.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Joins a DDS domain on one network interface.
 #pragma once
 
 #include <array>

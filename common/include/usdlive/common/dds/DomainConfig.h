@@ -1,3 +1,4 @@
+// The configuration of Cyclone DDS.
 #pragma once
 
 #include <string>

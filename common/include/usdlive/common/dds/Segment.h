@@ -1,3 +1,4 @@
+// The segments and marks of a stream over DDS.
 #pragma once
 
 #include <cstdint>

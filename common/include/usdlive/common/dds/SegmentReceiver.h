@@ -1,3 +1,4 @@
+// Receives a reliable stream in numbered segments over DDS.
 #pragma once
 
 #include <chrono>

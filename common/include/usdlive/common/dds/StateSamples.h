@@ -1,3 +1,4 @@
+// Converts layer states and presences to DDS samples and back.
 #pragma once
 
 #include <optional>

@@ -1,3 +1,4 @@
+// The DDS topics, their writers and their readers.
 #pragma once
 
 #include <dds/dds.h>

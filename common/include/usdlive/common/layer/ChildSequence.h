@@ -1,3 +1,4 @@
+// The ordered children of a spec.
 #pragma once
 
 #include <cstdint>

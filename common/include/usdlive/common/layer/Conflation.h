@@ -1,3 +1,4 @@
+// Removes edits that later edits overwrite.
 #pragma once
 
 #include <vector>

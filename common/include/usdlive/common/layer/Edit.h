@@ -1,3 +1,4 @@
+// Edits of layers, transactions and commits.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Checks and applies edits of one field.
 #pragma once
 
 #include "usdlive/common/core/Result.h"

@@ -1,3 +1,4 @@
+// The content of a field and its encoding.
 #pragma once
 
 #include <array>

@@ -1,3 +1,4 @@
+// The rules for content that every layer file can have.
 #pragma once
 
 #include <optional>

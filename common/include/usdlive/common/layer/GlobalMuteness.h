@@ -1,3 +1,4 @@
+// The layers that are muted for all users.
 #pragma once
 
 #include <set>

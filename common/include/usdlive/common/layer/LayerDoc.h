@@ -1,3 +1,4 @@
+// The content of a layer as a value, without USD.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// The lock of a layer.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// The locks of specs.
 #pragma once
 
 #include <map>

@@ -1,3 +1,4 @@
+// Parses and combines the paths of specs.
 #pragma once
 
 #include <cstdint>

@@ -1,3 +1,4 @@
+// Executes transactions, on the server and for predictions of clients.
 #pragma once
 
 #include <cstdint>

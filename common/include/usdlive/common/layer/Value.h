@@ -1,3 +1,4 @@
+// The types of values and their bytes.
 #pragma once
 
 #include <array>

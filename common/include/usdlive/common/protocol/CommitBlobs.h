@@ -1,3 +1,4 @@
+// Finds the big values (V9) that an encoded commit names.
 #pragma once
 
 // Finds the big values (V9) that an encoded commit names.

@@ -1,3 +1,4 @@
+// The control messages of the protocol.
 #pragma once
 
 // Control messages: JSON objects with a member "type" (kType) and one member for each field.

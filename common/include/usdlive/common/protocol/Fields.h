@@ -1,3 +1,4 @@
+// Lists the fields of a message once.
 #pragma once
 
 // USDLIVE_FIELDS: the one list of a message's fields, from which its encoding, its decoding and its

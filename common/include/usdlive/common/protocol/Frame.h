@@ -1,3 +1,4 @@
+// The frames of the protocol.
 #pragma once
 
 // Frames: the messages between client and server, to bytes and back.

@@ -1,3 +1,4 @@
+// Splits large transactions and commits into parts, and joins them.
 #pragma once
 
 // Splits transactions and commits that are too large for a frame into parts (FR8), and joins them:

@@ -1,3 +1,4 @@
+// The requests of clients and their answers.
 #pragma once
 
 // The requests of a client and their answers: each is declared here once. From the declaration

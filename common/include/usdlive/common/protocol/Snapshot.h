@@ -1,3 +1,4 @@
+// Encodes and decodes the snapshots of layers.
 #pragma once
 
 // A layer's content as snapshot frames (SN1-SN4), and back.

@@ -1,3 +1,4 @@
+// Builds the whole content of an SdfLayer.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

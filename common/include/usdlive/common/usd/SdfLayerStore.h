@@ -1,3 +1,4 @@
+// Applies edits to an SdfLayer, observes its editor, and reads whole layers.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

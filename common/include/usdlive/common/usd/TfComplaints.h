@@ -1,3 +1,4 @@
+// Captures the errors and warnings of Tf.
 #pragma once
 
 #include <pxr/base/tf/diagnosticTrap.h>

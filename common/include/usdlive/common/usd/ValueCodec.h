@@ -1,3 +1,4 @@
+// Converts between USD values and the values of the protocol.
 #pragma once
 
 #include <pxr/base/tf/token.h>

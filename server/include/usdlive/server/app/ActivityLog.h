@@ -1,3 +1,4 @@
+// Writes the actions of users to the server's log.
 #pragma once
 
 #include "usdlive/server/app/LogLimit.h"

@@ -1,3 +1,4 @@
+// Removes unused big values.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// Points at which tests kill the server.
 #pragma once
 
 #include <string_view>

@@ -1,3 +1,4 @@
+// Limits the work in progress of sessions.
 #pragma once
 
 #include <cstddef>

@@ -1,3 +1,4 @@
+// The values of /metrics.
 #pragma once
 
 #include <chrono>

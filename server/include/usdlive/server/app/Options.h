@@ -1,3 +1,4 @@
+// The options of the server.
 #pragma once
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// The strand of a project and the return path of its blocking work.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// The projects of this process.
 #pragma once
 
 #include <boost/asio/io_context.hpp>

@@ -1,3 +1,4 @@
+// Records which process serves a folder.
 #pragma once
 
 #include <cstdint>

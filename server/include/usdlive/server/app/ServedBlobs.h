@@ -1,3 +1,4 @@
+// The big values of a project in its store.
 #pragma once
 
 #include <boost/asio/strand.hpp>

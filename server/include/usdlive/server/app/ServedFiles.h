@@ -1,3 +1,4 @@
+// The files of a project's folder.
 #pragma once
 
 #include <boost/asio/strand.hpp>

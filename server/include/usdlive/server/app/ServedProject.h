@@ -1,3 +1,4 @@
+// One served project with its disk, threads and transports.
 #pragma once
 
 #include <atomic>

@@ -1,3 +1,4 @@
+// Sends the messages of a project by its transports.
 #pragma once
 
 #include <array>

@@ -1,3 +1,4 @@
+// The thread that appends commits to the store.
 #pragma once
 
 #include <chrono>

@@ -1,3 +1,4 @@
+// Measures the disk space of a project.
 #pragma once
 
 #include <filesystem>

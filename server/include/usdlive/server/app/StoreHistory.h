@@ -1,3 +1,4 @@
+// The history of a project in its store.
 #pragma once
 
 #include <atomic>

@@ -1,3 +1,4 @@
+// The threads for a project's blocking work.
 #pragma once
 
 #include <boost/asio/thread_pool.hpp>

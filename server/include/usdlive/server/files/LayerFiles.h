@@ -1,3 +1,4 @@
+// The layer files of a project's folder.
 #pragma once
 
 #include <filesystem>

@@ -1,3 +1,4 @@
+// Stores a project's history in memory, for tests.
 #pragma once
 
 #include <memory>

@@ -1,3 +1,4 @@
+// Counts the DDS samples that were ignored.
 #pragma once
 
 #include <array>

@@ -1,3 +1,4 @@
+// The queue of frames for a connection.
 #pragma once
 
 #include <cstddef>

@@ -1,3 +1,4 @@
+// The latest commits for DDS clients that have missed some.
 #pragma once
 
 #include <deque>

@@ -1,3 +1,4 @@
+// The interface of a transport and the events of its sessions.
 #pragma once
 
 #include <chrono>

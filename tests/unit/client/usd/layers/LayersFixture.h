@@ -1,3 +1,4 @@
+// A stage with layers, for tests of the layers API.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// The edit mode that distributes edits to the layers with the strongest opinions.
 #pragma once
 
 #include <pxr/usd/sdf/changeList.h>

@@ -1,3 +1,4 @@
+// A stage without UsdStage: a layer stack that Pcp composes.
 #pragma once
 
 #include <pxr/base/tf/notice.h>

@@ -1,3 +1,4 @@
+// The types of the layers API: edit modes, events, errors and results.
 #pragma once
 
 #include <pxr/usd/sdf/path.h>

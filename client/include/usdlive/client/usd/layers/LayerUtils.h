@@ -1,3 +1,4 @@
+// Operations on layers and sublayers, as in Kit's LayerUtils.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

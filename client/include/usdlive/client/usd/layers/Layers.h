@@ -1,3 +1,4 @@
+// The layers API of one stage, with Kit's names.
 #pragma once
 
 #include <deque>

@@ -1,3 +1,4 @@
+// The states of a stage's layers: dirty, locked, muted, outdated and writable.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

@@ -1,3 +1,4 @@
+// The live layers of a connection, for the layers API.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

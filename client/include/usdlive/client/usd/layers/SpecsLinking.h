@@ -1,3 +1,4 @@
+// Links from specs to the layers that receive their edits.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>

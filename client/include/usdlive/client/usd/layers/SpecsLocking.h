@@ -1,3 +1,4 @@
+// Locks of specs.
 #pragma once
 
 #include <pxr/usd/sdf/changeList.h>

@@ -1,3 +1,4 @@
+// The interface to the stage whose layers are edited.
 #pragma once
 
 #include <pxr/base/tf/token.h>
