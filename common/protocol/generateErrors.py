@@ -78,7 +78,7 @@ import enum
 
 
 class ErrorCode(enum.StrEnum):
-    """What went wrong, as it is written on the wire: `ErrorCode.LAYER_NOT_FOUND == "layerNotFound"`."""
+    """The code of an error, as it is written on the wire: `ErrorCode.LAYER_NOT_FOUND == "layerNotFound"`."""
 
 {members}
 '''

@@ -11,7 +11,7 @@ import pathlib
 import re
 import sys
 
-# What the examples leave to their reader.
+# The parts that the examples leave to their reader.
 PREAMBLE = """\
 #include <pxr/usd/sdf/layer.h>
 

@@ -110,7 +110,7 @@ def play(opened: Opened, kind, edit) -> tuple[bool | None, str]:
         if "Invalid path" in str(error):
             return False, "invalid path"
         return None, str(error)
-    except Tf.CppException as error:  # of a property of a prim that is not there
+    except Tf.CppException as error:  # a property of a missing prim
         return None, str(error)
 
 
@@ -162,7 +162,7 @@ def only_left_behind(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage]
 
 
 class Comparison:
-    """What ours and Usd's editor made of one edit."""
+    """Compares the results of one edit in our editor and in that of Usd."""
 
     def __init__(self, scene: scenes.Scene, edit, folder: pathlib.Path):
         self.scene, self.edit = scene, edit

@@ -1,4 +1,4 @@
-"""What pxr.Usd shows of a stage, in the format "stage-dump/1": the reference for `usdlive dump --composed`.
+"""Dumps the content that pxr.Usd shows of a stage, in the format "stage-dump/1": the reference for `usdlive dump --composed`.
 
 As a program: `stage_dump.py LIST` writes one dump for each line ROOT, SESSION, BASE, OUT of the list (tabs between them), and
 `stage_dump.py LIST FIRST LAST FOLDER` first makes the stages of these seeds and writes the list. Stages that pxr.Usd itself fails on

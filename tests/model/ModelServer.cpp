@@ -24,7 +24,7 @@ static void digest(Digest& out, const server::Session& part) {
 }
 static void digest(Digest& out, const StoreCondition& part) { out(part.closed); }
 
-// What a line of history and its layers hold.
+// The content of a line of history and its layers.
 static void digest(Digest& out, const OrderedCommit& part) {
     const auto& [revision, broadcast, hash, id, user, gesture, edits, dropped, frameBytes, layers,
                  layerData, blobs, imported, mark] = part;
@@ -51,7 +51,7 @@ static void digest(Digest& out, const FileStates& part) { out(part.entries_); }
 static void digest(Digest& out, const LayerState& part) { out(encodeControl(LayerStates{{part}})); }
 static void digest(Digest& out, const StateBoard& part) { out(part.sent_); }
 
-// What sessions are sent, and what they have submitted.
+// The messages to sessions, and their submitted transactions.
 static void digest(Digest& out, const RequestLog& part) { out(encodeControl(part)); }
 static void digest(Digest& out, const CommitRead& part) {
     const auto& [purpose, from, to, sequence] = part;

@@ -3,7 +3,7 @@
 // that may happen differently is a choice of the search.
 //   model [--scenario=NAME] [--states=N] [--more=N] [--play=NAME.ACTIONS]
 //
-// What is searched. There are two clients (the real Session each, with an editor that has one
+// The search. There are two clients (the real Session each, with an editor that has one
 // layer), one server (the real Project, on a store with a durable and a volatile part), and
 // connections that keep the order of each direction and nothing else. The search visits all orders
 // of these events, the shortest first:
@@ -22,7 +22,7 @@
 // bounds a search, so a scenario is searched to its end unless --states limits it. --more adds to
 // each bound of a scenario: `./run soak model`.
 //
-// What holds in every state:
+// The rules in every state:
 // - M10, SE2, SE3: by the chain hash, the commits that a client has received are the durable log
 //   up to its revision. So they are never lost again, and all clients see one order.
 // - M8: the confirmed layer of a client is the content of the log up to its revision.
@@ -38,7 +38,7 @@
 // have nothing pending, and have the layer that the server has and has stored. A search that
 // reached its end has also shown that without faults no run continues for ever, in any order.
 //
-// What is left out. Messages are the real bytes. But a tick follows each input at once (except in
+// The limits. Messages are the real bytes. But a tick follows each input at once (except in
 // "ticks"), time stands still, connections have no bound, the host's jobs do not fail, and there
 // are no gestures, big values, saves, logs or reads of old revisions: tests/simulation has those.
 // States are compared by the SHA-256 of everything that decides their future (Digest.h). The search

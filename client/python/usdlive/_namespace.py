@@ -60,7 +60,7 @@ class _EditedStage:
 
 
 class Kept(typing.NamedTuple):
-    """What an undo left as it is, because somebody else has written it since."""
+    """Content that an undo has not restored, because another user has changed it since."""
 
     layer: str
     path: str
@@ -233,7 +233,7 @@ class NamespaceEditor:
         return bool(self._result)
 
     def GetResult(self) -> "NamespaceEditor.CanApplyResult":
-        """What the last ApplyEdits came to."""
+        """Returns the result of the last ApplyEdits."""
         return self._result
 
     def GetLayersToEdit(self) -> list[Sdf.Layer]:

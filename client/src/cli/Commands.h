@@ -28,7 +28,7 @@ struct CatOptions : Common {
     std::string checkpoint;  ///< used instead of a revision
 };
 struct TreeOptions : CatOptions {
-    bool composed = false;  ///< of a file, without a server
+    bool composed = false;  ///< show the stage of a file, without a server
     ComposedOptions file;
 };
 struct LogOptions : Common {

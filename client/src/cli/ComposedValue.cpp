@@ -96,7 +96,7 @@ json folded(const T* data, std::size_t count) {
     return {{"n", count}, {"sha256", sha256(bytes).hex()}};
 }
 
-// As Python's json.dumps writes it, with a space after each comma and colon and ASCII only.
+// Writes JSON like Python's json.dumps: a space after each comma and colon, and ASCII only.
 std::string asPython(const json& value) {
     std::string text;
     const bool object = value.is_object();

@@ -11,7 +11,7 @@ namespace usdlive::cli {
 
 struct DumpOptions {
     std::string base;       ///< file paths are relative to this folder and begin with "$BASE/"
-    std::size_t fold = 64;  ///< of longer arrays the number of elements and a SHA-256 are printed
+    std::size_t fold = 64;  ///< longer arrays are printed as their number of elements and a SHA-256
 };
 
 /// Everything that a stage shows, with instance proxies. Numbers that JSON does not have are the

@@ -71,7 +71,7 @@ private:
     std::deque<Upload> uploads_;
     std::optional<std::int64_t>
         reportedMs_;  ///< time of the last report or of the start; nothing: no uploads
-    std::uint64_t storedBytes_ = 0;  ///< of the uploads since the start
+    std::uint64_t storedBytes_ = 0;  ///< size of the completed uploads since the start
     // Grows by 32 bytes for each big value of a session's life.
     std::set<Hash> stored_;
 };

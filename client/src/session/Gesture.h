@@ -18,7 +18,7 @@ struct Gesture {
     bool unreported = false;  ///< changed since SessionHost::pending()
     bool changed = false;     ///< since the last preview
     bool shown = false;       ///< others may have a preview of it
-    std::size_t bytes = 0;    ///< of the last preview
+    std::size_t bytes = 0;    ///< size of the last preview
     std::int64_t sentMs = 0;
 
     /// A preview that waits until its big values have been sent (B3). The next preview has newer
@@ -30,7 +30,7 @@ struct Gesture {
             SharedBytes bytes;
         };
         std::deque<Value> values;  ///< not sent yet; the first one may be sent in part
-        std::uint64_t offset = 0;  ///< of the first one
+        std::uint64_t offset = 0;  ///< position in the first one
         std::set<Hash> named;      ///< all values that it names and the server does not store
     };
     std::optional<Outgoing> outgoing;

@@ -90,7 +90,7 @@ private:
     std::map<std::uint64_t, std::unique_ptr<Snapshot>> snapshots_;  // by request
     std::map<Hash, Bytes> blobs_;
     std::optional<CommitParts> commit_;
-    std::uint64_t maxBlobBytes_ = 0;  // of the welcome
+    std::uint64_t maxBlobBytes_ = 0;  // the limit in the welcome
 };
 
 }  // namespace usdlive::client

@@ -26,7 +26,7 @@ struct Prognosis {
     std::vector<Touched> touched;
     std::uint64_t names = 0;  ///< length of the predicted namespace log after this transaction
     bool complete = true;     ///< no edit was dropped or refused
-    bool refused = false;     ///< as a whole: the view shows none of it
+    bool refused = false;     ///< the whole transaction was refused: the view shows none of it
 };
 
 /// An own transaction that the server has not answered.

@@ -42,7 +42,7 @@ public:
     struct Confirmed {
         const LayerDocs& layers;
         const NamespaceLog& log;
-        const OwnCreations& creations;  ///< of own commits
+        const OwnCreations& creations;  ///< creations of own commits
         const Revision& revision;
     };
     explicit Prediction(const Confirmed& confirmed)

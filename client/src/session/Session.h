@@ -27,12 +27,12 @@ namespace usdlive::client {
 /// An own transaction, for a journal that keeps it until it is acknowledged.
 struct PendingWork {
     std::uint64_t sequence = 0;
-    Revision revision = 0;  ///< of the confirmed layers when it was made
+    Revision revision = 0;  ///< revision of the confirmed layers when it was submitted
     Hash hash;              ///< the chain hash of that revision
     const std::vector<AuthoredEdit>& edits;
 };
 
-/// What a session needs from its process. Called from within Session's functions.
+/// The interface that a session needs from its process. Called from within Session's functions.
 class SessionHost {
 public:
     virtual ~SessionHost() = default;
@@ -173,7 +173,7 @@ public:
     [[nodiscard]] std::vector<Event> takeEvents();
 
     [[nodiscard]] bool isConnected() const;   ///< the welcome was received
-    [[nodiscard]] Revision revision() const;  ///< of the confirmed layers
+    [[nodiscard]] Revision revision() const;  ///< revision of the confirmed layers
     [[nodiscard]] std::size_t pendingTransactions() const;
     /// Number of edits that later ones replaced before they were sent (SE15).
     [[nodiscard]] std::uint64_t writtenAgain() const;

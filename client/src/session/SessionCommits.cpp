@@ -117,7 +117,7 @@ Prediction* Session::Impl::follow(const Commit& commit, const Pending* own) {
 // again.
 void Session::Impl::applyToEditor(const Commit& commit, bool own, Prediction* current) {
     using Effect = Prediction::Effect;
-    const LayerId* layer = nullptr;  // of the edit before: most commits edit one layer
+    const LayerId* layer = nullptr;  // layer of the edit before: most commits edit one layer
     bool known = false, predicted = false, shown = false;
     const auto pending = [this](std::uint64_t number) { return isPending(number); };
     for (const Edit& edit : commit.edits) {

@@ -95,7 +95,7 @@ public:
     std::optional<Gesture> gesture_;
     bool online_ = false;  ///< the welcome was received
     std::map<LayerId, LayerState> layerStates_;
-    std::map<ClientId, Presence> presences_;  ///< of others
+    std::map<ClientId, Presence> presences_;  ///< presences of other clients
 
 private:
     struct OpenedLayer {
@@ -293,8 +293,8 @@ private:
 
     // The confirmed side.
     bool hasHistory_ = false;
-    Epoch epoch_ = 0;        // of the server
-    Epoch commitEpoch_ = 0;  // of the newest commit
+    Epoch epoch_ = 0;        // epoch of the server
+    Epoch commitEpoch_ = 0;  // epoch of the newest commit
     Hash hash_;
     /// Transactions up to `last` were sent when the client had the history at `since`, and are not
     /// answered. Until they are, hello resumes at `since`: the server can then tell whether it has

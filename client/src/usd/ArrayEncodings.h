@@ -14,7 +14,7 @@ namespace usdlive::client {
 /// than a tenth of a second, which must not delay the editor's frame. The frame is sealed some
 /// ticks later, when the worker has finished.
 ///
-/// As a sink it returns the encoded arrays, and forwards the bytes of values. Used by one thread.
+/// The sink returns encoded arrays, and forwards the bytes of values. Used by one thread.
 class ArrayEncodings final : public usd::BlobSink {
 public:
     /// Both arguments outlive this object.

@@ -41,7 +41,7 @@ private:
     void hangUp(Error reason, Session& session);
 
     const std::unique_ptr<Connection> connection_;
-    bool open_ = false;  // as seen by receive()
+    bool open_ = false;  // set by receive()
     std::optional<Error> lastLoss_;
     std::optional<ErrorMessage> refusal_;  // the message that ended the last connection
     std::optional<Error> refused_;

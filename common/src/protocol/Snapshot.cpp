@@ -15,7 +15,7 @@ enum class Record : std::uint8_t { Spec = 1, Field = 2, FieldPart = 3 };
 // chunk has more than kChunkBytes.
 constexpr std::size_t kFullBytes = 128 * 1024;
 constexpr std::size_t kFieldPartBytes = 96 * 1024;
-constexpr std::uint64_t kMaxFieldBytes = 1ull << 30;  // of one field; a decoder refuses more
+constexpr std::uint64_t kMaxFieldBytes = 1ull << 30;  // limit of one field; a decoder refuses more
 
 }  // namespace
 
@@ -43,9 +43,9 @@ struct SnapshotEncoder::State {
     const LayerDoc::SpecView* spec;
     bool begun = false;     // the record of `spec` is written
     std::size_t field = 0;  // the next of `spec` to write
-    Bytes raw;              // of the chunk being written
-    Bytes content;          // of the field being written
-    ByteView rest;          // of `content`, not written yet
+    Bytes raw;              // content of the chunk being written
+    Bytes content;          // content of the field being written
+    ByteView rest;          // the rest of `content` that is not written yet
     std::uint32_t chunks = 0;
 
 private:
@@ -114,7 +114,7 @@ struct SnapshotReader::State {
     std::uint32_t chunks = 0;
     bool last = false;
     std::optional<Error> failed;
-    Bytes raw;  // of the chunk being read
+    Bytes raw;  // content of the chunk being read
 
     [[nodiscard]] bool inField() const { return !part.empty(); }
 

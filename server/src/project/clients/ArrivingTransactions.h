@@ -36,13 +36,13 @@ public:
 private:
     struct Arriving {
         SubmitParts parts;
-        std::size_t bytes = 0;  ///< of the received parts
+        std::size_t bytes = 0;  ///< size of the received parts
         std::size_t edits = 0;
         bool refused = false;  ///< the remaining parts are ignored
     };
     TransactionLimits limits_;
     std::map<SessionId, Arriving> arriving_;
-    std::uint64_t bytes_ = 0;  ///< of the received parts of all sessions
+    std::uint64_t bytes_ = 0;  ///< size of the received parts of all sessions
 };
 
 }  // namespace usdlive::server

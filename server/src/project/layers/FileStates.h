@@ -47,7 +47,7 @@ private:
     struct Entry {
         SavedState saved;      ///< the last known SavedState
         bool unsaved = false;  ///< the layer differed from its file when the server started
-        LayerFile present;     ///< as found in the last scan of the folder
+        LayerFile present;     ///< the file in the last scan of the folder
         std::optional<FileTrace> looked;  ///< metadata at the last check of the content
         bool missing = false;             ///< the file existed and was removed
         bool outdated = false;  ///< the content is not the one that was written or read last

@@ -39,7 +39,7 @@ public:
 
 private:
     struct Entry {
-        std::size_t replayCost = 0;  ///< of the commits since the last snapshot
+        std::size_t replayCost = 0;  ///< cost of the commits since the last snapshot
         std::size_t bytes = 0;       ///< size of the last stored snapshot
         bool isTaken = false;        ///< a snapshot waits for its revision, or for the store
         std::optional<std::int64_t> takenMs;  ///< time of the last snapshot

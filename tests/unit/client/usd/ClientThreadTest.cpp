@@ -86,7 +86,7 @@ const std::vector<ClientFunction> kFunctions{
     THROWS(cacheFolder),
 };
 
-// What the function says when it is called on another thread than the client's.
+// Returns the error of the function when another thread than the client's calls it.
 std::optional<Error> refusalElsewhere(Client& client, const ClientFunction& function) {
     std::optional<Error> refusal;
     std::thread([&] {

@@ -1,4 +1,4 @@
-// Where layers are for a process: cache folder and project folders.
+// Tests the places of layers in a process: the cache folder and project folders.
 #include "usd/FolderPlaces.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// What a client reports to its editor: the events, and the work that they are about.
+// The events that a client reports to its editor, and their contents.
 #pragma once
 
 #include <cstddef>
@@ -26,14 +26,14 @@ struct LostWork {
     std::uint64_t gesture = 0;  ///< the gesture that it was; 0: none
     Error reason;
     bool refused = false;  ///< the whole transaction was refused; else single edits were dropped
-    std::vector<AuthoredEdit> edits;  ///< as the editor made them
+    std::vector<AuthoredEdit> edits;  ///< the edits with the editor's own paths
 };
 
 /// Work of an earlier connection of the same user that the server has not acknowledged. A journal
 /// on this machine keeps it.
 struct UnsentWork {
-    ClientId client;          ///< of that connection; it names the work
-    std::int64_t timeMs = 0;  ///< of the newest edit, since 1970
+    ClientId client;          ///< client id of that connection; identifies the transactions
+    std::int64_t timeMs = 0;  ///< time of the newest edit, milliseconds since 1970
     std::size_t transactions = 0, edits = 0;
     std::vector<LayerId> layers;
     std::string file;  ///< the journal

@@ -170,14 +170,15 @@ public:
 
     // --- people
 
-    /// What the server reports of layers beside their content: dirty, locked and by whom, who has
-    /// them open. Layers that are saved, unlocked and open nowhere are left out.
+    /// Returns the states of layers as the server has reported them: dirty, the lock and its
+    /// holder, the users that have them open. Layers that are saved, unlocked and not open are left
+    /// out.
     [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
     /// Shows the others where the user is, until hidePresence(). At first they see user and
     /// application alone, which the server fills in.
     void showPresence(Presence presence);
     void hidePresence();
-    /// Where the others are, by client.
+    /// Returns the presences of the other users, by client.
     [[nodiscard]] const std::map<ClientId, Presence>& presences() const;
 
     // --- requests
@@ -236,7 +237,7 @@ public:
     /// to be encoded.
     [[nodiscard]] std::size_t pendingTransactions() const;
     [[nodiscard]] ClientId id() const;
-    [[nodiscard]] const std::string& user() const;  ///< as the others see it
+    [[nodiscard]] const std::string& user() const;  ///< the name that others see
     [[nodiscard]] std::filesystem::path cacheFolder() const;
 
 private:

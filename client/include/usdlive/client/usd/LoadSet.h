@@ -1,9 +1,9 @@
-// Which of the layers that a layer uses are opened with it.
+// The choice of used layers that are opened together with a layer.
 #pragma once
 
 namespace usdlive::client {
 
-/// As UsdStage::InitialLoadSet: whether layers that only payloads bring in are wanted, too.
+/// Whether layers that are used by payloads only are included, like UsdStage::InitialLoadSet.
 enum class LoadSet { All, NoPayloads };
 
 }  // namespace usdlive::client

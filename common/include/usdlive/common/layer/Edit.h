@@ -154,7 +154,7 @@ struct Commit {
     /// got its content at this revision in their snapshot. The edits are in the log but not
     /// broadcast.
     std::optional<LayerId> imported;
-    std::vector<Edit> edits;  ///< as executed: absolute paths, each valid after the edits before
+    std::vector<Edit> edits;  ///< executed edits: absolute paths, each valid after the edits before
     std::vector<DroppedEdit> dropped;
     Hash previous;  ///< chain hash of the commit before; zero for the first commit
     /// The number of earlier commits that this one includes, without the registers that were

@@ -42,10 +42,10 @@ public:
         /// false: the spec exists (M2), the erased part is absent, or nothing differs
         bool changed = false;
         NodeId node = 0;          ///< the spec that was edited (or created)
-        NodeId parent = 0;        ///< of a Create, Move or Place: the (new) parent
-        std::uint64_t order = 0;  ///< of a Create, Move or Place: its position among its siblings
+        NodeId parent = 0;        ///< the (new) parent after a Create, Move or Place
+        std::uint64_t order = 0;  ///< the position among the siblings after a Create, Move or Place
         bool renumbered = false;  ///< the parent's whole list got new order numbers
-        std::vector<NodeId> erased = {};  ///< of a Delete: the spec and everything below it
+        std::vector<NodeId> erased = {};  ///< the spec and everything below it after a Delete
     };
 
     /// The origin of an edit. Edits from a commit or a file (History) skip the limits for authors.

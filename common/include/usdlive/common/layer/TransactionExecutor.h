@@ -96,7 +96,7 @@ class OwnCreations {
 public:
     struct Entry {
         LayerId layer;
-        std::string path;    // as committed
+        std::string path;    // the path in the commit
         std::uint64_t mark;  // entry number of the NamespaceLog from which the path is translated
     };
     OwnCreations() = default;

@@ -37,7 +37,7 @@ enum class ValueType : std::uint16_t {
     Token = 12,
     Asset = 13,  // the authored path only; each client resolves it itself
     PathExpression = 14,
-    Path = 15,      // as SdfPath::GetAsString; empty for the empty path
+    Path = 15,      // result of SdfPath::GetAsString; empty for the empty path
     Opaque = 16,    // no bytes
     Matrix2d = 20,  // row major
     Matrix3d = 21,

@@ -67,7 +67,8 @@ struct Welcome {
     std::uint64_t maxBlobBytes = 0;
     std::optional<bool> administrator = {};  ///< locks do not apply to administrators (LK1)
     std::optional<Revision> base = {};       ///< commits up to this one were replaced (CH4)
-    std::optional<std::uint64_t> maxTransactionBytes = {};  ///< of a transaction in parts (FR8)
+    std::optional<std::uint64_t> maxTransactionBytes =
+        {};  ///< limit of a transaction in parts (FR8)
     USDLIVE_FIELDS(protocol, features, project, epoch, revision, hash, resumed, layers,
                    maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes)
     bool operator==(const Welcome&) const = default;
@@ -130,9 +131,9 @@ struct LayerState {
     bool outdated = false;       ///< somebody else has changed its file
     bool globallyMuted = false;  ///< on the stages of a layer that somebody has open
     bool writable = true;        ///< the server may write its file
-    std::string owner;           ///< of its file; empty: unknown
+    std::string owner;           ///< owner of its file; empty: unknown
     bool locked = false;
-    UserName holder;                ///< of the lock; empty: the lock names nobody
+    UserName holder;                ///< holder of the lock; empty: the lock names nobody
     std::uint64_t lockedAtMs = 0;   ///< since 1970, by the holder's clock; 0: unknown
     std::vector<UserName> editors;  ///< users who have it open, sorted, each once
     USDLIVE_FIELDS(layer, revision, saved, dirty, outdated, globallyMuted, writable, owner, locked,
@@ -183,7 +184,7 @@ struct Presences {
 /// Server: an error. `closing`: it ends the connection. `request`: the request that it answers.
 struct ErrorMessage {
     static constexpr std::string_view kType = "errorMessage";
-    std::string code;  ///< of errors.json
+    std::string code;  ///< a code of errors.json
     std::string message;
     bool closing = false;
     std::optional<std::uint64_t> request;

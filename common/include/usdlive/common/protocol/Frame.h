@@ -76,8 +76,8 @@ struct SnapshotFrame {
 /// A chunk of a big value (V9). A client uploads it, a server sends it on request.
 struct BlobFrame {
     Hash hash;
-    std::uint64_t size = 0;    ///< of the whole value
-    std::uint64_t offset = 0;  ///< of this chunk
+    std::uint64_t size = 0;    ///< size of the whole value
+    std::uint64_t offset = 0;  ///< position of this chunk
     std::uint32_t rawBytes = 0;
     Bytes data;                 ///< compressed with zstd
     std::uint64_t gesture = 0;  ///< not 0: only for previews of this gesture, not stored (B3)

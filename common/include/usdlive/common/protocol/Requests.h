@@ -33,7 +33,7 @@ struct LayersSaved {
     std::vector<LayerId> saved;
     struct Failure {
         LayerId layer;
-        std::string code;  ///< of errors.json
+        std::string code;  ///< a code of errors.json
         std::string message;
         USDLIVE_FIELDS(layer, code, message)
         bool operator==(const Failure&) const = default;
@@ -101,7 +101,7 @@ struct SkippedFile {
 struct SkippedFiles {
     static constexpr std::string_view kType = "skippedFiles";
     std::uint64_t request = 0;
-    std::uint64_t count = 0;         ///< of all skipped files
+    std::uint64_t count = 0;         ///< number of all skipped files
     std::vector<SkippedFile> files;  ///< sorted by path, at most kMaxSkippedFiles
     USDLIVE_FIELDS(request, count, files)
     bool operator==(const SkippedFiles&) const = default;
@@ -168,8 +168,8 @@ struct HistoryCompacted {
     std::uint64_t request = 0;
     Revision base = 0;           ///< the oldest revision that can be read now; 0: all
     std::uint64_t replaced = 0;  ///< commits, by this request
-    std::uint64_t bytesBefore = 0, bytesAfter = 0;  ///< of the log on the disk
-    std::string keptFor;  ///< what still needs commits that are old enough; empty: nothing
+    std::uint64_t bytesBefore = 0, bytesAfter = 0;  ///< size of the log on the disk
+    std::string keptFor;  ///< the reason why newer commits of sufficient age are kept; empty: none
     USDLIVE_FIELDS(request, base, replaced, bytesBefore, bytesAfter, keptFor)
     bool operator==(const HistoryCompacted&) const = default;
 };
@@ -192,7 +192,7 @@ struct LayerStorage {
     std::uint64_t base = 0;       ///< its content at the base
     std::uint64_t snapshots = 0;  ///< its later content
     std::uint64_t blobs = 0;      ///< number of big values that its base and its commits name
-    std::uint64_t blobBytes = 0;  ///< of these; other layers may name them, too
+    std::uint64_t blobBytes = 0;  ///< size of these; other layers may name them, too
     USDLIVE_FIELDS(layer, commits, log, base, snapshots, blobs, blobBytes)
     bool operator==(const LayerStorage&) const = default;
 };

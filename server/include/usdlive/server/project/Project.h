@@ -102,7 +102,7 @@ public:
         std::size_t maxFrameBytes = kMaxFrameBytes;
         std::uint64_t maxBlobBytes = 4ull << 30;
         std::size_t maxEditsPerTransaction = kMaxTransactionEdits;
-        std::uint64_t maxTransactionBytes = kMaxTransactionBytes;  ///< of one in parts (FR8)
+        std::uint64_t maxTransactionBytes = kMaxTransactionBytes;  ///< limit of one in parts (FR8)
         /// Commits that are larger than this, or than a frame, are sent in parts of about
         /// `partBytes`.
         std::size_t wholeCommitBytes = kMaxFrameBytes;

@@ -69,7 +69,7 @@ struct LayerEvent {
     LayerEventType type{};
     std::string layer;                ///< identifier
     std::vector<std::string> values;  ///< identifiers, or tokens (InfoChanged)
-    std::vector<pxr::SdfPath> paths;  ///< of specs
+    std::vector<pxr::SdfPath> paths;  ///< paths of specs
     Entries entries;                  ///< SpecsLinkingChanged: layer, paths
 };
 

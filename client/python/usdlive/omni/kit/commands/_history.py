@@ -154,7 +154,7 @@ class _Depth:
             self.depth -= 1
 
 
-# As in Kit, a group includes everything that is executed meanwhile, in any context.
+# A group includes everything that is executed meanwhile, in any context, like in Kit.
 _groups, _disabled, _redoing = _Depth(), _Depth(), _Depth()
 _histories: weakref.WeakKeyDictionary[UsdContext, History] = weakref.WeakKeyDictionary()
 _without_context = History(None)
