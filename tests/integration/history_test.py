@@ -93,7 +93,7 @@ def test_by_command(served):
                 served.kill()
                 served.start()
     said = refused("cat", f"{served.url}/one.usda", "--revision", str(named - 1))
-    assert f"the oldest revision to be read is {named}" in said.lower()
+    assert f"the oldest revision that can be read is {named}" in said.lower()
     assert "were replaced" in refused("log", served.url, "--from", "1")
     ran = subprocess.run([os.environ["USDLIVE_BIN"], "log", served.url, "-n", "1000"], capture_output=True, text=True)
     assert ran.returncode == 0 and f"the history begins at revision {named}" in ran.stderr

@@ -63,8 +63,8 @@ public:
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
-    void record(const server::ActivityEvent&) override {
-    }  // the project's log entries are not tested
+    // The simulation does not test the entries of the activity log.
+    void record(const server::ActivityEvent&) override {}
     [[nodiscard]] std::int64_t wallClockMs() override { return clock_.nowMs(); }
     void readClient(const ClientId& client) override;
     void importLayer(const LayerId& layer) override;

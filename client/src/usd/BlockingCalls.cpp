@@ -62,7 +62,7 @@ Result<void> Client::Impl::waitForOpen(std::uint64_t request) {
         if (!isLost && silent.ms() <= kSilenceMs) continue;
         opens_.drop(request);
         if (isLost) return tl::unexpected(line_.notThere());
-        return fail(ErrorCode::NotConnected, "the server does not answer any more");
+        return fail(ErrorCode::NotConnected, "the server no longer answers");
     }
 }
 
@@ -72,11 +72,11 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::createLayer(const LayerId& id) {
         return fail(ErrorCode::NotConnected,
                     "cannot create " + id.value +
                         " without a connection: only the server knows which names are free. Try "
-                        "again when it is there");
+                        "again when it is connected");
     const auto answer = answerTo(session_.request(CreateLayer{.layer = id}), kSilenceMs);
     if (!answer)
-        return fail(ErrorCode::NotConnected, "the server did not say in time whether " + id.value +
-                                                 " was created; it may be there");
+        return fail(ErrorCode::NotConnected, "the server did not report in time whether " +
+                                                 id.value + " was created; it may exist");
     if (!*answer) return tl::unexpected(answer->error());
     return openLayer(id, client::LoadSet::All);
 }
@@ -143,7 +143,7 @@ Result<LayersSaved> Client::Impl::saveAndWait(std::vector<LayerId> layers, bool 
     const auto answer = answerTo(save(std::move(layers), force), left);
     if (!answer)
         return fail(ErrorCode::NotConnected,
-                    "the server did not say in time that it has saved; it may still do it");
+                    "the server did not report in time that it has saved; it may still do so");
     return answer->map([](const client::Event& one) { return std::get<event::Saved>(one).answer; });
 }
 

@@ -106,7 +106,7 @@ public:
     void refuseForeign() {
         const Error reason{ErrorCode::InvalidArgument,
                            "was edited by another thread than the one that uses the connection. "
-                           "The edits are taken back; make them on that thread"};
+                           "The edits are reverted; make them on that thread"};
         const auto present = usd::readLayer(layer_, blobs_);
         if (!present) {
             lose(SdfPath::AbsoluteRootPath(), {}, present.error(), {});

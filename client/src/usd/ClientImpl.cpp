@@ -33,7 +33,7 @@ Result<ClientFolders> ClientFolders::create(const fs::path& folder) {
         const fs::path temporary = fs::temp_directory_path();
         folders.own = client::ProcessFolder::make(temporary, kCachePrefix);
         if (!folders.own)
-            return fail(ErrorCode::InvalidArgument, "cannot make a folder in " +
+            return fail(ErrorCode::InvalidArgument, "cannot create a folder in " +
                                                         temporary.string() +
                                                         ". Name a cache folder, or set TMPDIR");
     }

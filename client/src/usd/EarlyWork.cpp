@@ -18,8 +18,8 @@ void keepAsFile(const LayerId& id, const pxr::SdfLayerRefPtr& layer, const Error
     work.reason = {reason.code,
                    id.value +
                        " was edited before it was live and cannot be read: " + reason.message +
-                       (kept ? ". What it held is in " + file.string()
-                             : ". What it held could not be written to " + file.string())};
+                       (kept ? ". Its content is in " + file.string()
+                             : ". Its content could not be written to " + file.string())};
     lost.add(std::move(work));
 }
 
@@ -40,8 +40,10 @@ void keepEarlyWork(const LayerId& id, const pxr::SdfLayerRefPtr& layer, BlobCach
     if (written->empty()) return;
     LostWork work;
     work.refused = true;
-    work.reason = {ErrorCode::LayerNotOpen,
-                   id.value + " was edited before it was live; its content is the project's now"};
+    work.reason = {
+        ErrorCode::LayerNotOpen,
+        id.value +
+            " was edited before it was live; the content of the project has replaced these edits"};
     for (auto& [path, action] : *written) work.edits.push_back({id, path, std::move(action)});
     lost.add(std::move(work));
 }

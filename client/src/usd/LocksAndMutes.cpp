@@ -48,7 +48,7 @@ Result<void> LocksAndMutes::setGloballyMuted(const LayerId& root, const LayerId&
     const auto live = filled(root);
     if (!live) return tl::unexpected(live.error());
     if (root == layer)
-        return fail(ErrorCode::InvalidArgument, "a root layer is not muted on its own stages");
+        return fail(ErrorCode::InvalidArgument, "a root layer cannot be muted on its own stages");
     frame_.author(layers_, session_, **live,
                   [&] { return globalMuteEdits(root, *session_.view(root), layer, muted); });
     return {};

@@ -37,12 +37,12 @@ Result<std::vector<AuthoredEdit>> decodeAuthored(ByteView bytes) {
         if (!frame) return tl::unexpected(frame.error());
         auto* submit = std::get_if<SubmitFrame>(&*frame);
         if (!submit || whole)
-            return fail(ErrorCode::MalformedFrame, "kept work is of another kind");
+            return fail(ErrorCode::MalformedFrame, "the stored edits are not a transaction");
         auto joined = parts.add(std::move(*submit));
         if (!joined) return tl::unexpected(joined.error());
         whole = std::move(*joined);
     }
-    if (!whole) return fail(ErrorCode::MalformedFrame, "kept work is cut short");
+    if (!whole) return fail(ErrorCode::MalformedFrame, "the stored edits end too early");
     std::vector<AuthoredEdit> edits;
     for (Edit& edit : whole->edits)
         edits.push_back(

@@ -57,9 +57,9 @@ Result<void> UnsentSender::waitFor(const char* what, const std::function<bool()>
         if (done()) return {};
         if (Clock::now() > end_)
             return fail(ErrorCode::NotConnected,
-                        std::string("the time was over while ") + what +
+                        std::string("the time limit was reached while ") + what +
                             (lastLoss_ ? ": " + lastLoss_->message : std::string()) +
-                            ". What is not sent stays in " + journal_.summary().file);
+                            ". Unsent edits stay in " + journal_.summary().file);
         connection_.wait(std::chrono::milliseconds(5));
     }
 }
@@ -102,15 +102,16 @@ void UnsentSender::take(Event& one) {
 Result<void> UnsentSender::readLog() {
     const Revision first = wanted_.begin()->first, newest = session_.revision();
     const auto other = [this](const std::string& why) {
-        return fail(ErrorCode::HistoryDiverged,
-                    why + ". Keep the work as layers, or discard it: " + journal_.summary().file);
+        return fail(
+            ErrorCode::HistoryDiverged,
+            why + ". Keep the edits as layers, or discard them: " + journal_.summary().file);
     };
     if (wanted_.rbegin()->first > newest)
-        return other("the project has not reached the revision at which this work was made");
+        return other("the project has not reached the revision at which these edits were made");
     if (const auto here = wanted_.find(newest); here != wanted_.end() &&
                                                 here->second != session_.welcome()->hash &&
                                                 session_.welcome()->revision == newest)
-        return other("the project has another history than the one in which this work was made");
+        return other("the project has another history than the one in which these edits were made");
     if (first == newest) return {};
 
     std::optional<Result<void>> read;
@@ -127,7 +128,7 @@ Result<void> UnsentSender::readLog() {
         return waited;
     if (!*read) return other("the log since then cannot be read: " + read->error().message);
     if (!same)
-        return other("the project has another history than the one in which this work was made");
+        return other("the project has another history than the one in which these edits were made");
     return {};
 }
 

@@ -73,7 +73,7 @@ Result<SentWork> UnsentWorkStore::send(const ClientId& work, double timeoutMs,
     if (!journal) return tl::unexpected(journal.error());
     if (!connector_)
         return fail(ErrorCode::InvalidConfiguration,
-                    "this connection cannot make a second one to the server");
+                    "the client cannot open a second connection to the server");
     auto connection = connector_();
     if (!connection) return tl::unexpected(connection.error());
     auto options = options_;

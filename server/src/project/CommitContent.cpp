@@ -28,13 +28,13 @@ Result<Commit> joinParts(const StoredCommit& stored, const std::vector<ByteView>
         auto frame = decodeFrame(bytes);
         if (!frame) return damaged(stored.revision, frame.error().message);
         auto* part = std::get_if<CommitFrame>(&*frame);
-        if (!part) return damaged(stored.revision, "it is none");
+        if (!part) return damaged(stored.revision, "it is not a commit");
         auto joined = parts.add(std::move(*part), bytes);
         if (!joined) return damaged(stored.revision, joined.error().message);
         if (*joined && bytes.data() == frames.back().data()) return std::move((*joined)->commit);
         if (*joined) break;
     }
-    return damaged(stored.revision, "parts of it are missing or too many");
+    return damaged(stored.revision, "some of its parts are missing, or there are too many");
 }
 
 }  // namespace
@@ -68,8 +68,8 @@ tl::unexpected<Error> historyReplaced(Revision revision, Revision base) {
     return fail(ErrorCode::HistoryReplaced,
                 "revision " + std::to_string(revision) +
                     " cannot be read any more: the commits up to " + std::to_string(base) +
-                    " were replaced by what the layers held then, to save space. The oldest "
-                    "revision to be read is " +
+                    " were replaced by a base to save space. The oldest revision that "
+                    "can be read is " +
                     std::to_string(base));
 }
 
@@ -82,7 +82,7 @@ Result<Commit> decodeCommit(const StoredCommit& stored) {
     auto frame = decodeFrame(withoutLength(*stored.frame));
     if (!frame) return damaged(stored.revision, frame.error().message);
     auto* commit = std::get_if<CommitFrame>(&*frame);
-    if (!commit) return damaged(stored.revision, "it is none");
+    if (!commit) return damaged(stored.revision, "it is not a commit");
     return std::move(commit->commit);
 }
 

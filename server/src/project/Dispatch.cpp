@@ -11,7 +11,7 @@ void Project::Impl::connected(SessionId id) {
     if (sessions_.size() > options_.maxSessions)
         sessions_.close(session, {ErrorCode::TooManySessions,
                                   "the project has " + std::to_string(options_.maxSessions) +
-                                      " sessions, as many as it may have"});
+                                      " sessions, which is the limit"});
 }
 
 void Project::Impl::disconnected(SessionId id) {
@@ -38,7 +38,7 @@ void Project::Impl::receiveFrame(SessionId id, ByteView bytes) {
     const auto* control = std::get_if<ControlFrame>(&*frame);
     if (control) return receiveControl(session, control->json);
     if (!session.isGreeted())
-        return sessions_.close(session, {ErrorCode::NotGreeted, "the first frame was no hello"});
+        return sessions_.close(session, {ErrorCode::NotGreeted, "the first frame was not a hello"});
     std::visit(Overloaded{
                    [&](SubmitFrame& submitted) {
                        submissions_.receive(session, std::move(submitted), bytes.size());
@@ -63,7 +63,7 @@ void Project::Impl::receiveControl(Session& session, const std::string& json) {
         return sessions_.close(session, {ErrorCode::SecondHello, "a second hello"});
     if (hello) return greeting_.greet(session, *hello);
     if (!session.isGreeted())
-        return sessions_.close(session, {ErrorCode::NotGreeted, "the first frame was no hello"});
+        return sessions_.close(session, {ErrorCode::NotGreeted, "the first frame was not a hello"});
     receive(session, *message);
 }
 

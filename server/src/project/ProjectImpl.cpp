@@ -64,7 +64,7 @@ Project::Impl::Impl(Options options, Ports ports, StoreState store,
                   {line_, layers_, fileStates_, snapshots_, sessions_, access_, submissions_,
                    saves_, reloads_},
                   ports.clock, counters_) {
-    followEachOther();
+    connectListeners();
     fileStates_.show(files);
     fileStates_.setUnsaved(store.unsaved);
 }
@@ -72,7 +72,7 @@ Project::Impl::Impl(Options options, Ports ports, StoreState store,
 /// Listeners are notified in the order in which they are added here. Two things depend on it: a
 /// part is notified after the parts whose state it reads, and a session is sent a commit before the
 /// messages that result from it.
-void Project::Impl::followEachOther() {
+void Project::Impl::connectListeners() {
     LineListener* const line[]{&gestures_,   &values_, &submissions_, &layers_,     &access_,
                                &fileStates_, &states_, &snapshots_,   &catchup_,    &authors_,
                                &openings_,   &saves_,  &reloads_,     &checkpoints_};

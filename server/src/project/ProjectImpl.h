@@ -51,7 +51,7 @@ private:
 
     void receiveControl(Session& session, const std::string& json);
     void receive(Session& session, const ControlMessage& message);
-    void followEachOther();
+    void connectListeners();
 
     Options options_;
     Wire<ports::Activity> activity_;

@@ -83,7 +83,7 @@ std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
         if (after.locked && after.holder != lock.holder && !after.holder.empty() &&
             !holds(subject, after))
             return Refused{
-                {ErrorCode::Locked, "a lock is taken in one's own name, and " + subject.user.value +
+                {ErrorCode::Locked, "users lock in their own name only, and " + subject.user.value +
                                         " is not " + after.holder.value},
                 std::uint32_t(index)};
     }
@@ -93,7 +93,7 @@ std::optional<Refused> AccessPolicy::toTransaction(const Subject& subject,
 std::optional<Error> AccessPolicy::toHistory(const Subject& subject) const {
     if (administrators_.empty() || subject.isAdministrator) return std::nullopt;
     return Error{ErrorCode::InvalidArgument,
-                 "only who the server was started with as --admin may replace the history"};
+                 "only administrators (the --admin option of the server) may replace the history"};
 }
 
 std::optional<Error> AccessPolicy::toCheckpoint(const Subject& /*subject*/,

@@ -158,7 +158,7 @@ std::optional<Error> AccessPolicy::toSpecLocks(const Subject& subject,
         }
         for (const auto& [path, owner] : are)
             if (!were.contains(path) && !owner.empty() && isForeign(owner, subject))
-                return Error{ErrorCode::Locked, "a lock is taken in one's own name, and " +
+                return Error{ErrorCode::Locked, "users lock in their own name only, and " +
                                                     subject.user.value + " is not " + owner.value};
     }
     return std::nullopt;

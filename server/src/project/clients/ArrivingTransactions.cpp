@@ -20,7 +20,8 @@ Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::recei
     if (frame.part == 0) arriving_[session.id] = {};
     const auto found = arriving_.find(session.id);
     if (found == arriving_.end())
-        return fail(ErrorCode::MalformedFrame, "a part of no transaction");
+        return fail(ErrorCode::MalformedFrame,
+                    "a part that does not follow the first part of a transaction");
     if (frame.transaction.id.client != session.client)
         return fail(ErrorCode::MalformedFrame, "a transaction of another client");
     Arriving& arriving = found->second;
@@ -30,7 +31,7 @@ Result<std::optional<ArrivingTransactions::Arrived>> ArrivingTransactions::recei
     bytes_ += bytes;
     if (bytes_ > kMaxIncomplete * limits_.bytes)
         return fail(ErrorCode::TransactionTooLarge,
-                    "too many large transactions are coming at once; send it again");
+                    "too many large transactions are being sent at the same time; send it again");
     const TransactionId id = frame.transaction.id;
     const std::uint64_t gesture = frame.transaction.gesture;
     auto whole = arriving.parts.add(std::move(frame));

@@ -114,7 +114,7 @@ void Greeting::checkResume(Session& session) {
         start_->whyNotReadable(resume.revision) ? std::nullopt : catchup_->hashAt(resume.revision);
     if (!hash && resume.revision <= start_->oldest())
         return welcome(session, staleBase("revision " + std::to_string(resume.revision) +
-                                          " is too far back to resume from: the history begins "
+                                          " is too old to resume from: the history begins "
                                           "at " +
                                           std::to_string(start_->oldest())));
     if (hash)
@@ -131,7 +131,7 @@ std::optional<Error> Greeting::whyNotResumable(const Session& session,
     if (known && known->mayLack(resume.revision))
         return Error{ErrorCode::ClientForgotten,
                      "this client was away since " + at +
-                         ", and the server no longer knows what it has sent"};
+                         ", and the server no longer knows its transactions"};
     if (resume.epoch > line_->epoch())
         return Error{ErrorCode::HistoryDiverged,
                      "the client has seen epoch " + std::to_string(resume.epoch) +
@@ -142,9 +142,9 @@ std::optional<Error> Greeting::whyNotResumable(const Session& session,
     const Revision inParts = catchup_->newestInParts();
     if (resume.revision < inParts && !session.features.contains(kPartsFeature))
         return staleBase("commit " + std::to_string(inParts) +
-                         " comes in parts, which the client cannot read");
+                         " is sent in parts, which the client cannot read");
     if (newest - resume.revision > kMaxResumeCommits)
-        return staleBase(at + " is too far back to resume from");
+        return staleBase(at + " is too old to resume from");
     return std::nullopt;
 }
 
@@ -164,7 +164,7 @@ void Greeting::resumeChecked(Session& session, const Result<Hash>& hash) {
     if (*hash == resume.hash) return welcome(session, std::nullopt);
     welcome(session, Error{ErrorCode::HistoryDiverged,
                            "at revision " + std::to_string(resume.revision) +
-                               " the client's history is another than the server's"});
+                               " the client has another history than the server"});
 }
 
 Revision Greeting::oldestNeeded(Revision newest) const {

@@ -64,10 +64,11 @@ std::variant<Revision, Refused> HistoryLine::commit(const Submission& submission
             make(transaction.id, submission.user, transaction.gesture, std::move(executed), mark);
         if (made && (submission.readsParts || !isInParts(*made->second.frame)))
             return append(std::move(made->first), std::move(made->second));
-        refused = Refused{{ErrorCode::TransactionTooLarge,
-                           "the commit would be larger than one may be, or one of its values than "
-                           "a frame"},
-                          0};
+        refused =
+            Refused{{ErrorCode::TransactionTooLarge,
+                     "the commit would exceed the largest size, or one of its values that of a "
+                     "frame"},
+                    0};
     }
     undo(std::move(before), mark);
     creations.forget(transaction.id.sequence);

@@ -17,7 +17,7 @@ struct StoreCondition {
 
     [[nodiscard]] std::optional<Error> whyClosed() const {
         if (!closed) return std::nullopt;
-        return Error{ErrorCode::StorageFailed, "the store has failed and is not opened yet"};
+        return Error{ErrorCode::StorageFailed, "the store has failed and is being opened again"};
     }
     [[nodiscard]] std::optional<Error> whyNotWritable() const {
         if (closed) return whyClosed();

@@ -53,7 +53,8 @@ void BigValues::answer(const Session& session, const RequestBlob& request) {
         outbox_->sendBeside(session.id, *frames);
     else
         sessions_->sendError(
-            session, {ErrorCode::BlobNotFound, "the value " + request.hash.hex() + " is not here"},
+            session,
+            {ErrorCode::BlobNotFound, "the server does not have the value " + request.hash.hex()},
             {}, request.hash);
 }
 

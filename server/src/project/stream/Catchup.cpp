@@ -164,7 +164,7 @@ void Catchup::pump(Stream& stream) {
         if (next > last)
             log ? endLog(stream) : becomeLive(stream);
         else if (!log && next + limits_.maxBehind < last)
-            return close(stream, {ErrorCode::SlowReader, "too many commits behind"});
+            return close(stream, {ErrorCode::SlowReader, "the session is too many commits behind"});
         else if (!sendRecent(stream, last))
             reads_->request(stream.id,
                             {ReadPurpose::Stream, next, std::min(last, next + kPageCommits - 1)});

@@ -111,8 +111,8 @@ void Catchup::sendPast(Stream& stream, const SharedBytes& frame) {
     recent_.shareInParts(revision, frame);
     if (!stream.readsParts)
         return close(stream, {ErrorCode::StaleBase, "commit " + std::to_string(revision) +
-                                                        " comes in parts, which the client "
-                                                        "cannot read: open the layers anew"});
+                                                        " is sent in parts, which the client "
+                                                        "cannot read: open the layers again"});
     stream.sending = SendingParts{frame};
 }
 

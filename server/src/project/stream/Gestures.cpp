@@ -13,7 +13,8 @@ constexpr std::size_t kMaxPreviewBytes = 1024 * 1024;  // larger previews are dr
 
 void Gestures::receive(Session& session, PreviewFrame preview, std::size_t bytes) {
     if (preview.gesture == 0)
-        return sessions_->close(session, {ErrorCode::MalformedFrame, "a preview of no gesture"});
+        return sessions_->close(session,
+                                {ErrorCode::MalformedFrame, "a preview without a gesture"});
     if (bytes > kMaxPreviewBytes)
         return sessions_->sendError(session, {ErrorCode::TransactionTooLarge,
                                               "a preview of " + std::to_string(bytes) + " bytes"});

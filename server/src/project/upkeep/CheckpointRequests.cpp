@@ -27,7 +27,7 @@ std::optional<Error> CheckpointRequests::objection(const Session& session,
     if (auto denied = access_->toCheckpoint(session.subject, name)) return denied;
     if (line_->executed() == 0)
         return Error{ErrorCode::InvalidArgument,
-                     "there is nothing to name yet: nobody has opened a layer"};
+                     "the project has no commit yet: open a layer first"};
     return std::nullopt;
 }
 

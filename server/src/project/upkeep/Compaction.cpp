@@ -43,9 +43,9 @@ void Compaction::request(Session& session, const CompactHistory& request) {
     const auto days = request.days ? request.days : historyDays_;
     if (!days)
         return refuse(
-            "say how old a commit has to be to be replaced: --days N. The server was "
+            "set the age of the commits to be replaced: --days N. The server was "
             "started without --history-days");
-    if (*days > kMostDays) return refuse("no commit is as old as that");
+    if (*days > kMostDays) return refuse("no commit is so old");
     if (requests_.size() >= kMostCompacts)
         return sessions_->close(session,
                                 {ErrorCode::MalformedControl, "too many requests at once"});

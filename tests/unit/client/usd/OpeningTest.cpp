@@ -1,4 +1,4 @@
-// Opening layers without waiting: requests that ticks work off.
+// Tests opening layers without waiting: requests that ticks execute.
 #include <gtest/gtest.h>
 #include <pxr/base/tf/notice.h>
 #include <pxr/base/tf/weakBase.h>

@@ -1,4 +1,4 @@
-// Big values in memory.
+// A store of big values in memory, for tests.
 #pragma once
 
 #include <map>
