@@ -16,8 +16,8 @@
 
 namespace usdlive::client {
 
-/// The sequence number that stands for a preview itself, which has none yet: its edits name the
-/// specs that it creates with this number.
+/// The sequence number of a preview, which has no other one yet. Its edits name the specs that it
+/// creates with this number.
 inline constexpr std::uint64_t kThisPreview = ~std::uint64_t(0);
 
 /// The field that an action sets or erases; nullptr for other actions.

@@ -200,9 +200,9 @@ void Session::Impl::on(const LogBegin& message) {
     if (!logs_.empty() && logs_.front().request == message.request) logs_.front().begun = true;
 }
 
-// Its commit was missed with a history that is gone: what it did is in the layers as they were
-// joined again, and what was dropped of it only its commit says (M12). Otherwise its commit is on
-// its way.
+// If the commit was missed because the history was replaced, the layers that were joined again
+// contain its edits, and only the commit itself names the dropped ones (M12). Otherwise the commit
+// is still to be received.
 void Session::Impl::on(const AlreadyCommitted& message) {
     if (message.revision > revision_) return;
     auto pending = pending_.take(message.sequence);

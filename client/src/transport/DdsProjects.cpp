@@ -24,7 +24,7 @@ std::string fromEnvironment(const char* name) {
 
 void DdsProjects::update() {
     reader_.take([this](const dds::ProjectSample& sample, const dds::SampleInfo& info) {
-        // The number of a server belongs to its participant until the server is gone (DD13).
+        // The number of a server belongs to its participant until the server has ended (DD13).
         const auto known = servers_.find(sample.server);
         if (known != servers_.end() && !info.isOf(known->second.participant)) return;
         if (!info.alive)

@@ -30,7 +30,7 @@ public:
     // --- Results for the session.
     /// LS1: returns the states whose commits have been taken.
     [[nodiscard]] LayerStates takeStates(const CommitOrder& commits);
-    /// PS2: returns changed presences. Users who were silent for too long are gone.
+    /// PS2: returns changed presences. Presences that were not repeated in time have ended.
     [[nodiscard]] Presences takePresences(dds::TimePoint now);
     /// Returns the time when takePresences() has a result even if nothing is received.
     [[nodiscard]] std::optional<dds::TimePoint> deadline() const;

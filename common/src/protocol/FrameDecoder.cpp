@@ -350,7 +350,7 @@ public:
 private:
     using Table = flatbuffers::Table;
 
-    // The verifier counts tables, and levels that it is not told the end of.
+    // Disables the verifier's own limits of tables and depth.
     static flatbuffers::Verifier::Options unlimited() {
         flatbuffers::Verifier::Options options;
         options.max_depth = options.max_tables = ~flatbuffers::uoffset_t(0);

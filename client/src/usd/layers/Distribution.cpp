@@ -134,8 +134,8 @@ std::vector<RefusedEdit> Distribution::distribute(const DelegateWrites::Taken& t
 
 // ------------------------------------------------------------------ namespace
 
-// Removes a prim from all layers of the stack, because its remover wants it gone and knows nothing
-// of layers. Removes only the strongest opinion of a property.
+// Removes a prim from all layers of the stack, because the user who removes it does not choose a
+// layer. Removes only the strongest opinion of a property.
 void Distribution::remove(const SdfPath& path) {
     const Holders all = holdersOf(path);
     if (all.empty()) return;

@@ -176,8 +176,7 @@ std::optional<SdfPath> SpecsLocking::additionAt(const SdfPath& path) const {
     return std::nullopt;
 }
 
-// In our own layers the shadows tell the earlier content. Content from arcs has not been edited
-// here.
+// In our own layers the shadows have the earlier content. Content from arcs was not edited here.
 bool SpecsLocking::hadSpec(const SdfPath& path) const {
     const SdfPath prim = path.GetPrimPath();
     for (const auto& [site, foreign] : context_.stack.sites(prim)) {

@@ -20,29 +20,29 @@ struct AuthoredEdit {
     EditAction action;  ///< MoveSpec::parent is absolute, too
 };
 
-/// Own work that is not in the project, and the reason (M12).
+/// Own edits that are not in the project, and the reason (M12).
 struct LostWork {
     std::uint64_t sequence = 0;
-    std::uint64_t gesture = 0;  ///< the gesture that it was; 0: none
+    std::uint64_t gesture = 0;  ///< the gesture to which they belong; 0: none
     Error reason;
-    bool refused = false;  ///< the whole transaction was refused; else single edits were dropped
+    bool refused = false;  ///< true: the whole transaction was refused; false: single edits were dropped
     std::vector<AuthoredEdit> edits;  ///< the edits with the editor's own paths
 };
 
-/// Work of an earlier connection of the same user that the server has not acknowledged. A journal
-/// on this machine keeps it.
+/// Edits of an earlier connection of the same user that the server has not acknowledged. A journal
+/// on this machine keeps them.
 struct UnsentWork {
     ClientId client;          ///< client id of that connection; identifies the transactions
     std::int64_t timeMs = 0;  ///< time of the newest edit, milliseconds since 1970
     std::size_t transactions = 0, edits = 0;
     std::vector<LayerId> layers;
-    std::string file;  ///< the journal
+    std::string file;  ///< path of the journal
 };
 
 /// The outcome of Client::sendUnsent().
 struct SentWork {
-    std::size_t committed = 0;  ///< transactions committed now
-    std::size_t before = 0;     ///< committed already: only their acknowledgement had been lost
+    std::size_t committed = 0;  ///< transactions that were committed by this call
+    std::size_t before = 0;     ///< transactions that were committed before: only their acknowledgement was lost
     std::size_t lost = 0;       ///< pieces of work that were refused or dropped
 };
 
@@ -60,7 +60,7 @@ struct Connected {
 struct Disconnected {
     Error reason;
 };
-/// The layers of the project have changed. `layers` are all of them now.
+/// The layers of the project have changed. `layers` is the new list.
 struct LayersChanged {
     std::vector<LayerId> layers;
 };
@@ -75,18 +75,19 @@ struct JoinFailed {
     LayerId layer;
     Error reason;
 };
-/// A layer that Client::requestOpenLayer() asked for is open, with the layers that it uses.
+/// A layer requested by Client::requestOpenLayer() is open, with the layers that it uses.
 struct LayerOpened {
     std::uint64_t request = 0;
     LayerId layer;
 };
-/// It is not opened. LayerNotOpen: it was closed meanwhile.
+/// A requested layer could not be opened. The reason LayerNotOpen means that it was closed
+/// meanwhile.
 struct LayerOpenFailed {
     std::uint64_t request = 0;
     LayerId layer;
     Error reason;
 };
-/// A commit of any client, own ones too, after it was applied. In the order of revisions without
+/// A commit of any client, also an own one, was applied. The revisions are in order and without
 /// gaps since Connected, except for `missed` ones.
 struct Committed {
     Commit commit;
@@ -94,12 +95,12 @@ struct Committed {
     /// layers contained it when they were joined again (M9).
     bool missed = false;
 };
-/// Own work was refused or dropped.
+/// Own edits were refused or dropped.
 struct Lost {
     LostWork work;
-    std::uint64_t index = 0;  ///< for Client::lostWork(); set by the client, not by the session
-    /// So many losses of the same registers for the same reason, within a second. This is the
-    /// newest; the others are kept before it.
+    std::uint64_t index = 0;  ///< index for Client::lostWork(); set by the client, not by the session
+    /// The number of losses of the same registers for the same reason within a second. The event
+    /// has the newest one; the others have lower indices.
     std::uint64_t count = 1;
 };
 struct PreviewChanged {
@@ -118,21 +119,21 @@ using LayerMade = Answered<CreateLayer>;
 using SkippedListed = Answered<ListSkipped>;
 using CheckpointMade = Answered<CreateCheckpoint>;
 using CheckpointsListed = Answered<ListCheckpoints>;
-/// The progress of something that takes long, about twice a second after the first half second:
-/// an import or save of the server, an upload, or the content that a peek waits for (Fetch).
+/// The progress of a long operation: an import or save of the server, an upload, or the content for
+/// which a peek waits (Fetch). Sent about twice a second, after the first half second. The event
 /// Joining reports the content of layers that are being opened.
 struct Progress {
     enum class Task { Import, Save, Upload, Fetch, Open };
     Task task{};
-    LayerId layer;              ///< the one in work; empty for Upload
+    LayerId layer;              ///< the layer in progress; empty for Upload
     std::uint64_t done = 0;     ///< Save: layers; Upload: bytes; Fetch: specs
-    std::uint64_t total = 0;    ///< in the same unit; 0: unknown, as for an Import
+    std::uint64_t total = 0;    ///< in the same unit; 0: unknown, for example for an Import
     std::uint64_t request = 0;  ///< Save: the number of the request
 };
 struct ServerError {
     ErrorMessage message;
 };
-/// Unsent work of earlier connections exists: see Client::sendUnsent().
+/// There are unsent edits of earlier connections. See Client::sendUnsent().
 struct UnsentFound {
     std::vector<UnsentWork> work;
 };
@@ -140,7 +141,7 @@ struct UnsentFound {
 struct LayerStatesChanged {
     std::vector<LayerState> layers;
 };
-/// Presences of others have changed, or they are gone. Session::presences() has all presences.
+/// Presences of others have changed or ended. Session::presences() has all presences.
 struct PresenceChanged {
     std::vector<Presence> shown;
     std::vector<ClientId> gone;

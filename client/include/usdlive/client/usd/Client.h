@@ -23,15 +23,17 @@ namespace client {
 struct ClientInternals;
 }
 
-/// Edits one project together with others: gives an editor real SdfLayers that are live.
+/// Edits one project together with other users. Gives an editor real SdfLayers that are live: edits
+/// of all users appear in them, and the editor's own edits are sent.
 ///
 /// A client belongs to one thread, the one that owns the editor's stage: the first thread that
 /// calls a function of it, after connect(). On any other thread every function refuses to work:
 /// functions that return a Result return an error, and all others throw Misuse. Two exceptions:
 /// setEventHandler() does not choose the thread, and the destructor runs on any thread.
 ///
-/// Only the functions of this class touch USD, and only while they are called: call tick() once per
-/// frame. The network has a thread of its own. A layer is live through one client of a process.
+/// Only the functions of this class use USD, and only during their calls: call tick() once per
+/// frame. The network has a thread of its own. A layer can be live through one client of a process
+/// only.
 ///
 ///     auto client = usdlive::Client::connect("ws://127.0.0.1:7447", {.user = "ada"});
 ///     auto layer = (*client)->openLayer(usdlive::LayerId{"shot.usda"});
@@ -40,132 +42,137 @@ class Client {
 public:
     struct Options {
         std::string user;         ///< empty: the system's user name
-        std::string application;  ///< shown to others
-        /// The folder in which this process finds layers of the project, so that relative paths
-        /// between them resolve. Empty: a fresh folder below the system's temporary folder, which
-        /// is removed with the client.
+        std::string application;  ///< the name of the application, shown to others
+        /// The folder in which this process finds the layers of the project, so that relative paths
+        /// between them resolve. Empty: a new folder below the system's temporary folder, which is
+        /// removed with the client.
         std::filesystem::path cacheFolder;
         double connectTimeoutMs = 10'000;
-        /// The folder that keeps work which the server has not acknowledged, by project and user.
-        /// Empty: below the cache folder if that is set, else $XDG_STATE_HOME/usdlive or
+        /// The folder for edits that the server has not acknowledged, by project and user. Empty:
+        /// below the cache folder if that is set, otherwise $XDG_STATE_HOME/usdlive or
         /// ~/.local/state/usdlive.
         std::filesystem::path stateFolder = {};
-        /// The most bytes of big values in the cache folder; the values used longest ago are
+        /// The most bytes of big values in the cache folder. The least recently used values are
         /// removed first. Values that the server does not have yet do not count.
         std::uint64_t cacheBytes = std::uint64_t(4) << 30;
     };
 
     using Misuse = usdlive::Misuse;
-    /// Why `function` may not be called here: on another thread, or, for one that `blocks`, by a
-    /// notice handler within tick(). Nothing: it may be called.
+    /// Returns the reason why `function` must not be called here: this is another thread, or, if it
+    /// `blocks`, the call comes from a notice handler within tick(). Returns nothing if the call is
+    /// allowed.
     [[nodiscard]] std::optional<Error> misuse(const std::string& function, bool blocks) const;
 
-    /// Connects to a server, and waits until it has welcomed this client. Fails after a second
-    /// where no server can be reached, and after the time-out where one does not answer.
+    /// Connects to a server and waits for its welcome. Fails after a second if no server can be
+    /// reached, and after the time-out if it does not answer.
     [[nodiscard]] static Result<std::unique_ptr<Client>> connect(const std::string& url,
                                                                  Options options);
-    /// Leaves the project at once. The journal keeps what is not acknowledged; see leave().
+    /// Disconnects at once. The journal keeps unacknowledged edits; see leave().
     ~Client();
 
-    /// Ends an open gesture and waits until what was authored is committed, at most `timeoutMs`.
-    /// Returns what was not committed, which the journal keeps; nothing when all was.
+    /// Ends an open gesture and waits until all edits are committed, at most `timeoutMs`. Returns
+    /// the uncommitted edits, which the journal keeps; nothing if all were committed.
     std::optional<client::UnsentWork> leave(double timeoutMs = 5'000);
 
-    // --- work that earlier connections could not send
+    // --- edits that earlier connections could not send
 
-    /// Work of this user in this project that earlier connections could not send, because their
-    /// process, the server or the network ended first. event::UnsentFound reports it at the start.
+    /// Returns the edits of this user in this project that earlier connections could not send,
+    /// because their process, the server or the network failed. event::UnsentFound reports them at
+    /// the start.
     [[nodiscard]] std::vector<client::UnsentWork> unsentWork();
-    /// Sends it. Each transaction is committed once, however often this is called. Blocks. Work
-    /// that is refused or dropped becomes lost work of this client.
+    /// Sends the edits of an earlier connection, and waits. Each transaction is committed once,
+    /// also if this is called repeatedly. Refused and dropped edits become lost work of this
+    /// client.
     Result<client::SentWork> sendUnsent(const ClientId& work, double timeoutMs = 60'000);
-    /// Returns its edits of one layer as a layer of their own; the journal keeps them.
+    /// Returns the unsent edits of one layer as a separate layer. The journal keeps them.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> unsentAsLayer(const ClientId& work,
                                                             const LayerId& layer);
-    /// Deletes it for good.
+    /// Deletes the unsent edits permanently.
     Result<void> discardUnsent(const ClientId& work);
 
     // --- layers
 
-    /// The layers of the project, sorted.
+    /// Returns the layers of the project, sorted.
     [[nodiscard]] std::vector<LayerId> layers() const;
 
-    /// Opens a layer of the project as a live SdfLayer, and waits until its content is here. The
-    /// layers that it uses (sublayers, references, payloads inside the project, all the way down)
-    /// are opened with it. `NoPayloads` leaves out layers that only payloads bring in, for a stage
-    /// that is opened without its payloads: such a layer becomes live within the ticks after
-    /// composition has opened it.
+    /// Opens a layer of the project as a live SdfLayer, and waits for its content. The layers that
+    /// it uses (sublayers, references and payloads inside the project, recursively) are opened with
+    /// it. `NoPayloads` leaves out layers that are used by payloads only, for a stage that is
+    /// opened without its payloads: such a layer becomes live within the ticks after composition
+    /// has opened it.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> openLayer(
         const LayerId& layer, client::LoadSet load = client::LoadSet::All);
-    /// Begins to open a layer and returns at once: the next ticks do the work, within their
-    /// budgets, also while there is no connection. Returns the number of the request. The request
-    /// ends with event::LayerOpened, after which layer() returns the layer, or with
-    /// event::LayerOpenFailed; event::Progress reports one that takes long. close() cancels it.
-    /// Any number of requests may be open, also for one layer. No other request has its number.
+    /// Starts to open a layer and returns at once. The following ticks do the work within their
+    /// budgets, also while there is no connection. Returns the number of the request, which no
+    /// other request has. The request ends with event::LayerOpened, after which layer() returns the
+    /// layer, or with event::LayerOpenFailed. event::Progress reports its progress if it takes
+    /// long. close() cancels it. Any number of requests may be open, also for one layer.
     std::uint64_t requestOpenLayer(const LayerId& layer,
                                    client::LoadSet load = client::LoadSet::All);
-    /// Creates a new, empty layer of the project, for everybody, and opens it (FI6). Waits until it
-    /// is here. Its file is in the project's folder then, with folders as needed. `layer` is a path
-    /// relative to the project that ends in .usda, .usdc or .usd (binary). A notice handler must
-    /// not call this within tick(). InvalidLayerName; LayerExists: the project, or its folder, has
-    /// a file of this name; NotConnected: only the server knows which names are free; SaveFailed,
-    /// StorageFull: the server could not write it.
+    /// Creates a new, empty layer of the project for all users, opens it, and waits until it is
+    /// open (FI6). The server creates its file in the project's folder, with folders as needed.
+    /// `layer` is a path relative to the project that ends in .usda, .usdc or .usd (binary). A
+    /// notice handler must not call this within tick(). Errors: InvalidLayerName, LayerExists (the
+    /// project or its folder has a file with this name), NotConnected (only the server knows which
+    /// names are free), SaveFailed and StorageFull (the server could not write the file).
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> createLayer(const LayerId& layer);
-    /// Makes layers live that the editor itself has opened from `projectFolder` (the folder that
-    /// the server serves, or a copy of it): each layer of the project that this process has loaded
-    /// from there. Returns them sorted. InvalidArgument: one of them has unsaved edits.
+    /// Makes the layers of the project live that this process has loaded from `projectFolder`,
+    /// which is the served folder or a copy of it. Returns them sorted. Error: InvalidArgument (one
+    /// of them has unsaved edits).
     Result<std::vector<LayerId>> attach(const std::filesystem::path& projectFolder);
-    /// Ends being live, after the layer's pending edits are sent; the layer keeps its content. A
-    /// layer that is still opening is closed at once, and requests to open it fail. A notice
-    /// handler must not call this within tick(): an error event reports it.
+    /// Sends the layer's pending edits, then makes it stop being live. The layer keeps its content.
+    /// A layer that is still being opened is closed at once, and requests to open it fail. A notice
+    /// handler must not call this within tick(); an error event reports such a call.
     void close(const LayerId& layer);
-    /// The live layer, with all its content. Null: it is not open, or still opening.
+    /// Returns the live layer with all its content; null if it is not open or still being opened.
     [[nodiscard]] pxr::SdfLayerRefPtr layer(const LayerId& layer) const;
-    /// The name of a live layer of this client.
+    /// Returns the name of a live layer of this client; nothing for other layers.
     [[nodiscard]] std::optional<LayerId> layerId(const pxr::SdfLayerHandle& layer) const;
-    /// The identifier by which OpenUSD finds a layer of the project; where `beside` is a layer of
-    /// an attached folder, that of the layer in the same folder.
+    /// Returns the identifier by which OpenUSD finds a layer of the project. If `beside` is a layer
+    /// of an attached folder, it is that of the layer in the same folder.
     [[nodiscard]] std::string identifierOf(const LayerId& layer,
                                            const pxr::SdfLayerHandle& beside = {}) const;
 
     // --- the frame
 
     struct TickResult {
-        std::size_t applied = 0;  ///< commits
-        bool more = false;        ///< the budget ended first
-        std::size_t filling = 0;  ///< layers whose content is being made: a later tick brings it
+        std::size_t applied = 0;  ///< applied commits
+        bool more = false;        ///< the budget was not sufficient for all
+        std::size_t filling = 0;  ///< layers whose content is still being built
     };
-    /// Sends what was authored since the last call, applies what has arrived, in one SdfChangeBlock
-    /// and about `budgetMs`, and calls the event handler. A layer that composition has opened
-    /// meanwhile becomes live. A thread of the client makes the whole content of a layer; a tick
-    /// brings it in when it is done.
+    /// Sends the edits since the last call as one transaction, applies received edits in one
+    /// SdfChangeBlock for about `budgetMs`, and calls the event handler. Layers that composition
+    /// has opened meanwhile become live. A thread of the client builds the content of an opened
+    /// layer, and a later tick puts it in.
     TickResult tick(double budgetMs = 4.0);
 
-    /// M11: what is authored between the two is shown to others at once and committed once.
+    /// M11: edits between the two calls are shown to others at once, and committed as one
+    /// transaction.
     void beginGesture();
     void endGesture();
 
-    /// Ticks until what was authored is committed. False: the time is over.
+    /// Calls tick() until all edits are committed. Returns false if the time limit was reached.
     bool flush(double timeoutMs = 10'000);
 
     using EventHandler = std::function<void(const client::Event&)>;
-    /// Sets what tick() calls for each event, in order. The handler may call any function.
+    /// Sets the function that tick() calls for each event, in order. It may call any function of
+    /// the client.
     void setEventHandler(EventHandler handler);
 
     // --- locks and mutes
 
-    /// Locks a live layer in the user's own name, or ends the lock: edits of the layer itself
-    /// (LK1), sent with the next tick. If the server refuses them they become lost work, with the
-    /// holder's name. While a lock holds, `permissionToEdit` of the layer is false for all others
-    /// but administrators. LayerNotOpen; InvalidArgument for a root layer that holds Kit's map of
-    /// locks.
+    /// Locks a live layer in the user's own name, or ends the lock. These are edits of the layer
+    /// itself (LK1), sent with the next tick. If the server refuses them, they become lost work,
+    /// and the error names the holder. While a layer is locked, its `permissionToEdit` is false for
+    /// all other users but administrators. Errors: LayerNotOpen, InvalidArgument (a root layer with
+    /// Kit's map of locks).
     Result<void> setLocked(const LayerId& layer, bool locked);
-    /// Mutes a layer for everybody on the stages of `root`, a live layer, or ends that: edits of
-    /// the root layer (MU1), sent with the next tick. LayerNotOpen; InvalidArgument for the root
-    /// layer itself.
+    /// Mutes or unmutes a layer for all users on the stages of `root`, a live layer. These are
+    /// edits of the root layer (MU1), sent with the next tick. Errors: LayerNotOpen,
+    /// InvalidArgument (`layer` is the root layer itself).
     Result<void> setGloballyMuted(const LayerId& root, const LayerId& layer, bool muted);
-    /// The layers that are muted for everybody on the stages of `root`, as that layer says now;
-    /// none if it is not live. The owner of a stage applies them (Usd.Stage.MuteAndUnmuteLayers).
+    /// Returns the layers that are muted for all users on the stages of `root`; none if `root` is
+    /// not live. The owner of a stage applies them (Usd.Stage.MuteAndUnmuteLayers).
     [[nodiscard]] std::set<LayerId> globallyMuted(const LayerId& root) const;
 
     // --- people
@@ -174,67 +181,68 @@ public:
     /// holder, the users that have them open. Layers that are saved, unlocked and not open are left
     /// out.
     [[nodiscard]] const std::map<LayerId, LayerState>& layerStates() const;
-    /// Shows the others where the user is, until hidePresence(). At first they see user and
-    /// application alone, which the server fills in.
+    /// Sends the user's presence to others, until hidePresence(). The server fills in the client,
+    /// the user and the application.
     void showPresence(Presence presence);
     void hidePresence();
     /// Returns the presences of the other users, by client.
     [[nodiscard]] const std::map<ClientId, Presence>& presences() const;
 
-    // --- requests
-    // Each ends with one event that has its number: event::Answered, or event::ServerError, also
-    // when the connection is lost (NotConnected).
+    // --- requests Each request ends with one event that has its number: event::Answered, or
+    // event::ServerError, also if the connection is lost (NotConnected).
 
     /// Sends a request (common/protocol/Requests.h) and returns its number.
     std::uint64_t request(AnyRequest request);
-    /// Sends a request and waits for its answer. NotConnected: also when the time is over.
+    /// Sends a request and waits for its answer. Error: that of the server, or NotConnected, also
+    /// if the time limit was reached.
     ///
     ///     auto created = live.ask(usdlive::CreateCheckpoint{.name = "before lunch"});
     ///     if (!created) std::cerr << created.error().message << "\n";
     template <IsSingleRequest Request>
     [[nodiscard]] Result<typename Request::Answer> ask(Request what, double timeoutMs = 10'000);
-    /// Waits until a request has ended; returns the event::Answered.
+    /// Waits until a request has ended. Returns the event::Answered.
     [[nodiscard]] Result<client::Event> waitFor(std::uint64_t request, double timeoutMs);
 
     // --- files and checkpoints: requests by name
 
-    /// Asks the server to write layers (none: all that have changed) to their files, with what is
-    /// confirmed; answered by event::Saved. A layer whose file somebody else has changed fails
-    /// (LayerOutdated), unless `force`.
+    /// Requests the server to write layers with their committed content to their files. An empty
+    /// list means all changed layers. Answered by event::Saved. A layer whose file was changed
+    /// outside fails (LayerOutdated), unless `force` is true.
     std::uint64_t save(std::vector<LayerId> layers = {}, bool force = false);
-    /// The same with all that was authored here; waits until the files are written. NotConnected:
-    /// the time is over.
+    /// Commits all edits first, then does the same and waits until the files are written. Error:
+    /// NotConnected (the time limit was reached).
     Result<LayersSaved> saveAndWait(std::vector<LayerId> layers = {}, bool force = false,
                                     double timeoutMs = 60'000);
-    /// Asks the server to take the files of layers (none: of all that are outdated) as commits, so
-    /// that everybody has what is in them; answered by event::Reloaded.
+    /// Requests the server to commit the content of files that were changed outside, so that all
+    /// users have it. An empty list means all outdated layers. Answered by event::Reloaded.
     std::uint64_t reload(std::vector<LayerId> layers = {});
-    /// Asks the server to name the state of the project; flush() first what has to be in it.
-    /// Answered by event::CheckpointMade.
+    /// Requests a checkpoint: a name for the newest state of the project. Call flush() before, to
+    /// include all own edits. Answered by event::CheckpointMade.
     std::uint64_t createCheckpoint(std::string name);
-    /// Answered by event::CheckpointsListed.
+    /// Requests the list of checkpoints. Answered by event::CheckpointsListed.
     std::uint64_t listCheckpoints();
-    /// Asks which files of the project are not served; answered by event::SkippedListed.
+    /// Requests the list of files that are not served. Answered by event::SkippedListed.
     std::uint64_t listSkipped();
 
-    // --- work that did not get into the project (M12)
+    // --- lost work: edits that are not in the project (M12)
 
-    /// The number of pieces of work that were refused or dropped since the start. The index of a
+    /// Returns the number of refused or dropped pieces of work since the start. The index of a
     /// piece is that of its event::Lost.
     [[nodiscard]] std::uint64_t lostWorkCount() const;
     [[nodiscard]] Result<client::LostWork> lostWork(std::uint64_t index) const;
-    /// Its edits of one layer as a layer of their own.
+    /// Returns the lost edits of one layer as a separate layer.
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> lostWorkAsLayer(std::uint64_t index,
                                                               const LayerId& layer) const;
 
     // --- state
 
     [[nodiscard]] bool isConnected() const;
-    /// True while tick() writes into layers what others did, or takes back what was refused.
+    /// Returns true while tick() changes layers: it applies edits of others, or reverts refused
+    /// edits.
     [[nodiscard]] bool isApplying() const;
     [[nodiscard]] Revision revision() const;
-    /// Transactions that the server has not acknowledged, and a frame that waits for its big arrays
-    /// to be encoded.
+    /// Returns the number of unacknowledged transactions, including a frame that waits for its big
+    /// arrays to be encoded.
     [[nodiscard]] std::size_t pendingTransactions() const;
     [[nodiscard]] ClientId id() const;
     [[nodiscard]] const std::string& user() const;  ///< the name that others see
@@ -245,7 +253,7 @@ private:
 
     Client();
     class Impl;
-    /// The inside, for a call on the client's thread. Throws Misuse on another one.
+    /// Returns the implementation. Throws Misuse on another thread than the client's.
     [[nodiscard]] Impl& here(const char* function) const;
 
     std::unique_ptr<Impl> impl_;

@@ -162,7 +162,7 @@ public:
     struct Head {
         Revision revision = 0;  ///< 0: no commit yet
         Hash hash;              ///< hash of the chain up to and including the revision
-        Epoch epoch = 0;        ///< grows by at least 1 with each opening of the store
+        Epoch epoch = 0;        ///< grows with each opening of the store, which stores it durably first
     };
 
     /// The start of the history. The commits up to `revision` no longer exist; the store has the
@@ -195,17 +195,18 @@ public:
     virtual Result<void> compact(Revision revision, const KeepRunning& keepRunning) = 0;
 
     /// Appends commits with the revisions from head().revision + 1 on, without gaps: all of them or
-    /// none. They are durable when it returns (unless the store was opened with durability `os`),
-    /// and include the records that belong to them: `layers`, `namespaceChanges`, `saved` and the
-    /// author's transaction number. Errors: StorageFull (nothing was written; a later call may
-    /// succeed), Internal (wrong revision or hash; nothing was written), StorageFailed (unknown
-    /// whether something was written; the store accepts no more commits until it is opened again).
+    /// none. Does nothing for an empty span. They are durable when it returns (unless the store was
+    /// opened with durability `os`), and include the records that belong to them: `layers`,
+    /// `namespaceChanges`, `saved` and the author's transaction number. Errors: StorageFull
+    /// (nothing was written; a later call may succeed), Internal (wrong revision or hash; nothing
+    /// was written), StorageFailed (unknown whether something was written; the store accepts no
+    /// more commits until it is opened again).
     virtual Result<void> append(std::span<const CommitRecord> commits) = 0;
 
     /// Calls `visit` with each commit of [from, to] in order, until it returns false. `from` 0
     /// means the oldest existing commit; a `to` after head() means head(). Verifies the hash chain:
     /// the message of StorageCorrupt names the damaged revision. Error: HistoryReplaced (`from` is
-    /// at or before base()).
+    /// at or before base(), or compact() has removed the commits during the call).
     virtual Result<void> read(Revision from, Revision to,
                               const std::function<bool(const StoredCommit&)>& visit) const = 0;
     /// Returns the hash of the chain at `revision`, which is in [base(), head()]. Errors:
@@ -279,10 +280,10 @@ public:
     [[nodiscard]] virtual Result<std::uint64_t> size(const Hash& hash) const = 0;
     /// Adds a part of the value `hash`, which has `size` bytes. `offset` is the position of the
     /// part. The parts of a value are passed in order; offset 0 starts again. Uploads of the same
-    /// value by different writers are independent until one is complete. Returns true if the value
-    /// is complete and durable, with the right hash, also if another writer has completed it.
-    /// Errors: BlobMismatch (wrong offset, size or hash), BlobTooLarge, StorageFull; the parts of
-    /// this writer and value are deleted then.
+    /// value by different writers are independent until one is complete. An empty value has one
+    /// empty part. Returns true if the value is complete and durable, with the right hash, also if
+    /// another writer has completed it. Errors: BlobMismatch (wrong offset, size or hash),
+    /// BlobTooLarge, StorageFull; the parts of this writer and value are deleted then.
     virtual Result<bool> write(const Hash& hash, std::uint64_t size, std::uint64_t offset,
                                ByteView part, std::uint64_t writer = 0) = 0;
     /// Returns up to `count` bytes from `offset` on; fewer at the end of the value. Error:
@@ -301,8 +302,9 @@ public:
         std::size_t values = 0;
         std::uint64_t bytes = 0;
     };
-    /// Deletes up to `most` dropped values. Returns fewer if there are no more. If the process ends
-    /// before a dropped value is deleted, the value is complete again in the next process.
+    /// Deletes up to `most` dropped values and returns their number and size; fewer than `most` if
+    /// there are no more. If the process ends before a dropped value is deleted, the value is
+    /// complete again in the next process.
     virtual Result<Purged> purge(std::size_t most) = 0;
 };
 
