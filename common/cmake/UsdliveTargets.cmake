@@ -66,9 +66,9 @@ endfunction()
 set(USDLIVE_LEFT_OUT "/WithoutDds\\.cpp$")
 if(NOT USDLIVE_DDS)
     string(CONCAT USDLIVE_LEFT_OUT
-        "/src/dds/(Domain|NewsSamples|SecurityConfig|Topics)\\.cpp$"
-        "|/src/transport/Dds(Connection|Projects|News|Server|Session)\\.cpp$"
-        "|/tests/.*/(NewsSamplesTest|TransportContractTest)\\.cpp$")
+        "/src/dds/(Domain|StateSamples|SecurityConfig|Topics)\\.cpp$"
+        "|/src/transport/Dds(Connection|Projects|Server|Session|StatePublisher)\\.cpp$"
+        "|/tests/.*/(StateSamplesTest|TransportContractTest)\\.cpp$")
 endif()
 
 # Lists all .cpp under folders of the current source folder.
