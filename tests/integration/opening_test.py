@@ -96,7 +96,7 @@ def test_an_event_handler_opens_layers(server):
         assert live.opened_layer("many/1.usda") and live.opened_layer("many/2.usda")
 
 
-def test_the_event_loop_goes_on(server):
+def test_the_event_loop_keeps_running(server):
     async def count(frames: list) -> None:
         while True:
             frames.append(time.monotonic())

@@ -143,7 +143,7 @@ TEST(LayerFill, ExistingContentSendsNoNotices) {
 }
 
 // `==` treats them as equal; their texts, and other editors, show a difference.
-TEST(LayerFill, TheSignOfZeroIsBroughtIn) {
+TEST(LayerFill, TheSignOfZeroIsKept) {
     MemoryBlobs blobs;
     const auto with = [](const std::string& zero) {
         return fromText("#usda 1.0\n(\nstartTimeCode = " + zero +

@@ -105,7 +105,7 @@ TEST_F(HistoryLineTest, WhatItsCheckRefusesChangesNothing) {
     EXPECT_TRUE(has(line, "/A/B"));
 }
 
-TEST_F(HistoryLineTest, RollsBackWhatTheLogCouldNotAppend) {
+TEST_F(HistoryLineTest, RollsBackCommitsThatTheLogCouldNotAppend) {
     commit(line, {create("/B")});
     const CommitStore::Head kept{1, line.executedHash(), 2};
     commit(line, {erase("/A")});
@@ -134,7 +134,7 @@ TEST_F(HistoryLineTest, AHeadThatIsNoCommitOfTheLineIsAnError) {
                  std::logic_error);
 }
 
-TEST_F(HistoryLineTest, ABranchGoesOnFromARevisionAndLeavesItsOriginAsItIs) {
+TEST_F(HistoryLineTest, ABranchContinuesFromARevisionAndDoesNotChangeItsOrigin) {
     commit(line, {create("/B")});
     line.appended(1);
     const CommitStore::Head head{line.durable(), line.durableHash(), line.epoch()};

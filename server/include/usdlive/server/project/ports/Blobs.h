@@ -17,10 +17,10 @@ public:
 
     /// Finds out which of these values are stored. Answered by Project::blobsFound().
     virtual void findBlobs(std::vector<Hash> hashes) = 0;
-    /// Passes a part to BlobStore::write(), with `session` as the writer. The parts of a session
-    /// are written in the order of the calls. Each call is answered by Project::blobWritten(). If
-    /// the value is already stored, the part is ignored, and only the answers to its first and its
-    /// last part report that the value is complete.
+    /// Decompresses a part and passes it to BlobStore::write(), with `session` as the writer. The
+    /// parts of a session are written in the order of the calls. Each call is answered by
+    /// Project::blobWritten(). If the value is already stored, the part is ignored, and only the
+    /// answers to its first and its last part report that the value is complete.
     virtual void writeBlob(SessionId session, BlobFrame part) = 0;
     /// Sends a stored value from the byte `offset` on to the session, beside the stream of commits
     /// (as Outbox::sendBeside()). If it cannot be read, sends the session an error.

@@ -5,7 +5,7 @@
 
 namespace usdlive::server::ports {
 
-/// The time of day.
+/// Provides the time of day.
 class Clock {
 public:
     virtual ~Clock() = default;

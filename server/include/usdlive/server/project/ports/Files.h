@@ -16,8 +16,8 @@ struct SaveJob {
     LayerDoc doc;           ///< the layer at `revision`
     Revision revision = 0;  ///< durable
     SavedState saved = {};  ///< the state that the file has, as far as the project knows
-    /// If true, the save fails with LayerOutdated if somebody else has changed the file: if its
-    /// content is neither that of `saved.file` or `saved.pending`, nor `doc`.
+    /// If true, the save fails with LayerOutdated if the file was changed outside: if its content
+    /// is not that of `saved.file`, of `saved.pending` or of `doc`.
     bool onlyIfUnchanged = false;
 };
 
@@ -25,7 +25,7 @@ namespace ports {
 
 /// Asynchronous access to the files in the project's folder. Each function returns at once. The
 /// requests of one session are identified by `request`, which the answer repeats. Functions that
-/// write or check files are executed in the order of the calls.
+/// write, check or reload files are executed in the order of the calls.
 class Files {
 public:
     virtual ~Files() = default;
