@@ -24,8 +24,8 @@ struct ArrayEncodings::Job final : public usd::BlobSink {
 
     const std::vector<pxr::VtValue> arrays;
     std::atomic<bool> done = false;
-    std::vector<std::optional<Value>>
-        encodings;  // one for each array; nothing: it cannot be encoded
+    // One for each array; nothing: it cannot be encoded.
+    std::vector<std::optional<Value>> encodings;
     std::vector<std::pair<Hash, SharedBytes>> kept;
 };
 

@@ -108,8 +108,8 @@ private:
     std::atomic<bool> foreign_ = false;  // another thread has written since the last seal()
     // The session's view with edits_ applied to it. Set from the first write to seal().
     std::optional<LayerDoc> working_;
-    NodeId firstNew_ =
-        0;  // specs of working_ with this id or a higher one were created since the last seal()
+    // Specs of working_ with this id or a higher one were created since the last seal().
+    NodeId firstNew_ = 0;
     std::vector<AuthoredEdit> edits_;
     // The places that seal() compares. Ordered by SdfPath, which sorts a spec directly before the
     // specs below it.

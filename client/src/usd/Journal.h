@@ -80,8 +80,8 @@ private:
     std::mutex mutex_;  // guards the following members
     std::condition_variable changed_;
     std::map<std::uint64_t, JournaledWork> works_;  // transactions to be written
-    std::set<std::uint64_t>
-        answered_;  // answered transactions that are in the file or being written
+    // Answered transactions that are in the file or being written.
+    std::set<std::uint64_t> answered_;
     std::map<std::uint64_t, UnsentWork> pending_;  // description of each transaction, for summary()
     std::set<Hash> writing_;  // big values of transactions that are being written
     bool busy_ = false;

@@ -6,8 +6,8 @@
 namespace usdlive::client {
 
 LayerClaims& LayerClaims::ofProcess() {
-    static auto& claims =
-        *new LayerClaims;  // never destroyed: layers may be released while the process ends
+    // Never destroyed: layers may be released while the process ends.
+    static auto& claims = *new LayerClaims;
     return claims;
 }
 

@@ -75,8 +75,8 @@ private:
     bool open_ = false;
     std::optional<Error> failure_;
     std::optional<Error> lastLoss_;
-    std::map<Revision, Hash>
-        wanted_;  // hashes of the chain at the revisions of the journal's transactions
+    // Hashes of the chain at the revisions of the journal's transactions.
+    std::map<Revision, Hash> wanted_;
     std::set<std::uint64_t> committed_;
     NamespaceLog moves_;  // the moves and deletes of others
     std::map<LayerId, Error> missing_;

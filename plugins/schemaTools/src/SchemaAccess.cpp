@@ -1,3 +1,4 @@
+// Reads and writes the properties of a schema of a prim.
 #include "usdlive/plugins/schema/SchemaAccess.h"
 
 #include <pxr/usd/sdf/attributeSpec.h>

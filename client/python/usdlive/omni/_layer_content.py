@@ -1,4 +1,4 @@
-"""What contexts and layers share: edit targets, and content that moves between layers with its asset paths."""
+"""Functions that contexts and layers share: edit targets, and moving content between layers with its asset paths."""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ public:
     struct Arrived {
         Transaction transaction;
         std::size_t bytes = 0;  ///< size as received
-        std::optional<Refused>
-            refused;  ///< set if the transaction is too large; `transaction` then has no edits
+        /// Set if the transaction is too large; `transaction` then has no edits.
+        std::optional<Refused> refused;
     };
     /// Receives a transaction or a part of one. Returns the transaction when its last part has
     /// arrived, or when it has become too large; before that, nothing. After an error, the caller

@@ -17,8 +17,8 @@ namespace usdlive::server {
 struct QueuedTransaction {
     Transaction transaction;
     std::size_t bytes = 0;  ///< size as received
-    std::set<std::uint64_t>
-        lookedUp;                ///< transactions whose creations were requested from the store
+    /// Transactions whose creations were requested from the store.
+    std::set<std::uint64_t> lookedUp;
     std::set<Hash> soughtBlobs;  ///< big values that were requested from the store
 };
 

@@ -26,8 +26,8 @@ Refused transactionTooLarge(std::size_t edits, std::uint64_t bytes,
 }
 
 std::size_t expandedBytes(const OwnCreations& creations, const Transaction& transaction) {
-    std::unordered_map<std::uint32_t, std::size_t>
-        own;  // by index of the edit: length of the created spec's path
+    // By index of the edit: length of the created spec's path.
+    std::unordered_map<std::uint32_t, std::size_t> own;
     const auto lengthOf = [&](const Creation& creation) -> std::size_t {
         if (creation.sequence == transaction.id.sequence) {
             const auto found = own.find(creation.edit);

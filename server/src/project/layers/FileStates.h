@@ -26,7 +26,8 @@ public:
     void setUnsaved(const std::vector<LayerId>& layers);
     /// Adds a layer whose file was created (SE9).
     void addCreated(const LayerId& layer);
-    /// Notes that the file was just written or read. Older results of a check are ignored.
+    /// Notes that the file was just written or read. Its metadata count as unchanged until the next
+    /// scan of the folder.
     void setSaved(const LayerId& layer, const SavedState& saved);
 
     [[nodiscard]] bool isDirty(const LayerId& layer) const;

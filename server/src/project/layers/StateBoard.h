@@ -58,8 +58,8 @@ private:
 
     std::map<LayerId, LayerState> sent_;  ///< the states that were sent last
     std::map<LayerId, LayerLock> locks_;  ///< at the newest durable commit
-    std::map<LayerId, std::set<LayerId>>
-        mutes_;  ///< muted layers by root layer, for all users (MU1)
+    /// Muted layers by root layer, for all users (MU1).
+    std::map<LayerId, std::set<LayerId>> mutes_;
 };
 
 }  // namespace usdlive::server

@@ -38,8 +38,8 @@ public:
     };
     struct Limits {
         CommitLimits commits;
-        Revision namespaceRevisions =
-            kNamespaceLogRevisions;  ///< the most revisions that a base may be old
+        /// The most revisions that a base may be old.
+        Revision namespaceRevisions = kNamespaceLogRevisions;
     };
 
     HistoryLine(const Limits& limits, Start start, ports::CommitLog& log, ports::Clock& clock);

@@ -72,8 +72,8 @@ public:
 
 private:
     Wire<ports::History> history_;
-    std::map<SessionId, std::deque<CommitRead>>
-        reads_;  ///< never empty; the first read is in progress
+    /// Never empty; the first read is in progress.
+    std::map<SessionId, std::deque<CommitRead>> reads_;
 };
 
 }  // namespace usdlive::server

@@ -8,8 +8,8 @@ namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxPastReads =
-    16;  // reads of one session at the same time: each replays a layer
+// Reads of one session at the same time: each replays a layer.
+constexpr std::size_t kMaxPastReads = 16;
 constexpr std::size_t kMaxOpens = 10'000;  // requests that wait for one layer
 
 }  // namespace

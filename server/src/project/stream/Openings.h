@@ -71,11 +71,11 @@ private:
     Wire<ports::Files> files_;
     Wire<ports::Activity> activity_;
 
-    std::map<LayerId, std::vector<Request>>
-        waiting_;                   ///< requests that wait for the layer to be loaded
+    /// Requests that wait for the layer to be loaded.
+    std::map<LayerId, std::vector<Request>> waiting_;
     std::deque<Snapshot> pending_;  ///< sorted by revision
-    std::map<SessionId, std::map<std::uint64_t, OpenLayer>>
-        pastReads_;  ///< by number of the request
+    /// By number of the request.
+    std::map<SessionId, std::map<std::uint64_t, OpenLayer>> pastReads_;
 };
 
 }  // namespace usdlive::server

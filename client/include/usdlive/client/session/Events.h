@@ -25,7 +25,8 @@ struct LostWork {
     std::uint64_t sequence = 0;
     std::uint64_t gesture = 0;  ///< the gesture to which they belong; 0: none
     Error reason;
-    bool refused = false;  ///< true: the whole transaction was refused; false: single edits were dropped
+    /// True: the whole transaction was refused; false: single edits were dropped.
+    bool refused = false;
     std::vector<AuthoredEdit> edits;  ///< the edits with the editor's own paths
 };
 
@@ -42,8 +43,9 @@ struct UnsentWork {
 /// The outcome of Client::sendUnsent().
 struct SentWork {
     std::size_t committed = 0;  ///< transactions that were committed by this call
-    std::size_t before = 0;     ///< transactions that were committed before: only their acknowledgement was lost
-    std::size_t lost = 0;       ///< pieces of work that were refused or dropped
+    /// Transactions that were committed before: only their acknowledgement was lost.
+    std::size_t before = 0;
+    std::size_t lost = 0;  ///< pieces of work that were refused or dropped
 };
 
 struct JoinProgress {
@@ -98,7 +100,8 @@ struct Committed {
 /// Own edits were refused or dropped.
 struct Lost {
     LostWork work;
-    std::uint64_t index = 0;  ///< index for Client::lostWork(); set by the client, not by the session
+    /// Index for Client::lostWork(); set by the client, not by the session.
+    std::uint64_t index = 0;
     /// The number of losses of the same registers for the same reason within a second. The event
     /// has the newest one; the others have lower indices.
     std::uint64_t count = 1;

@@ -140,7 +140,7 @@ using ParticipantId = std::array<std::uint8_t, 16>;
 
 /// The origin of a sample and whether it is alive.
 struct SampleInfo {
-    bool alive = true;          ///< false: only the key is set; the instance or its writer has ended
+    bool alive = true;  ///< false: only the key is set; the instance or its writer has ended
     ParticipantId participant;  ///< the participant of the writer
 
     /// The writer of a disposed instance may be unknown.

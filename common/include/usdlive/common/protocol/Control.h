@@ -67,8 +67,8 @@ struct Welcome {
     std::uint64_t maxBlobBytes = 0;
     std::optional<bool> administrator = {};  ///< locks do not apply to administrators (LK1)
     std::optional<Revision> base = {};       ///< commits up to this one were replaced (CH4)
-    std::optional<std::uint64_t> maxTransactionBytes =
-        {};  ///< limit of a transaction in parts (FR8)
+    /// Limit of a transaction in parts (FR8).
+    std::optional<std::uint64_t> maxTransactionBytes = {};
     USDLIVE_FIELDS(protocol, features, project, epoch, revision, hash, resumed, layers,
                    maxFrameBytes, maxBlobBytes, administrator, base, maxTransactionBytes)
     bool operator==(const Welcome&) const = default;

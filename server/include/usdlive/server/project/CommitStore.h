@@ -162,7 +162,7 @@ public:
     struct Head {
         Revision revision = 0;  ///< 0: no commit yet
         Hash hash;              ///< hash of the chain up to and including the revision
-        Epoch epoch = 0;        ///< grows with each opening of the store, which stores it durably first
+        Epoch epoch = 0;  ///< grows with each opening of the store, which stores it durably first
     };
 
     /// The start of the history. The commits up to `revision` no longer exist; the store has the

@@ -109,8 +109,8 @@ public:
         std::size_t partBytes = kPartBytes;
         std::size_t maxSessions = 1'000;
         std::size_t recentCommitBytes = 64ull << 20;  ///< commits in memory, for resuming sessions
-        std::size_t namespaceLogRevisions =
-            kNamespaceLogRevisions;    ///< the most revisions that a transaction's base may be old
+        /// The most revisions that a transaction's base may be old.
+        std::size_t namespaceLogRevisions = kNamespaceLogRevisions;
         Revision maxBehind = 100'000;  ///< a session that lacks more commits than this is closed
         std::size_t leastReplay = kLeastReplay;  ///< see snapshotDue()
         /// The shortest time between two snapshots of a layer.

@@ -1,3 +1,4 @@
+// The base of the classes that generateSchema.py writes for the schemas of prims.
 #pragma once
 
 #include <pxr/base/tf/token.h>
