@@ -180,8 +180,8 @@ Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creati
     if (!doc)
         return fail(ErrorCode::LayerNotOpen, "the layer " + edit.layer.value + " is not open");
     doc->reserveIds(ownBlock(creation.sequence));
-    Result<Edit> told = addressed(edit, *doc);
-    if (!told) return told;
+    Result<Edit> result = addressed(edit, *doc);
+    if (!result) return result;
     const auto applied = doc->apply(edit.path, edit.action, LayerDoc::By::Author);
     if (!applied) return tl::unexpected(applied.error());
 
@@ -196,7 +196,7 @@ Result<Edit> Prediction::author(const AuthoredEdit& edit, const Creation& creati
         names_.recordMove(confirmed_->revision + 1, edit.layer, edit.path,
                           destination(edit.path, *move));
     prognosis.names = names_.mark();
-    return told;
+    return result;
 }
 
 Result<Edit> Prediction::addressed(const AuthoredEdit& edit, const LayerDoc& doc) const {
@@ -204,13 +204,13 @@ Result<Edit> Prediction::addressed(const AuthoredEdit& edit, const LayerDoc& doc
     auto target =
         creates ? childAddress(edit.layer, doc, edit.path) : address(edit.layer, doc, edit.path);
     if (!target) return tl::unexpected(target.error());
-    Edit told{edit.layer, std::move(*target), edit.action};
-    if (auto* move = std::get_if<MoveSpec>(&told.action)) {
+    Edit result{edit.layer, std::move(*target), edit.action};
+    if (auto* move = std::get_if<MoveSpec>(&result.action)) {
         auto parent = address(edit.layer, doc, move->parent.path);
         if (!parent) return tl::unexpected(parent.error());
         move->parent = std::move(*parent);
     }
-    return told;
+    return result;
 }
 
 // The address of a spec that exists. If own pending work created it, the address is that creation.

@@ -297,7 +297,7 @@ private:
     Epoch commitEpoch_ = 0;  // epoch of the newest commit
     Hash hash_;
     /// Transactions up to `last` were sent when the client had the history at `since`, and are not
-    /// answered. Until they are, hello resumes at `since`: the server can then tell whether it has
+    /// answered. Until they are, hello resumes at `since`: the server then knows whether it has
     /// forgotten what it knew about them (M14).
     struct Unanswered {
         Hello::Resume since;

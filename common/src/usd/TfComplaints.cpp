@@ -25,16 +25,16 @@ TfComplaints::~TfComplaints() {
 
 std::string TfComplaints::text(const std::string& otherwise) const {
     constexpr std::size_t kMost = 3;  // a full disk is reported for every block
-    std::vector<std::string> told;
+    std::vector<std::string> distinct;
     const auto add = [&](const std::string& commentary) {
         const std::string complaint = withoutInternalNamespace(commentary);
-        if (told.size() < kMost && std::ranges::find(told, complaint) == told.end())
-            told.push_back(complaint);
+        if (distinct.size() < kMost && std::ranges::find(distinct, complaint) == distinct.end())
+            distinct.push_back(complaint);
     };
     for (auto error = mark_.begin(); error != mark_.end(); ++error) add(error->GetCommentary());
     for (const auto& warning : trap_.GetWarnings()) add(warning.GetCommentary());
     std::string all;
-    for (const auto& complaint : told) all += (all.empty() ? "" : "; ") + complaint;
+    for (const auto& complaint : distinct) all += (all.empty() ? "" : "; ") + complaint;
     return all.empty() ? otherwise : all;
 }
 

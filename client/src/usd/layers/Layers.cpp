@@ -136,7 +136,7 @@ public:
     }
 
     void refuse(std::vector<RefusedEdit> edits) {
-        if (!edits.empty()) tell(edits);
+        if (!edits.empty()) notify(edits);
     }
 
     std::vector<RefusedEdit> distributeAll() {
@@ -172,11 +172,11 @@ private:
                            std::make_move_iterator(more.end()));
         }
         distributing_ = false;
-        if (!refused.empty()) tell(refused);
+        if (!refused.empty()) notify(refused);
         return refused;
     }
 
-    void tell(const std::vector<RefusedEdit>& refused) {
+    void notify(const std::vector<RefusedEdit>& refused) {
         LayerEvent event;
         event.type = LayerEventType::EditsRefused;
         for (const auto& edit : refused) event.paths.push_back(edit.path);
@@ -207,11 +207,11 @@ private:
             if (!local && (isDelegate || !state.knows(layer->GetIdentifier()))) continue;
             if (changesComposition(changes)) state.compositionChanged();
             locking.layerChanged(layer, changes);
-            tell(layer, changes);
+            notify(layer, changes);
         }
     }
 
-    void tell(const SdfLayerHandle& layer, const pxr::SdfChangeList& changes) {
+    void notify(const SdfLayerHandle& layer, const pxr::SdfChangeList& changes) {
         LayerEvent specs;
         specs.type = LayerEventType::PrimSpecsChanged;
         specs.layer = layer->GetIdentifier();

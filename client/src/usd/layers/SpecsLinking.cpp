@@ -143,12 +143,12 @@ LayerResult<SpecsLinking::Paths> SpecsLinking::change(Table changed) {
         return fail(LayerErrorType::ReadOnly,
                     "the root layer, which stores links, accepts no edits");
     }
-    tell(before);
+    notify(before);
     std::ranges::sort(paths);
     return paths;
 }
 
-void SpecsLinking::tell(const Table& before) {
+void SpecsLinking::notify(const Table& before) {
     std::map<std::string, std::set<std::string>> changed;
     const auto compare = [&](const Table& one, const Table& other) {
         for (const auto& [spec, layers] : one)
@@ -178,7 +178,7 @@ void SpecsLinking::dataChanged() {
     }
     if (stored == links_) return;
     const Table before = std::exchange(links_, std::move(stored));
-    tell(before);
+    notify(before);
 }
 
 }  // namespace usdlive::layers

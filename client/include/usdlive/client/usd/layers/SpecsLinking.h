@@ -56,7 +56,7 @@ private:
     LayerResult<Paths> changeLinks(const pxr::SdfPath& path, const std::string& layer,
                                    bool hierarchy, Edit edit);
     LayerResult<Paths> change(Table changed);
-    void tell(const Table& before);
+    void notify(const Table& before);
 
     LayersContext& context_;
     Table links_;
