@@ -16,7 +16,8 @@ function(usdlive_usd_plugin name)
     cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
     add_library(${name} MODULE ${ARG_SOURCES})
     target_compile_options(${name} PRIVATE ${USDLIVE_WARNINGS})
-    target_compile_definitions(${name} PRIVATE MFB_PACKAGE_NAME=${name} MFB_ALT_PACKAGE_NAME=${name})
+    # usd-core has Python: without this, values would have no conversion to it.
+    target_compile_definitions(${name} PRIVATE PXR_PYTHON_SUPPORT_ENABLED MFB_PACKAGE_NAME=${name} MFB_ALT_PACKAGE_NAME=${name})
     target_link_libraries(${name} PRIVATE usdlive::openusd ${ARG_LINK})
     set_target_properties(${name} PROPERTIES
         PREFIX "" UNITY_BUILD OFF CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
