@@ -33,6 +33,7 @@ ALLOWED = {
     "client/cli": ["common/", "client/"],
     "client/python": ["common/", "client/"],
     "client/examples": ["common/", "client/"],
+    "plugins/obj": [],  # loaded into programs that have nothing of usdlive
     "plugins/schemaTools": ["common/", "client/", "plugins/"],
 }
 

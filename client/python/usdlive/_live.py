@@ -16,6 +16,7 @@ from pxr import Sdf, Usd
 
 from . import _usdlive, events
 from ._errors import Error
+from ._foreign_files import ForeignFiles
 
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
@@ -79,6 +80,7 @@ class Live:
         _open.add(self)
         self._handlers: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
+        self._foreign_files: list[ForeignFiles] = []
         # Events for which handlers were not called yet.
         self._undelivered: collections.deque[dict] = collections.deque()
 
@@ -162,9 +164,11 @@ class Live:
     def attach(self, stage: Usd.Stage, project_folder: str = "", follow_muteness: bool = True) -> list[str]:
         """Makes the layers of an open stage live. The stage was opened from the folder that the server serves,
         or from a copy. The default of `project_folder` is derived from the root layer's path. Returns the
-        layers that are live now. Fails if one of them has unsaved edits."""
+        layers that are live now. Fails if one of them has unsaved edits. Files of the folder that are no USD, such
+        as .obj, are reloaded when they change on the disk."""
         folder = os.fspath(project_folder) or self._project_folder(stage.GetRootLayer())
         attached = self._client.attach(folder)
+        self._foreign_files.append(ForeignFiles(stage, folder))
         root = self.layer_name(stage.GetRootLayer())
         if follow_muteness and root is not None:
             self._follow(stage, root)
@@ -182,6 +186,7 @@ class Live:
         if self._client.closed:  # by a notice handler
             return
         self._followed = [one for one in self._followed if one.update(self._client)]
+        self._foreign_files = [one for one in self._foreign_files if one.update()]
 
     def _project_folder(self, root: Sdf.Layer) -> str:
         names = set(self.layers())
