@@ -1,10 +1,11 @@
-# Functions that build plug-ins of OpenUSD. Also installed with usdlive's package, so that a folder of
-# plugins/ that was copied to another project builds there (docs/plugins.md).
+# Functions that build plug-ins of OpenUSD. With OpenUsd.cmake they also work in other projects, so that a
+# folder of plugins/ can be copied as the start of one (docs/plugins.md).
 include_guard()
 
 # Every plug-in gets its own folder below this one. PXR_PLUGINPATH_NAME may name this folder, for all of
 # them, or the folder of one.
 set(USDLIVE_PLUGINS ${PROJECT_BINARY_DIR}/usd-plugins)
+set_property(GLOBAL PROPERTY usdlive_plugins ${USDLIVE_PLUGINS})
 file(CONFIGURE OUTPUT ${USDLIVE_PLUGINS}/plugInfo.json CONTENT "{\"Includes\": [\"*/plugInfo.json\"]}\n")
 if(NOT TARGET plugins)
     add_custom_target(plugins ALL)
@@ -24,6 +25,27 @@ function(usdlive_usd_plugin name)
         LIBRARY_OUTPUT_DIRECTORY ${USDLIVE_PLUGINS}/${name})
     configure_file(plugInfo.json ${USDLIVE_PLUGINS}/${name}/plugInfo.json COPYONLY)
     add_dependencies(plugins ${name})
+    set_property(GLOBAL APPEND PROPERTY usdlive_plugin_libraries ${name})
+endfunction()
+
+# usdlive_install_usd_plugins(folder rpath [COMPONENT component]): installs all plug-ins below the folder. `rpath` is
+# the path from a plug-in to the libraries of OpenUSD; empty: the one of the build.
+function(usdlive_install_usd_plugins folder rpath)
+    # The caller is in another folder of the tree, which has no variables of this one.
+    get_property(plugins GLOBAL PROPERTY usdlive_plugins)
+    if(NOT plugins)
+        message(FATAL_ERROR "There are no plug-ins to install.")
+    endif()
+    install(DIRECTORY ${plugins}/ DESTINATION ${folder} ${ARGN} PATTERN "*.so" EXCLUDE)
+    get_property(libraries GLOBAL PROPERTY usdlive_plugin_libraries)
+    foreach(library ${libraries})
+        if(rpath)
+            set_target_properties(${library} PROPERTIES INSTALL_RPATH "$ORIGIN/${rpath}")
+        else()
+            set_target_properties(${library} PROPERTIES INSTALL_RPATH_USE_LINK_PATH ON)
+        endif()
+        install(TARGETS ${library} LIBRARY DESTINATION ${folder}/${library} ${ARGN})
+    endforeach()
 endfunction()
 
 set(USDLIVE_SCHEMA_TOOLS ${CMAKE_CURRENT_LIST_DIR}/../../plugins/schemaTools)

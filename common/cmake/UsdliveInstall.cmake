@@ -6,7 +6,9 @@ include(CMakePackageConfigHelpers)
 function(usdlive_install_wheel)
     set_target_properties(_usdlive PROPERTIES INSTALL_RPATH "$ORIGIN/../usd_core.libs")
     install(TARGETS _usdlive LIBRARY DESTINATION usdlive)
-    install(FILES ${PROJECT_BINARY_DIR}/python/usdlive/_error_code.py DESTINATION usdlive)
+    install(FILES ${PROJECT_BINARY_DIR}/python/usdlive/_error_code.py
+        ${PROJECT_BINARY_DIR}/python/usdlive/schemas.py DESTINATION usdlive)
+    usdlive_install_usd_plugins(usdlive/_plugins ../../../usd_core.libs)
     # The path from bin/ of an environment, or of a system like Debian's, to the usd-core beside the
     # package.
     set(python lib/python${Python_VERSION_MAJOR}.${Python_VERSION_MINOR})
@@ -54,6 +56,13 @@ function(usdlive_install_package)
             install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
         endif()
     endforeach()
+
+    if(USDLIVE_OPENUSD_ROOT)
+        usdlive_install_usd_plugins(${CMAKE_INSTALL_LIBDIR}/usdlive/plugins "" COMPONENT plugins)
+    else()
+        usdlive_install_usd_plugins(${USDLIVE_INSTALLED_USD}/plugins ../../usd_core.libs
+            COMPONENT plugins)
+    endif()
 
     foreach(library common common_dds common_usd client_session client_transport client)
         set_target_properties(usdlive_${library} PROPERTIES EXPORT_NAME ${library})
