@@ -1,3 +1,4 @@
+// Makes the specs of a layer from the content of an .obj file.
 #include <pxr/base/gf/vec2f.h>
 #include <pxr/base/gf/vec3f.h>
 #include <pxr/base/tf/stringUtils.h>

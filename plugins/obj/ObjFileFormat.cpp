@@ -1,3 +1,4 @@
+// Reads and writes .obj files through the asset resolver, and reports errors to OpenUSD.
 #include "ObjFileFormat.h"
 
 #include <pxr/base/tf/diagnostic.h>

@@ -1,3 +1,4 @@
+// The file format that OpenUSD calls for .obj files.
 #pragma once
 
 #include <pxr/usd/sdf/fileFormat.h>

@@ -1,3 +1,4 @@
+// Makes the text of an .obj file from a layer, and finds what the text would lose.
 #include <pxr/base/gf/vec2f.h>
 #include <pxr/base/gf/vec3f.h>
 #include <pxr/base/vt/array.h>
@@ -37,7 +38,7 @@ struct CannotStore {
 /// Values of a primvar or of normals, for every corner of a mesh.
 struct PerCorner {
     std::vector<Vec3> values;
-    std::vector<int> indices;  ///< of each corner
+    std::vector<int> indices;  ///< one for each corner
 };
 
 /// Collects the geometry of a layer. Reads what it knows and passes over the rest: printLayer()

@@ -38,7 +38,7 @@ struct Options {
 /// The result of printLayer().
 struct Printed {
     std::string text;
-    std::string problem;  ///< what cannot be stored; empty: nothing
+    std::string problem;  ///< the first thing that cannot be stored; empty: none
 };
 /// The text from which the same layer is read again, with `comment` at its beginning. The order of
 /// prims and properties may change, and texture coordinates and normals get other indices.

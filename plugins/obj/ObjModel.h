@@ -21,10 +21,11 @@ struct Part {
     std::string name = {};
     std::vector<int> faceCounts = {};  ///< corners of each face
     std::vector<Corner> corners = {};
-    std::vector<int> faceMaterials = {};  ///< of each face, an index of Model::materials; -1: none
-    std::vector<int> lineCounts = {};     ///< points of each polyline
+    std::vector<int> faceMaterials =
+        {};  ///< one for each face: an index of Model::materials; -1: none
+    std::vector<int> lineCounts = {};  ///< points of each polyline
     std::vector<int> linePoints = {};
-    std::vector<int> points = {};  ///< of "p" elements
+    std::vector<int> points = {};  ///< those of "p" elements
 
     [[nodiscard]] bool isEmpty() const {
         return faceCounts.empty() && lineCounts.empty() && points.empty();

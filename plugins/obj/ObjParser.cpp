@@ -1,3 +1,4 @@
+// Reads .obj files line by line: one function for each kind of statement.
 #include "ObjParser.h"
 
 #include <algorithm>

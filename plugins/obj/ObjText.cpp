@@ -1,3 +1,4 @@
+// Prints the statements of an .obj file.
 #include "ObjText.h"
 
 #include <charconv>

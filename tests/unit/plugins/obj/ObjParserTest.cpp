@@ -1,3 +1,4 @@
+// Tests reading and printing .obj files, without OpenUSD.
 #include "plugins/obj/ObjParser.h"
 
 #include <gtest/gtest.h>
