@@ -281,6 +281,38 @@ def test_importing_usdlive_registers_the_plug_ins():
     assert output(STOCK, named.stdout.strip()) == "as expected\n"
 
 
+ORIGIN = """
+import sys
+from pxr import Usd
+stage = Usd.Stage.Open(sys.argv[1])
+prim = stage.GetDefaultPrim()
+assert prim.HasAPI("UsdliveSessionAPI")
+names = ("project", "layer", "revision", "checkpoint", "user")
+print([prim.GetAttribute("usdlive:session:" + name).Get() for name in names])
+print(prim.GetAttribute("usdlive:session:time").Get())
+"""
+
+
+def test_a_file_that_leaves_the_project_says_where_it_came_from(project, serve, tmp_path):
+    import time
+
+    import usdlive
+    from pxr import Usd
+    (project / "shot.usda").write_text('#usda 1.0\n(\n    defaultPrim = "World"\n)\ndef Xform "World"\n{\n}\n')
+    server = serve(project)
+    with usdlive.connect(server.url, user="ada") as ada:
+        stage = ada.open_stage("shot.usda")
+        stage.DefinePrim("/World/New", "Cube")
+        assert ada.flush() and ada.revision > 0
+        flat = Usd.Stage.Open(stage.Flatten())
+        ada.write_origin(flat.GetDefaultPrim(), layer="shot.usda")
+        assert flat.Export(str(tmp_path / "flat.usda"))
+        names, when = output(ORIGIN, PLUGINS, arguments=[tmp_path / "flat.usda"]).splitlines()
+        assert names == str([server.url, "shot.usda", ada.revision, None, "ada"])
+        assert abs(time.time() - time.mktime(time.strptime(when, "%Y-%m-%dT%H:%M:%SZ")) + time.timezone) < 60
+        assert ada.flush() and not ada.open_layer("shot.usda").GetPrimAtPath("/World").HasInfo("apiSchemas")
+
+
 # --- the generator -------------------------------------------------------------------------------------
 
 STUDIO = """#usda 1.0

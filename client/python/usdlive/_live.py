@@ -6,6 +6,7 @@ import asyncio
 import atexit
 import collections
 import contextlib
+import getpass
 import os
 import time
 import typing
@@ -34,7 +35,7 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     if cache_mib < 0:
         raise ValueError(f"cache_mib is {cache_mib}: it must be 0 or more")
     return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0,
-                                cache_mib << 20))
+                                cache_mib << 20), url, user)
 
 
 _open: "weakref.WeakSet[Live]" = weakref.WeakSet()
@@ -75,8 +76,9 @@ class _MutenessOfStage:
 class Live:
     """A live project. Use it on the thread that owns the stage, and call `tick()` once per frame."""
 
-    def __init__(self, client: "_usdlive.Client"):
+    def __init__(self, client: "_usdlive.Client", url: str, user: str):
         self._client = client
+        self._url, self._user = url, user
         _open.add(self)
         self._handlers: list[typing.Callable[[events.Event], None]] = []
         self._followed: list[_MutenessOfStage] = []
@@ -204,6 +206,19 @@ class Live:
     def layer_name(self, layer: Sdf.Layer) -> str | None:
         """Returns the project's name of a live layer, or None for other layers."""
         return self._client.layer_name(layer.identifier)
+
+    def write_origin(self, prim: Usd.Prim, layer: str = "", checkpoint: str = "") -> None:
+        """Writes to a prim where it comes from, as UsdliveSessionAPI: the project, the newest confirmed revision,
+        the user and the time, and the names of a layer and a checkpoint. For files that leave the project, such as
+        a flattened stage: their receiver can find the project, and what changed there since."""
+        from . import schemas  # generated: it needs the plug-ins
+        origin = schemas.SessionAPI.apply(prim)
+        origin.project, origin.revision = self._url, self.revision
+        origin.user = self._user or getpass.getuser()
+        origin.time = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        for name, value in (("layer", layer), ("checkpoint", checkpoint)):
+            if value:
+                setattr(origin, name, value)
 
     def close_layer(self, layer: str) -> None:
         """Ends the live connection of the layer, which keeps its content."""
