@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import itertools
 import json
 import os
 import pathlib
+import random
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import time
 import types
 
@@ -16,13 +22,45 @@ import usdlive
 from usdlive.omni.kit.app import get_app
 
 HERE = pathlib.Path(__file__).parent
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+
+# The files with the longest tests. Their tests begin first, so that no worker is left alone with one at the end.
+LONGEST = ["history_test.py", "crash_prefix_test.py", "stage_oracle_test.py", "damage_test.py", "kill_test.py",
+           "collect_test.py", "conformance_test.py", "network_test.py", "outside_test.py", "dds_test.py",
+           "journal_test.py", "crowd_test.py", "failing_io_test.py"]
+# Fixtures that many tests share. These tests run in one worker.
+SHARED = {"history", "installed", "pair", "prefix"}
+
+
+def pytest_collection_modifyitems(items):
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
+    for item in items:
+        for fixture in SHARED & set(item.fixturenames):
+            item.add_marker(pytest.mark.xdist_group(fixture))
+
+
+# The ports of this worker, one after the other. The system gives no port of this range to outgoing connections, so a
+# port is still unused when its server starts again.
+_FIRST_PORT = 20_000 + 500 * (int(WORKER[2:]) % 20)
+_ports = itertools.islice(itertools.cycle(range(_FIRST_PORT, _FIRST_PORT + 500)), random.randrange(500), None)
+
+
+def unused_port() -> int:
+    for port in _ports:
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            with contextlib.suppress(OSError):
+                probe.bind(("127.0.0.1", port))
+                return port
 
 
 class Server:
-    """`usdlive serve` on a free port of loopback."""
+    """`usdlive serve` on a port of loopback that stays the same when it is started again."""
 
     def __init__(self, folder: pathlib.Path, log: pathlib.Path, *options: str):
-        self.folder, self.log, self.options, self.port = folder, log, options, 0
+        self.folder, self.log, self.options, self.port = folder, log, options, unused_port()
         self.process: subprocess.Popen | None = None
         self.program = [os.environ["USDLIVE_BIN"], "serve"]
         self.environment: dict[str, str] = {}  # in addition to the tests' own
@@ -101,10 +139,41 @@ class Peer:
         self.process.wait(timeout=20)
 
 
+@pytest.fixture
+def capfd(capfd):
+    """Also when several workers run the tests, what is printed under `capfd.disabled()` is shown: on stderr, because the
+    stdout of a worker is not."""
+    disabled = capfd.disabled
+
+    @contextlib.contextmanager
+    def shown():
+        with disabled(), contextlib.redirect_stdout(sys.stderr):
+            yield
+
+    capfd.disabled = shown
+    return capfd
+
+
 @pytest.fixture(autouse=True)
 def _state_of_its_own(tmp_path, monkeypatch):
     """Keeps the unsent work of one test from being offered to another."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def dds_domain(monkeypatch):
+    """A DDS domain on loopback that no other test on this machine uses at the same time."""
+    for number in random.SystemRandom().sample(range(1, 91), 90):
+        with open(os.path.join(tempfile.gettempdir(), f"usdlive-test-domain-{number}.lock"), "w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            monkeypatch.setenv("USDLIVE_DDS_DOMAIN", str(number))
+            monkeypatch.setenv("USDLIVE_DDS_INTERFACE", "lo")
+            yield number
+            return
+    pytest.fail("every DDS domain is in use")
 
 
 @pytest.fixture

@@ -100,6 +100,7 @@ class Load:
         self.crowd.close()
 
 
+@pytest.mark.alone
 def test_s1_a_stopped_reader_is_cut_and_harms_no_other(root, serve, capfd):
     """The reader has read nothing for 10 s; commits do not queue up for it (FR6). It cannot receive the
     reason either."""
@@ -130,6 +131,7 @@ def test_s1_a_stopped_reader_is_cut_and_harms_no_other(root, serve, capfd):
     assert with_ < without + 1000
 
 
+@pytest.mark.alone
 def test_a_thousand_sessions_reconnect_at_once(root, serve, capfd):
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     if most != resource.RLIM_INFINITY and most < 2 * STORM:
@@ -215,6 +217,7 @@ def test_n4_a_dead_peer_is_noticed(root, serve, editor, capfd):
         print(f"\nN4: a dead client noticed after {client_gone:.1f} s, a dead server after {server_gone:.1f} s")
 
 
+@pytest.mark.alone
 def test_cf1_a_reader_that_was_away_gets_conflated_commits(root, serve, editor, capfd):
     """FR6: commits do not queue up for it, and it catches up without reading them all."""
     edit_bytes, least = 32 * 1024, 24 * 2**20

@@ -25,20 +25,11 @@ class DdsServer(Server):
 
 
 @pytest.fixture
-def domain(monkeypatch):
-    """A DDS domain of the test's own, so that other test runs on this machine do not interfere."""
-    number = random.SystemRandom().randint(1, 90)
-    monkeypatch.setenv("USDLIVE_DDS_DOMAIN", str(number))
-    monkeypatch.setenv("USDLIVE_DDS_INTERFACE", "lo")
-    return number
-
-
-@pytest.fixture
-def server(tmp_path, domain):
+def server(tmp_path, dds_domain):
     folder = tmp_path / f"shot{random.SystemRandom().getrandbits(32):08x}"
     folder.mkdir()
     (folder / "root.usda").write_text(ROOT)
-    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(domain)).start()
+    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(dds_domain)).start()
     yield server
     if server.process.poll() is None:
         assert server.stop() == 0, server.log.read_text()
@@ -215,13 +206,13 @@ def test_a_wrong_setting_is_said_in_a_line(tmp_path, project, options, what):
     assert ended.stdout == ""
 
 
-def test_a_missing_server_is_reported(domain):
+def test_a_missing_server_is_reported(dds_domain):
     ended = usdlive("ls", "dds://nobody")
     assert ended.returncode == 1
-    assert ended.stderr == (f"usdlive: no server of dds://nobody was found in DDS domain {domain} on lo\n")
+    assert ended.stderr == (f"usdlive: no server of dds://nobody was found in DDS domain {dds_domain} on lo\n")
 
 
-def test_without_dds_nothing_is_served(tmp_path, project, serve, domain):
+def test_without_dds_nothing_is_served(dds_domain, tmp_path, project, serve):
     (project / "root.usda").write_text(ROOT)
     serve(project)
     assert usdlive("ls", "dds://").stdout == ""
@@ -269,16 +260,16 @@ def secured(folder, *names):
 
 
 @pytest.fixture
-def keys(tmp_path, domain):
+def keys(tmp_path, dds_domain):
     return secured(tmp_path / "keys", "ada", "bo")
 
 
 @pytest.fixture
-def secure_server(tmp_path, domain, keys):
+def secure_server(tmp_path, dds_domain, keys):
     folder = tmp_path / f"safe{random.SystemRandom().getrandbits(32):08x}"
     folder.mkdir()
     (folder / "root.usda").write_text(ROOT)
-    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(domain), "--dds-security",
+    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(dds_domain), "--dds-security",
                        str(keys / "server")).start()
     yield server
     assert server.stop() == 0, server.log.read_text()
@@ -433,11 +424,11 @@ def test_locks_and_people_cross_the_transports(server, join):
     synced(server, [ada, cy])
 
 
-def test_fr8_a_commit_in_parts_arrives_over_both(tmp_path, domain, join):
+def test_fr8_a_commit_in_parts_arrives_over_both(tmp_path, dds_domain, join):
     folder = tmp_path / f"shot{random.SystemRandom().getrandbits(32):08x}"
     folder.mkdir()
     (folder / "root.usda").write_text(EMPTY)
-    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(domain),
+    server = DdsServer(folder, tmp_path / "server.log", "--dds", "--dds-domain", str(dds_domain),
                        "--max-frame-mib", "1").start()
     try:
         ada, bo, cy = join(server.dds, "ada"), join(server.url, "bo"), join(server.dds, "cy")

@@ -10,7 +10,7 @@ import threading
 import time
 
 import wire
-from conftest import cat
+from conftest import cat, unused_port
 from pxr import Sdf
 
 SECONDS = float(os.environ.get("USDLIVE_FLAPPING", "20"))
@@ -28,11 +28,10 @@ class Line(threading.Thread):
         self.cuts = self.made = 0
         self.selector = selectors.DefaultSelector()
         self.listener = None
-        self.connect_to = socket.create_server(("127.0.0.1", 0))
-        self.address = self.connect_to.getsockname()[1]
-        self.listen(self.connect_to)
+        self.address = unused_port()  # nobody takes it during a cut
+        self.listen(socket.create_server(("127.0.0.1", self.address)))
         self.pairs = {}
-        self.whole_for_good = threading.Event()
+        self.flapping, self.whole_for_good = threading.Event(), threading.Event()
         self.done = threading.Event()
         self.failure = None
         self.start()
@@ -43,10 +42,12 @@ class Line(threading.Thread):
 
     def run(self):
         try:
-            change = time.monotonic() + self.random.uniform(1, 3)
+            change = None
             while not self.done.is_set():
                 self.carry()
-                if time.monotonic() < change:
+                if change is None and self.flapping.is_set():  # everybody is connected
+                    change = time.monotonic() + self.random.uniform(1, 3)
+                if change is None or time.monotonic() < change:
                     continue
                 if self.listener and not self.whole_for_good.is_set():
                     self.cut()
@@ -142,6 +143,8 @@ def test_n2_a_flapping_line_loses_and_doubles_nothing(project, serve, editor, ca
     lines = {name: Line(server.port, random.Random(random_.random())) for name in NAMES}
     try:
         editors = {name: editor(Through(line), name, "root.usda") for name, line in lines.items()}
+        for line in lines.values():
+            line.flapping.set()
         threads, written = [], {}
         for name, one in editors.items():
             def work(name=name, one=one):

@@ -180,8 +180,8 @@ def test_a_stop_keeps_acknowledged_edits_of_every_project(serve, tmp_path):
         assert f"radius = {10 + index}" in run("cat", f"{server.url}/p{index}/shot.usda")
 
 
-def test_two_projects_over_dds(serve, tmp_path):
-    server = serve(make(tmp_path / "alpha"), str(make(tmp_path / "beta")), "--dds")
+def test_two_projects_over_dds(dds_domain, serve, tmp_path):
+    server = serve(make(tmp_path / "alpha"), str(make(tmp_path / "beta")), "--dds", "--dds-domain", str(dds_domain))
     with usdlive.connect("dds://alpha", user="ada") as ada, usdlive.connect("dds://beta", user="bob") as bob:
         set_radius(ada, 2.0)
         set_radius(bob, 3.0)

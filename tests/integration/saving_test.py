@@ -44,7 +44,7 @@ def test_saving_points_needs_little_memory(project, serve, name):
         before = memory(process, "VmRSS")
         saved = []
         ada.add_handler(lambda event: saved.append(event) if isinstance(event, events.Saved) else None)
-        ada.save(name)
+        ada.request_save(name)
         wait(lambda: saved, ada, timeout=120)
         peak = memory(process, "VmHWM")
         assert not saved[0].failed

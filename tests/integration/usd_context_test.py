@@ -3,7 +3,6 @@
 import asyncio
 import os
 import pathlib
-import random
 import signal
 import stat
 import subprocess
@@ -1075,12 +1074,9 @@ def test_a_live_stage_opens_beside_the_event_loop(live, ctx):
     assert not opened and "none.usda" in error
 
 
-def test_a_stage_opens_over_dds(project, serve, ctx, monkeypatch):
-    domain = str(random.SystemRandom().randint(1, 90))  # runs on one machine do not interfere
-    monkeypatch.setenv("USDLIVE_DDS_DOMAIN", domain)
-    monkeypatch.setenv("USDLIVE_DDS_INTERFACE", "lo")
+def test_a_stage_opens_over_dds(dds_domain, project, serve, ctx):
     (project / "a shot.usda").write_text(BALL)
-    serve(project, "--dds", "--dds-domain", domain)
+    serve(project, "--dds", "--dds-domain", str(dds_domain))
     for name in ("a shot.usda", "a%20shot.usda"):
         assert asyncio.run(ctx.open_stage_async(f"dds://{project.name}/{name}")) == (True, "")
         assert ctx.is_omni_stage() and radius(ctx.get_stage()).Get() == 1
