@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "unit/Seeds.h"
 #include "unit/server/storage/TestCommits.h"
 #include "usdlive/server/storage/MemoryCommitStore.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
@@ -180,7 +181,7 @@ public:
 };
 
 TYPED_TEST(CommitStoreContract, StateFollowsAnyEdits) {
-    for (unsigned seed = 0; seed < 15; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(15); ++seed) {
         RandomHistory<TypeParam> history(seed);
         for (int step = 0; step < 60; ++step) {
             SCOPED_TRACE(testing::Message() << "seed " << seed << ", step " << step);
@@ -227,7 +228,7 @@ TYPED_TEST(CommitStoreContract, AnImportedLayerIsThereAndSaved) {
 // The store loads the snapshot and the commits since. A snapshot of another revision would
 // therefore be noticed.
 TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
-    for (unsigned seed = 0; seed < 15; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(15); ++seed) {
         RandomHistory<TypeParam> history(seed);
         LayerDocs before;
         CommitStore::Head at;
@@ -250,7 +251,7 @@ TYPED_TEST(CommitStoreContract, ASnapshotIsFollowedByTheCommitsSince) {
 }
 
 TYPED_TEST(CommitStoreContract, ALayerCanBeReadAtEachRevision) {
-    for (unsigned seed = 0; seed < 8; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(8); ++seed) {
         RandomHistory<TypeParam> history(seed);
         std::vector<LayerDocs> contents(1);  // by revision
         std::map<LayerId, Revision> first;
@@ -322,7 +323,7 @@ void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& conte
 }
 
 TYPED_TEST(CommitStoreContract, TheBaseRepresentsTheCommitsThatItReplaced) {
-    for (unsigned seed = 0; seed < 8; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(8); ++seed) {
         RandomHistory<TypeParam> history(seed);
         std::vector<LayerDocs> contents(1);  // by revision
         std::map<LayerId, Revision> first;

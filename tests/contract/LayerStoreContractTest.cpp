@@ -19,6 +19,7 @@
 
 #include <random>
 
+#include "unit/Seeds.h"
 #include "unit/common/usd/MemoryBlobs.h"
 #include "usdlive/common/core/ByteStream.h"
 #include "usdlive/common/usd/LayerFill.h"
@@ -389,14 +390,14 @@ void runSeed(unsigned seed, const char* format, int steps) {
 }  // namespace
 
 TEST(LayerStoreContract, M8TheSameEditsGiveTheSameContentAndText) {
-    for (unsigned seed = 0; seed < 400; ++seed) {
+    for (unsigned seed = 0; seed < seedsOf(400); ++seed) {
         SCOPED_TRACE(seed);
         ASSERT_NO_FATAL_FAILURE(runSeed(seed, "usda", 64));
     }
 }
 
 TEST(LayerStoreContract, M8HoldsForBinaryLayers) {
-    for (unsigned seed = 1000; seed < 1100; ++seed) {
+    for (unsigned seed = 1000; seed < 1000 + seedsOf(100); ++seed) {
         SCOPED_TRACE(seed);
         ASSERT_NO_FATAL_FAILURE(runSeed(seed, "usdc", 64));
     }

@@ -23,6 +23,7 @@
 #include <filesystem>
 
 #include "RandomEditor.h"
+#include "unit/Seeds.h"
 #include "unit/common/usd/MemoryBlobs.h"
 
 using namespace usdlive;
@@ -385,7 +386,7 @@ TEST_F(CaptureTest, ImportReplacesASpecByOneOfAnotherKind) {
 // Any edits of an editor, in ticks of random length.
 TEST_F(CaptureTest, FollowsAnyEditing) {
     const char* given = std::getenv("USDLIVE_CAPTURE_SEEDS");
-    const unsigned seeds = given ? unsigned(std::atoi(given)) : 150;
+    const unsigned seeds = given ? unsigned(std::atoi(given)) : seedsOf(150);
     const char* first = std::getenv("USDLIVE_CAPTURE_FIRST");
     const unsigned from = first ? unsigned(std::atoi(first)) : 0;
     for (unsigned seed = from; seed < from + seeds; ++seed) {

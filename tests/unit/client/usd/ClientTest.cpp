@@ -21,6 +21,7 @@
 
 #include "MemoryServer.h"
 #include "RandomEditor.h"
+#include "unit/Seeds.h"
 #include "usd/ClientInternals.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
@@ -631,7 +632,7 @@ TEST_F(ClientTest, SavesOnTheServer) {
 // Several editors edit at once and lose their connections, until everything has arrived: M8.
 TEST_F(ClientTest, M8AllEditorsEndAlike) {
     const char* given = std::getenv("USDLIVE_CLIENT_SEEDS");
-    const unsigned seeds = given ? unsigned(std::atoi(given)) : 30;
+    const unsigned seeds = given ? unsigned(std::atoi(given)) : seedsOf(30);
     const char* first = std::getenv("USDLIVE_CLIENT_FIRST");
     const unsigned from = first ? unsigned(std::atoi(first)) : 0;
     for (unsigned seed = from; seed < from + seeds; ++seed) {

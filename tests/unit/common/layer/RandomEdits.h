@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "unit/Seeds.h"
 #include "usdlive/common/layer/LayerDoc.h"
 
 namespace usdlive {
@@ -20,16 +21,6 @@ inline Value intValue(std::int32_t number) {
 
 inline SetField setInt(std::string field, std::int32_t number) {
     return {std::move(field), {}, intValue(number), ValueType::None};
-}
-
-/// Returns how many of `all` seeds a test runs. Under ASan each takes ten to forty times as long,
-/// and a quarter of the seeds finds the same errors of memory.
-constexpr unsigned seedsOf(unsigned all) {
-#ifdef __SANITIZE_ADDRESS__
-    return all / 4;
-#else
-    return all;
-#endif
 }
 
 // Random edits in a small namespace: few names cause many conflicts.

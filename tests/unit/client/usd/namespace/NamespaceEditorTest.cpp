@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "unit/Seeds.h"
 #include "unit/client/usd/MemoryServer.h"
 #include "usd/ClientInternals.h"
 #include "usdlive/client/usd/Client.h"
@@ -298,7 +299,7 @@ LayerDoc docOfText(const std::string& text) {
 // Renames against edits, renames, deletes and batches of the others, with lost connections.
 TEST(NamespaceEditor, EditorsWhoEditTheNamespaceAtOnceConverge) {
     const char* const wanted = std::getenv("USDLIVE_NAMESPACE_SEEDS");
-    const unsigned seeds = wanted ? unsigned(std::atoi(wanted)) : 60;
+    const unsigned seeds = wanted ? unsigned(std::atoi(wanted)) : seedsOf(60);
     const LayerId id{"root.usda"};
     for (unsigned seed = 0; seed < seeds; ++seed) {
         SCOPED_TRACE(seed);

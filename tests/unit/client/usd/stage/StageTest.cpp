@@ -14,6 +14,8 @@
 #include <random>
 #include <sstream>
 
+#include "unit/Seeds.h"
+
 using namespace usdlive::stage;
 using pxr::SdfFieldKeys;
 using pxr::SdfLayer;
@@ -329,7 +331,7 @@ private:
 }  // namespace
 
 TEST(Stage, FollowsAnyEditsWithoutInstancesToWhereANewStageWouldBe) {
-    for (unsigned seed = 0; seed < 60; ++seed) {
+    for (unsigned seed = 0; seed < usdlive::seedsOf(60); ++seed) {
         SCOPED_TRACE(seed);
         const auto asset = SdfLayer::CreateAnonymous(".usda"),
                    sub = SdfLayer::CreateAnonymous(".usda"),
