@@ -201,7 +201,7 @@ private:
     void addCloud() {
         std::vector<int> all(model_.points.size());
         for (std::size_t at = 0; at < all.size(); ++at) all[at] = int(at);
-        addPoints(all, "points");
+        addPoints(all, kUnnamed);
     }
 
     void setPositions(const SdfPath& prim, const std::vector<int>& indices) {

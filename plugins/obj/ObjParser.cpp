@@ -61,7 +61,7 @@ std::string asUtf8(std::string_view text) {
         else if (std::uint8_t(text[0]) >= 0x20 && text[0] != 0x7F)
             valid += text.substr(0, length);
         else
-            valid += ' ';
+            valid += isSpace(text[0]) ? ' ' : '_';  // control characters
         text.remove_prefix(std::max<std::size_t>(length, 1));
     }
     return valid;

@@ -233,6 +233,10 @@ seat = UsdGeom.Mesh.Get(fresh, "/Model/Seat")
 assert list(UsdGeom.PrimvarsAPI(seat).GetPrimvar("st").ComputeFlattened()) == [
     (0, 0), (.25, 0), (.5, 0), (0, 0), (.5, 0), (.75, 0)]
 assert list(UsdGeom.PrimvarsAPI(seat).GetPrimvar("normals").ComputeFlattened()) == [(0, 1, 0)] * 3 + [(0, 0, 1)] * 3
+for split in ("automatic", "none"):
+    (folder / "cloud.obj").write_text("v 0 0 0 1 0 0\\nv 1 1 1 0 1 0\\n")
+    cloud = Sdf.Layer.FindOrOpen(str(folder / "cloud.obj"), {"split": split})
+    assert cloud.GetPrimAtPath("/Model/default").typeName == "Points" and cloud.Save(True)
 created = Sdf.Layer.CreateNew(str(folder / "new.obj"))
 empty = Sdf.Layer.OpenAsAnonymous(str(folder / "new.obj"))
 assert (folder / "new.obj").read_text() == "" and not empty.rootPrims
