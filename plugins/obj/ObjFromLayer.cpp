@@ -50,8 +50,9 @@ public:
         readLibraries();
         auto prims = children(root_);
         // No statement ends the use of a material: prims without any come first.
-        std::ranges::stable_partition(
-            prims, [&](const TfToken& name) { return !hasMaterial(root_.AppendChild(name)); });
+        std::stable_partition(prims.begin(), prims.end(), [&](const TfToken& name) {
+            return !hasMaterial(root_.AppendChild(name));
+        });
         for (const auto& name : prims) readPrim(root_.AppendChild(name));
     }
 
