@@ -34,6 +34,7 @@ ALLOWED = {
     "client/python": ["common/", "client/"],
     "client/examples": ["common/", "client/"],
     "plugins/obj": [],  # loaded into programs that have nothing of usdlive
+    "plugins/edf": [],
     "plugins/schemaTools": ["common/", "client/", "plugins/"],
 }
 
@@ -53,6 +54,7 @@ EDGES = {
         "tests/contract",
         "tests/simulation",
         "tests/demo",
+        "tests/edf",
         "tests/probe",
         "tests/schemas",
         "tests/fuzz",
@@ -64,6 +66,7 @@ EDGES = {
         "server/app",
         "client/transport",
         "client/cli",
+        "plugins/edf",
         "tests/conformance",
         "tests/unit/server/transport",
         "tests/unit/client/transport",

@@ -1,0 +1,103 @@
+// Reads addresses of services, and decides which ones a scene may use.
+#include "Address.h"
+
+#include <algorithm>
+#include <charconv>
+
+namespace usdlive::edf::museum {
+
+namespace {
+
+constexpr std::string_view kScheme = "http://";
+constexpr std::string_view kVariable = "USDLIVE_EDF_MUSEUM_URL",
+                           kAllowedVariable = "USDLIVE_EDF_ALLOWED_HOSTS";
+
+std::string lower(std::string_view text) {
+    std::string out(text);
+    std::ranges::transform(out, out.begin(),
+                           [](char c) { return c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c; });
+    return out;
+}
+
+bool isHost(std::string_view host) {
+    const auto isOf = [](std::string_view allowed) {
+        return [allowed](char c) {
+            return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ||
+                   allowed.find(c) != std::string_view::npos;
+        };
+    };
+    if (host.starts_with('['))
+        return host.size() > 2 && host.ends_with(']') &&
+               std::ranges::all_of(host.substr(1, host.size() - 2), isOf(":."));
+    return !host.empty() && std::ranges::all_of(host, isOf(".-_"));
+}
+
+bool isPort(std::string_view port) {
+    unsigned number = 0;
+    const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
+    return error == std::errc() && end == port.data() + port.size() && number > 0 && number < 65536;
+}
+
+bool isPathChar(char c) { return c > ' ' && c < 0x7f && c != '?' && c != '#' && c != '@'; }
+
+}  // namespace
+
+std::string Address::hostAndPort() const { return port == "80" ? host : host + ":" + port; }
+
+std::string Address::text() const { return std::string(kScheme) + hostAndPort() + path; }
+
+tl::expected<Address, std::string> readAddress(std::string_view text) {
+    const auto wrong = [&](const std::string& why) {
+        return tl::unexpected("the address '" + std::string(text.substr(0, 200)) + "' " + why);
+    };
+    if (lower(text.substr(0, 8)) == "https://")
+        return wrong("needs TLS, which this provider does not have: put a proxy in front");
+    if (lower(text.substr(0, kScheme.size())) != kScheme)
+        return wrong("does not begin with http://");
+    const std::string_view rest = text.substr(kScheme.size());
+    const auto slash = std::min(rest.find('/'), rest.size());
+    const std::string place = lower(rest.substr(0, slash));
+    Address address;
+    address.path = rest.substr(slash);
+    while (address.path.ends_with('/')) address.path.pop_back();
+    const auto colon =
+        place.find(':', place.starts_with('[') ? std::min(place.find(']'), place.size()) : 0);
+    address.host = place.substr(0, colon);
+    if (colon != std::string::npos) address.port = place.substr(colon + 1);
+    if (!isHost(address.host)) return wrong("has no host");
+    if (!isPort(address.port)) return wrong("has a port that is no number from 1 to 65535");
+    if (!std::ranges::all_of(address.path, isPathChar))
+        return wrong("has a path with characters that are not allowed");
+    return address;
+}
+
+bool isAllowed(const Address& address, std::string_view list) {
+    while (!list.empty()) {
+        const auto comma = std::min(list.find(','), list.size());
+        std::string one = lower(list.substr(0, comma));
+        std::erase(one, ' ');
+        if (!one.empty() && (one == address.host || one == address.host + ":" + address.port))
+            return true;
+        list.remove_prefix(std::min(comma + 1, list.size()));
+    }
+    return false;
+}
+
+tl::expected<Address, std::string> chooseAddress(const std::string& ofScene, const std::string& own,
+                                                 const std::string& allowed) {
+    if (own.empty() && ofScene.empty())
+        return tl::unexpected("no address: set " + std::string(kVariable) +
+                              " to the base address of the collection, " +
+                              "for example http://localhost:8080/public/collection/v1");
+    if (ofScene.empty()) return readAddress(own);
+    auto address = readAddress(ofScene);
+    if (!address) return address;
+    const auto ownAddress = own.empty() ? tl::unexpected(std::string()) : readAddress(own);
+    const bool isOwn = ownAddress && ownAddress->text() == address->text();
+    if (isOwn || isAllowed(*address, allowed)) return address;
+    return tl::unexpected("the host of baseAddress, " + address->hostAndPort() +
+                          ", is not allowed. Allow it with " + std::string(kAllowedVariable) + "=" +
+                          address->host);
+}
+
+}  // namespace usdlive::edf::museum
