@@ -4,16 +4,19 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/write.hpp>
+#include <filesystem>
 #include <string>
 
 #include "Fuzz.h"
 #include "usdlive/common/protocol/Frame.h"
+#include "usdlive/server/transport/FileRequest.h"
 #include "usdlive/server/transport/HttpServer.h"
 
 using namespace usdlive;
 using namespace usdlive::server;
 using namespace std::chrono_literals;
 namespace asio = boost::asio;
+namespace fs = std::filesystem;
 using asio::ip::tcp;
 using fuzz::require;
 
@@ -21,6 +24,14 @@ namespace {
 
 struct NoLog final : Log {
     void write(LogLevel, std::string_view, std::initializer_list<LogField>) override {}
+};
+
+struct Zeros final : HttpContent {
+    std::uint64_t size() const override { return 1'000; }
+    Result<void> read(std::uint64_t offset, std::span<std::uint8_t> part) override {
+        require(offset + part.size() <= size(), "only existing bytes are read");
+        return {};
+    }
 };
 
 /// Echoes each message; a message without frames ends the session.
@@ -33,14 +44,37 @@ public:
         sessions = createWebSocketTransport(io, options, *this, background, log);
         HttpServerOptions httpOptions;
         httpOptions.allowedOrigins = {"https://friend"};
-        const auto router = [this](std::string_view path) -> HttpRoute {
+        const auto router = [this](const HttpTarget& target) -> HttpRoute {
+            const std::string_view path = target.path;
             if (path == "/live") return sessions.get();
             if (path == "/healthz")
                 return HttpPage(
                     [](const HttpAnswer& answer) { answer({"application/json", "{}"}); });
+            if (path.starts_with("/files")) return files(target);
             return HttpReply{"text/plain", "there is nothing here\n", 404};
         };
         server = std::move(*createHttpServer(io, httpOptions, router, log));
+    }
+
+    /// Checks what the parser accepts, and sends a content.
+    HttpRoute files(const HttpTarget& target) {
+        const auto request =
+            parseFileRequest(target.path.substr(std::string_view("/files").size()), target.query);
+        if (!request) return HttpReply{"text/plain", request.error().message, 400};
+        const fs::path path = request->path;
+        require(path.is_relative() && path.lexically_normal() == path,
+                "AS2: a path in the project");
+        for (const fs::path& part : path)
+            require(!part.native().starts_with('.'), "AS2: nothing hidden");
+        return HttpPage([this](const HttpAnswer& answer) {
+            HttpReply reply{"application/octet-stream", {}};
+            reply.etag = "mark";
+            reply.content = std::make_shared<Zeros>();
+            reply.background = [this](std::function<void()> job) {
+                asio::post(io, std::move(job));
+            };
+            answer(reply);
+        });
     }
 
     void opened(SessionId) override { ++open; }
@@ -74,11 +108,17 @@ std::string arrived(tcp::socket& socket) {
 void checkAnswer(const std::string& answer, std::string_view request) {
     if (answer.empty()) return;
     const std::string line = answer.substr(0, answer.find("\r\n"));
-    static const std::vector<std::string> kLines{
-        "HTTP/1.1 101 Switching Protocols", "HTTP/1.1 200 OK",
-        "HTTP/1.1 400 Bad Request",         "HTTP/1.1 403 Forbidden",
-        "HTTP/1.1 404 Not Found",           "HTTP/1.1 405 Method Not Allowed",
-        "HTTP/1.1 426 Upgrade Required",    "HTTP/1.1 431 Request Header Fields Too Large"};
+    static const std::vector<std::string> kLines{"HTTP/1.1 101 Switching Protocols",
+                                                 "HTTP/1.1 200 OK",
+                                                 "HTTP/1.1 206 Partial Content",
+                                                 "HTTP/1.1 304 Not Modified",
+                                                 "HTTP/1.1 416 Range Not Satisfiable",
+                                                 "HTTP/1.1 400 Bad Request",
+                                                 "HTTP/1.1 403 Forbidden",
+                                                 "HTTP/1.1 404 Not Found",
+                                                 "HTTP/1.1 405 Method Not Allowed",
+                                                 "HTTP/1.1 426 Upgrade Required",
+                                                 "HTTP/1.1 431 Request Header Fields Too Large"};
     require(std::count(kLines.begin(), kLines.end(), line) == 1,
             "the answer is one of the known ones");
     if (line == kLines[0])
@@ -127,7 +167,10 @@ std::vector<Bytes> fuzz::seeds() {
     const std::string message("\x10\0\0\0sixteen of bytes", 20);
     std::vector<Bytes> all;
     for (const std::string& input :
-         {std::string("GET /healthz HTTP/1.1\r\n\r\n"), std::string("POST /live HTTP/1.1\r\n\r\n"),
+         {std::string("GET /files/tex/a%20b.png?hash=00 HTTP/1.1\r\nRange: bytes=1-2\r\n\r\n"),
+          std::string("HEAD /files?revision=12&checkpoint=a HTTP/1.1\r\nIf-None-Match: *\r\n\r\n"),
+          std::string("GET /files/%2E%2E/a HTTP/1.1\r\nRange: bytes=-5\r\nIf-Range: a\r\n\r\n"),
+          std::string("GET /healthz HTTP/1.1\r\n\r\n"), std::string("POST /live HTTP/1.1\r\n\r\n"),
           std::string("GET /live?a=b HTTP/1.0\r\nContent-Length: 9\r\n\r\nx"),
           std::string("GET /nowhere HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n"),
           upgrade + "\r\n" + frame('\x82', message), upgrade + "Origin: https://friend\r\n\r\n",

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "usdlive/common/core/PercentEncoding.h"
+#include "usdlive/server/transport/FileRequest.h"
 
 namespace usdlive::server {
 
@@ -20,9 +21,9 @@ using Json = nlohmann::json;
 using std::chrono::milliseconds;
 using State = ServedProject::State;
 
-constexpr std::string_view kSessions = "/live";
+constexpr std::string_view kSessions = "/live", kFiles = "/files";
 constexpr const char* kJson = "application/json";
-constexpr unsigned kNotFound = 404, kUnavailable = 503;
+constexpr unsigned kBadRequest = 400, kNotFound = 404, kUnavailable = 503;
 // Projects that have not answered after this time are reported as busy.
 constexpr milliseconds kReportTime{1'000};
 // The pause between searches for new folders.
@@ -34,6 +35,20 @@ constexpr std::size_t kMostNamed = 20;
 
 std::string text(const Json& json) {
     return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+struct FilesPath {
+    std::string_view project;  ///< percent-encoded
+    std::string_view rest;     ///< empty, or begins with a slash
+};
+/// Splits `/NAME/files...`. Returns nothing for any other path.
+std::optional<FilesPath> splitFilesPath(std::string_view path) {
+    const std::size_t slash = path.find('/', 1);
+    if (slash == std::string_view::npos || !path.substr(slash).starts_with(kFiles))
+        return std::nullopt;
+    const FilesPath split{path.substr(1, slash - 1), path.substr(slash + kFiles.size())};
+    if (!split.rest.empty() && !split.rest.starts_with('/')) return std::nullopt;
+    return split;
 }
 
 /// Returns the name of the project in `folder`: the folder's own name.
@@ -203,7 +218,8 @@ void Projects::foldersFound(const std::map<std::string, fs::path>& found) {
 
 // ---- HTTP
 
-HttpRoute Projects::route(std::string_view path) {
+HttpRoute Projects::route(const HttpTarget& target) {
+    const std::string_view path = target.path;
     const auto page = [this](HttpReply (Projects::*make)(const Reports&) const) {
         return HttpPage([this, make](const HttpAnswer& answer) {
             gather(
@@ -224,11 +240,38 @@ HttpRoute Projects::route(std::string_view path) {
             return notHere("there is no project \"" + name.value_or("") + "\" here");
         return sessionsOf(*found->second.project);
     }
+    if (const auto files = splitFilesPath(path)) {
+        const auto name = percentDecoded(files->project);
+        const auto found = name ? projects_.find(*name) : projects_.end();
+        if (found != projects_.end())
+            return filesOf(*found->second.project, {files->rest, target.query});
+    }
+    if (path.starts_with(kFiles)) {
+        const std::string_view rest = path.substr(kFiles.size());
+        if (rest.empty() || rest.starts_with('/')) {
+            if (projects_.size() == 1)
+                return filesOf(*projects_.begin()->second.project, {rest, target.query});
+            return notHere("the address names no project");
+        }
+    }
     return HttpReply{"text/plain", "there is nothing here\n", kNotFound};
+}
+
+HttpRoute Projects::filesOf(ServedProject& project, const HttpTarget& target) {
+    auto request = parseFileRequest(target.path, target.query);
+    if (!request) return HttpReply{"text/plain", request.error().message + "\n", kBadRequest};
+    if (project.status().state != State::Serving) return unavailable(project);
+    return HttpPage([&project, request = std::move(*request)](const HttpAnswer& answer) {
+        project.answerFile(request, answer);
+    });
 }
 
 HttpRoute Projects::sessionsOf(ServedProject& project) {
     if (WebSocketTransport* sessions = project.sessions()) return sessions;
+    return unavailable(project);
+}
+
+HttpReply Projects::unavailable(const ServedProject& project) {
     const ServedProject::Status status = project.status();
     const std::string why = status.error ? "cannot be opened: " + status.error->message
                             : status.state == State::Opening ? "is being opened"

@@ -10,6 +10,7 @@
 
 #include "usdlive/server/app/ProjectRuntime.h"
 #include "usdlive/server/app/RunningServer.h"
+#include "usdlive/server/app/ServedAssets.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/StorageThread.h"
 #include "usdlive/server/files/LayerFiles.h"
@@ -26,6 +27,7 @@ namespace {
 
 constexpr std::uint64_t kMib = 1024 * 1024;
 constexpr std::size_t kMostSkippedLogged = 100;
+constexpr unsigned kProjectClosed = 503;
 // Space in a message for the lengths of its frames.
 constexpr std::size_t kMessageSlack = 64 * 1024;
 // Additional sessions, which only receive the error that there are too many.
@@ -174,6 +176,10 @@ public:
         return {State::Serving, {}, layers ? layers->size() : 0, logSkipped(*files_, log_)};
     }
 
+    void answerFile(const FileRequest& request, const HttpAnswer& answer) {
+        assets_->answer(request, answer);
+    }
+
     Result<void> announce(const std::string& url) {
         runningServer_.emplace(folder_, url);
         if (!options_.dds) return {};
@@ -235,6 +241,9 @@ private:
         if (!files) return tl::unexpected(files.error());
         files_ = std::move(*files);
 
+        assets_ = std::make_unique<ServedAssets>(name_, files_->folder(), *files_, store_, workers_,
+                                                 log_);
+
         const auto list = [this] { return servedLayers(*files_, store_); };
         runtime_ = std::make_unique<ProjectRuntime>(
             network_, workers_, store_, storage_, *blobs_,
@@ -281,6 +290,7 @@ private:
     };
     StorageThread storage_;
     Metrics metrics_;
+    std::unique_ptr<ServedAssets> assets_;
     std::unique_ptr<ProjectRuntime> runtime_;
     std::shared_ptr<WebSocketTransport> webSockets_;
     std::unique_ptr<Transport> dds_;
@@ -395,6 +405,13 @@ void ServedProject::report(std::function<void(Report)> done) {
     const Status now = status();
     if (now.state == State::Failed) return done({"failed", now.error->message});
     done({now.state == State::Opening ? "opening" : "stopping"});
+}
+
+void ServedProject::answerFile(FileRequest request, HttpAnswer answer) {
+    const bool isPosted = post([request = std::move(request), answer](Running& running) {
+        running.answerFile(request, answer);
+    });
+    if (!isPosted) answer({"text/plain", "the project is being closed\n", kProjectClosed});
 }
 
 void ServedProject::stop() {

@@ -163,7 +163,7 @@ private:
             return fail(*all.front()->status().error);
         auto http = createHttpServer(
             io_, httpOptions(options_),
-            [this](std::string_view path) { return projects_.route(path); }, *log_);
+            [this](const HttpTarget& target) { return projects_.route(target); }, *log_);
         if (!http) return fail(http.error());
         http_ = std::move(*http);
         projects_.announce(reachableUrls(options_.host, http_->port()).front(), *http_,

@@ -38,11 +38,6 @@ std::int64_t nanoseconds(const timespec& time) {
     return std::int64_t(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
 }
 
-FileTrace traceOf(const struct stat& found) {
-    return {std::uint64_t(found.st_size), found.st_ino, nanoseconds(found.st_mtim),
-            nanoseconds(found.st_ctim)};
-}
-
 std::string userName(uid_t user) {
     std::vector<char> memory(16'384);
     passwd entry{};
@@ -75,6 +70,11 @@ Result<std::optional<FileStamp>> attempt(const std::filesystem::path& path, int 
 }
 
 }  // namespace
+
+FileTrace traceOf(const struct stat& found) {
+    return {std::uint64_t(found.st_size), found.st_ino, nanoseconds(found.st_mtim),
+            nanoseconds(found.st_ctim)};
+}
 
 std::optional<LayerFile> lookAt(const std::filesystem::path& path, LayerId layer) {
     struct stat found{};

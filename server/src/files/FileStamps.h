@@ -1,6 +1,8 @@
 // Reads the attributes and hashes of files.
 #pragma once
 
+#include <sys/stat.h>
+
 #include <filesystem>
 #include <map>
 #include <mutex>
@@ -11,6 +13,8 @@
 #include "usdlive/server/project/CommitStore.h"
 
 namespace usdlive::server {
+
+[[nodiscard]] FileTrace traceOf(const struct stat& found);
 
 /// Returns the attributes of the file of `layer`: its trace, owner and whether it is writable.
 /// Nothing if there is no such file.

@@ -1,13 +1,18 @@
 // Lists, imports and saves the USD files of a project.
 #include "usdlive/server/files/LayerFiles.h"
 
+#include <fcntl.h>
 #include <pxr/usd/sdf/fileFormat.h>
 #include <pxr/usd/sdf/layer.h>
+#include <stdlib.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <fstream>
 #include <future>
+#include <iterator>
 #include <mutex>
 
 #include "BigArrays.h"
@@ -206,7 +211,36 @@ public:
                     layer.value + " could not be saved: " + saved.error().message);
     }
 
+    Result<Bytes> render(const LayerId& layer, const LayerDoc& doc) override {
+        if (lowerCase(fs::path(layer.value).extension().string()) == ".usda") {
+            StoredBlobs blobs(blobs_);
+            return usd::exportText(doc, blobs).map([](const std::string& text) {
+                const ByteView bytes = asBytes(text);
+                return Bytes(bytes.begin(), bytes.end());
+            });
+        }
+        // OpenUSD writes the binary format to files only.
+        std::string name = (fs::temp_directory_path() / "usdlive-XXXXXX.usdc").string();
+        const int file = ::mkostemps(name.data(), int(std::strlen(".usdc")), O_CLOEXEC);
+        if (file < 0)
+            return fail(ErrorCode::SaveFailed, "no temporary file can be created in " +
+                                                   fs::temp_directory_path().string() + ": " +
+                                                   std::strerror(errno));
+        ::close(file);
+        auto written = exportWhole(name, doc, "usdc").and_then([&] { return readFile(name); });
+        ::unlink(name.c_str());
+        return written;
+    }
+
 private:
+    static Result<Bytes> readFile(const std::string& name) {
+        std::ifstream file(name, std::ios::binary);
+        Bytes bytes{std::istreambuf_iterator<char>(file), {}};
+        if (file.bad() || bytes.empty())
+            return fail(ErrorCode::SaveFailed, name + " cannot be read: " + std::strerror(errno));
+        return bytes;
+    }
+
     static tl::unexpected<Error> unreadable(const LayerId& layer, const std::string& reason) {
         return fail(ErrorCode::LayerUnreadable, layer.value + " cannot be read: " + reason);
     }

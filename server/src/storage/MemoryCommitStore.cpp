@@ -8,6 +8,7 @@
 
 #include "StoreRules.h"
 #include "usdlive/server/project/CommitContent.h"
+#include "usdlive/server/project/LayerVersions.h"
 
 namespace usdlive::server {
 
@@ -40,7 +41,7 @@ public:
 
 namespace {
 
-class MemoryCommitStore final : public CommitStore {
+class MemoryCommitStore final : public CommitStore, public LayerVersions {
 public:
     explicit MemoryCommitStore(std::shared_ptr<MemoryDisk> disk) : disk_(std::move(disk)) {
         const std::lock_guard lock(disk_->mutex);
@@ -124,6 +125,18 @@ public:
         if (!cost) return tl::unexpected(cost.error());
         if (replayed) *replayed = {stored.snapshotBytes, *cost};
         return std::optional(std::move(doc));
+    }
+    [[nodiscard]] Result<std::optional<LayerVersion>> versionAt(const LayerId& layer,
+                                                                Revision revision) const override {
+        const std::lock_guard lock(disk_->mutex);
+        const Base base = disk_->base;
+        if (revision < base.revision) return historyReplaced(revision, base.revision);
+        const auto known = disk_->layers.find(layer);
+        if (known == disk_->layers.end()) return std::optional<LayerVersion>();
+        const StoredLayer& stored = known->second;
+        const Revision at = std::min(std::max(revision, stored.first), stored.changed);
+        if (at <= base.revision) return LayerVersion{base.revision, base.hash};
+        return LayerVersion{at, disk_->commits[at - base.revision - 1].hash};
     }
     Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
                                      const Hash& hash) override {

@@ -19,6 +19,7 @@
 #include "RocksTuning.h"
 #include "StoreFolder.h"
 #include "StoreRecords.h"
+#include "usdlive/server/project/LayerVersions.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
 
 namespace usdlive::server {
@@ -26,7 +27,7 @@ namespace usdlive::server {
 /// A CommitStore in RocksDB. Its parts: RocksCommitStore.cpp (disk space), RocksOpening.cpp,
 /// RocksAppending.cpp (commits and snapshots), RocksReading.cpp (the log, layers and checkpoints),
 /// RocksClients.cpp (transactions of clients), RocksCompacting.cpp (the base).
-class RocksCommitStore final : public CommitStore {
+class RocksCommitStore final : public CommitStore, public LayerVersions {
 public:
     RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)
         : folder_(std::move(folder)),
@@ -47,6 +48,8 @@ public:
     [[nodiscard]] Result<std::vector<LayerId>> layers() const override;
     [[nodiscard]] Result<std::optional<LayerDoc>> layerAt(const LayerId& layer, Revision revision,
                                                           Replayed* replayed) const override;
+    [[nodiscard]] Result<std::optional<LayerVersion>> versionAt(const LayerId& layer,
+                                                                Revision revision) const override;
     Result<std::size_t> keepSnapshot(const LayerId& layer, const LayerDoc& doc, Revision revision,
                                      const Hash& hash) override;
     [[nodiscard]] Result<SavedState> saved(const LayerId& layer) const override;
@@ -184,6 +187,9 @@ private:
     /// Applies the layer's commits of the runs to `doc`. Returns their replayCost().
     Result<std::size_t> follow(LayerDoc& doc, const LayerId& layer, const std::vector<Run>& runs,
                                const KeepRunning& keepRunning) const;
+    /// The last revision that versionAt() may name, 0: the base.
+    [[nodiscard]] Result<Revision> lastChange(std::uint32_t layer, Revision revision,
+                                              bool hasBase) const;
     [[nodiscard]] std::uint32_t numberOf(const LayerId& layer) const;  // 0: there is none
     /// Returns the layer's content at the base, with the base's revision. Nothing if it was added
     /// later.

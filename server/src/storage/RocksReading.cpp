@@ -188,6 +188,49 @@ Result<std::optional<LayerSnapshot>> RocksCommitStore::readBaseOf(const LayerId&
     return found;
 }
 
+Result<std::optional<LayerVersion>> RocksCommitStore::versionAt(const LayerId& layer,
+                                                                Revision revision) const {
+    for (;;) {
+        const Base from = base();
+        if (revision < from.revision) return historyReplaced(revision, from.revision);
+        Layer known;
+        {
+            const std::shared_lock lock(mutex_);
+            const auto found = layers_.find(layer);
+            if (found == layers_.end()) return std::optional<LayerVersion>();
+            known = found->second;
+        }
+        const auto last = known.changed <= revision
+                              ? Result<Revision>(known.changed)
+                              : lastChange(known.number, revision, known.base.revision != 0);
+        if (!last) return tl::unexpected(last.error());
+        if (*last <= from.revision) return LayerVersion{from.revision, from.hash};
+        const auto hash = hashAt(*last);
+        if (hash) return LayerVersion{*last, *hash};
+        // The base may have moved meanwhile: tries again with the new one.
+        if (from == base()) return tl::unexpected(hash.error());
+    }
+}
+
+Result<Revision> RocksCommitStore::lastChange(std::uint32_t layer, Revision revision,
+                                              bool hasBase) const {
+    const std::string all = key(kEditedPrefix, layer);
+    const std::unique_ptr<rocksdb::Iterator> at(
+        db_->NewIterator(rocksdb::ReadOptions(), family(Family::Meta)));
+    const auto inside = [&] { return at->Valid() && text(at->key()).starts_with(all); };
+    at->SeekForPrev(key(kEditedPrefix, layer, revision));
+    const bool isBefore = inside();
+    if (!isBefore && hasBase) return Revision(0);
+    if (!isBefore) at->Seek(all);  // the layer was added after `revision`
+    if (!at->status().ok()) return tl::unexpected(error(at->status(), "read"));
+    if (!inside()) return Revision(0);
+    const std::string_view first = text(at->key()).substr(all.size());
+    const auto last = decoded<Revision>(bytes(at->value()));
+    if (first.size() != sizeof(Revision) || !last)
+        return damaged("a record of a layer's commits cannot be read");
+    return isBefore ? std::min(*last, revision) : storekeys::bigEndian64(first);
+}
+
 Result<std::optional<LayerDoc>> RocksCommitStore::layerAt(const LayerId& layer, Revision revision,
                                                           Replayed* replayed) const {
     for (;;) {

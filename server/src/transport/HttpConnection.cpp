@@ -1,17 +1,22 @@
 // Reads one HTTP request and answers it, or hands the connection over as a session.
 #include "HttpConnection.h"
 
+#include <algorithm>
 #include <array>
 #include <boost/asio/post.hpp>
+#include <boost/asio/write.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/parser.hpp>
 #include <boost/beast/http/read.hpp>
 #include <boost/beast/http/string_body.hpp>
 #include <boost/beast/http/write.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
+#include <cstring>
 #include <optional>
 #include <utility>
 
+#include "HttpRanges.h"
 #include "Upgrade.h"
 
 namespace usdlive::server {
@@ -27,19 +32,28 @@ constexpr std::size_t kHeaderBytes = 8 * 1024;
 // The time limit for sending the answer and for the peer to close afterwards.
 constexpr std::chrono::seconds kAnswerTime{5};
 
-constexpr unsigned kBadRequest = 400, kForbidden = 403, kNotAllowed = 405, kUpgradeRequired = 426,
-                   kHeadersTooLarge = 431, kInternal = 500, kUnavailable = 503;
+// The size of the parts of a content. Two of them are in memory: one is sent while the next one is
+// read.
+constexpr std::uint64_t kPartBytes = 512 * 1024;
+
+constexpr unsigned kOk = 200, kPartial = 206, kNotModified = 304, kBadRequest = 400,
+                   kForbidden = 403, kNotAllowed = 405, kRangeNotSatisfiable = 416,
+                   kUpgradeRequired = 426, kHeadersTooLarge = 431, kInternal = 500,
+                   kUnavailable = 503;
 
 using Request = http::request<http::empty_body>;
 using Response = http::response<http::string_body>;
 
 std::string_view view(beast::string_view text) { return {text.data(), text.size()}; }
 
-/// Returns the path without the query.
-std::string_view pathOf(const Request& request) {
+HttpTarget targetOf(const Request& request) {
     const std::string_view target = view(request.target());
-    return target.substr(0, target.find('?'));
+    const std::size_t mark = target.find('?');
+    if (mark == std::string_view::npos) return {target, {}};
+    return {target.substr(0, mark), target.substr(mark + 1)};
 }
+
+std::string quoted(const std::string& etag) { return '"' + etag + '"'; }
 
 class Connection final : public HttpConnection, public std::enable_shared_from_this<Connection> {
 public:
@@ -89,17 +103,18 @@ private:
     }
 
     void route(const Request& request) {
-        const std::string_view path = pathOf(request);
+        const HttpTarget target = targetOf(request);
+        isHead_ = request.method() == http::verb::head;
         try {
-            const HttpRoute route = hub_.router(path);
+            const HttpRoute route = hub_.router(target);
             if (const auto* refusal = std::get_if<HttpReply>(&route)) return answer(*refusal);
-            if (request.method() != http::verb::get)
+            if (request.method() != http::verb::get && !isHead_)
                 return answer({"text/plain", "only GET\n", kNotAllowed});
             if (const auto* page = std::get_if<HttpPage>(&route)) return get(*page);
             session(request, *std::get<WebSocketTransport*>(route));
         } catch (const std::exception& fault) {
             hub_.log.write(LogLevel::Error, "http route failed",
-                           {{"path", path}, {"error", fault.what()}});
+                           {{"path", target.path}, {"error", fault.what()}});
             answer({"text/plain", "internal error of the server\n", kInternal});
         }
     }
@@ -143,27 +158,145 @@ private:
     }
 
     void answer(HttpReply reply) {
+        if (!reply.etag.empty() && reply.status == kOk && matches(reply.etag)) {
+            reply.status = kNotModified;
+            reply.content.reset();
+            reply.body.clear();
+        }
+        const std::uint64_t size = reply.content ? reply.content->size() : reply.body.size();
+        ByteRange range{0, size};
+        if (reply.content && reply.status == kOk) range = rangeOf(reply, size);
+        const std::uint64_t count = range.end - range.begin;
+        setHead(reply);
+        if (reply.status != kNotModified) response_.content_length(count);
+        if (isHead_ || !reply.content) {
+            if (!isHead_) response_.body() = std::move(reply.body);
+            reply.content.reset();
+        }
+        content_ = std::move(reply.content);
+        background_ = std::move(reply.background);
+        unread_ = range.begin;
+        unsent_ = content_ ? count : 0;
+        end_ = range.end;
+        extend(kAnswerTime);
+        if (!content_) return sendWhole();
+        serializer_.emplace(response_);
+        http::async_write_header(socket_, *serializer_,
+                                 [self = shared_from_this()](beast::error_code error, std::size_t) {
+                                     if (error || self->done_) return self->finish();
+                                     self->readPart();
+                                     if (self->unsent_ == 0) self->sent();
+                                 });
+    }
+
+    void setHead(const HttpReply& reply) {
         const auto status = http::status(reply.status);
         response_.result(status);
         response_.set(http::field::server, "usdlive");
-        response_.set(http::field::content_type, reply.contentType);
-        response_.set(http::field::cache_control, "no-store");
+        if (!reply.contentType.empty()) response_.set(http::field::content_type, reply.contentType);
+        for (const auto& [name, value] : reply.headers) response_.set(name, value);
+        if (!reply.etag.empty()) response_.set(http::field::etag, quoted(reply.etag));
+        // A client may keep what has an ETag, and asks each time whether it is still valid.
+        response_.set(http::field::cache_control, reply.etag.empty() ? "no-store" : "no-cache");
         if (status == http::status::method_not_allowed) response_.set(http::field::allow, "GET");
         if (status == http::status::upgrade_required) {
             response_.set(http::field::upgrade, "websocket");
             response_.set(http::field::connection, "upgrade, close");
         }
         response_.keep_alive(false);
-        response_.body() = std::move(reply.body);
-        response_.prepare_payload();
-        deadline_ = steady_clock::now() + kAnswerTime;
-        http::async_write(socket_, response_,
+    }
+
+    bool matches(const std::string& etag) {
+        const std::string_view wanted = view(parser_.get()[http::field::if_none_match]);
+        return wanted == "*" || wanted.find(quoted(etag)) != std::string_view::npos;
+    }
+
+    /// Returns the bytes that the request asks for, and sets the status of the reply.
+    ByteRange rangeOf(HttpReply& reply, std::uint64_t size) {
+        const Request& request = parser_.get();
+        reply.headers.emplace_back("Accept-Ranges", "bytes");
+        const std::string_view condition = view(request[http::field::if_range]);
+        const std::string_view header = view(request[http::field::range]);
+        if (header.empty() || (!condition.empty() && condition != quoted(reply.etag)))
+            return {0, size};
+        const auto range = parseByteRange(header, size);
+        if (!range) return {0, size};
+        const bool isEmpty = range->begin == range->end;
+        reply.status = isEmpty ? kRangeNotSatisfiable : kPartial;
+        const std::string bytes =
+            isEmpty ? "*" : std::to_string(range->begin) + "-" + std::to_string(range->end - 1);
+        reply.headers.emplace_back("Content-Range", "bytes " + bytes + "/" + std::to_string(size));
+        return *range;
+    }
+
+    void sendWhole() {
+        serializer_.emplace(response_);
+        const auto done = [self = shared_from_this()](beast::error_code error, std::size_t) {
+            if (error || self->done_) return self->finish();
+            self->sent();
+        };
+        if (isHead_)
+            http::async_write_header(socket_, *serializer_, done);
+        else
+            http::async_write(socket_, *serializer_, done);
+    }
+
+    // ---- a content in parts: one is read while the one before it is sent
+
+    void readPart() {
+        if (isReading_ || ready_ || unread_ == end_) return;
+        isReading_ = true;
+        const std::uint64_t offset = unread_, size = std::min(kPartBytes, end_ - unread_);
+        unread_ += size;
+        background_([io = &hub_.io, weak = weak_from_this(), content = content_, offset,
+                     part = Bytes(size)]() mutable {
+            auto read = content->read(offset, part);
+            asio::post(*io, [weak, read = std::move(read), part = std::move(part)]() mutable {
+                if (const auto self = weak.lock()) self->partRead(read, std::move(part));
+            });
+        });
+    }
+
+    void partRead(const Result<void>& read, Bytes part) {
+        if (done_) return;
+        isReading_ = false;
+        if (!read) {
+            hub_.log.write(LogLevel::Warning, "download ended", {{"error", read.error().message}});
+            return finish();
+        }
+        ready_ = std::move(part);
+        writePart();
+    }
+
+    void writePart() {
+        if (isWriting_ || !ready_) return;
+        isWriting_ = true;
+        writing_ = std::move(*ready_);
+        ready_.reset();
+        extend(hub_.options.answerTime);
+        asio::async_write(socket_, asio::buffer(writing_),
                           [self = shared_from_this()](beast::error_code error, std::size_t) {
                               if (error || self->done_) return self->finish();
-                              beast::error_code ignored;
-                              self->socket_.shutdown(Socket::shutdown_send, ignored);
-                              self->drain();
+                              self->partWritten();
                           });
+        readPart();
+    }
+
+    void partWritten() {
+        isWriting_ = false;
+        unsent_ -= writing_.size();
+        extend(hub_.options.answerTime);
+        if (unsent_ == 0) return sent();
+        writePart();
+    }
+
+    void extend(std::chrono::milliseconds time) { deadline_ = steady_clock::now() + time; }
+
+    void sent() {
+        beast::error_code ignored;
+        socket_.shutdown(Socket::shutdown_send, ignored);
+        extend(kAnswerTime);
+        drain();
     }
 
     // Reads the rest, because closing with unread bytes would reset the connection and could lose
@@ -188,8 +321,20 @@ private:
     beast::flat_buffer buffer_;
     http::request_parser<http::empty_body> parser_;
     Response response_;
+    std::optional<http::response_serializer<http::string_body>> serializer_;
     std::array<char, 512> scratch_;
     TimePoint deadline_;
+    bool isHead_ = false;
+
+    // A content that is being sent.
+    std::shared_ptr<HttpContent> content_;
+    std::function<void(std::function<void()>)> background_;
+    std::uint64_t unread_ = 0, end_ = 0;  // the bytes that were not read yet
+    std::uint64_t unsent_ = 0;            // number of bytes
+    std::optional<Bytes> ready_;          // a part that was read
+    Bytes writing_;
+    bool isReading_ = false, isWriting_ = false;
+
     bool waits_ = false;  // for the page's answer
     bool done_ = false;
 };

@@ -101,13 +101,35 @@ SharedBytes shared(std::string_view text) {
     return std::make_shared<const Bytes>(bytes.begin(), bytes.end());
 }
 
+/// A content of known bytes, which can fail from a position on.
+class Pattern final : public HttpContent {
+public:
+    explicit Pattern(std::uint64_t size, std::uint64_t failsAt = ~std::uint64_t(0))
+        : size_(size), failsAt_(failsAt) {}
+    std::uint64_t size() const override { return size_; }
+    Result<void> read(std::uint64_t offset, std::span<std::uint8_t> part) override {
+        if (offset + part.size() > failsAt_) return fail(ErrorCode::Internal, "it was changed");
+        for (std::uint8_t& byte : part) byte = at(offset++);
+        return {};
+    }
+    static std::uint8_t at(std::uint64_t offset) { return std::uint8_t(offset * 31 / 7); }
+    static std::string text(std::uint64_t begin, std::uint64_t end) {
+        std::string text;
+        for (; begin < end; ++begin) text += char(at(begin));
+        return text;
+    }
+
+private:
+    const std::uint64_t size_, failsAt_;
+};
+
 class HttpServerTest : public testing::Test {
 protected:
     void start(WebSocketOptions options = {}, HttpServerOptions httpOptions = {}) {
         server_ = createWebSocketTransport(io_, options, recorder_, background(), log_);
         auto created = createHttpServer(
-            io_, std::move(httpOptions), [this](std::string_view path) { return route(path); },
-            log_);
+            io_, std::move(httpOptions),
+            [this](const HttpTarget& target) { return route(target.path); }, log_);
         ASSERT_TRUE(created) << created.error().message;
         http_ = std::move(*created);
         port_ = http_->port();
@@ -128,6 +150,14 @@ protected:
                 workers_.emplace_back([answer] { answer({"text/plain", "from another thread"}); });
             });
         if (path == "/never") return HttpPage([](const HttpAnswer&) {});
+        if (path == "/content")
+            return HttpPage([this](const HttpAnswer& answer) {
+                HttpReply reply{"application/octet-stream", {}};
+                reply.etag = "mark";
+                reply.content = content_;
+                reply.background = background();
+                answer(reply);
+            });
         return HttpReply{"text/plain", "there is nothing here\n", 404};
     }
 
@@ -225,6 +255,7 @@ protected:
     std::vector<std::thread> workers_;  // one for each job
     std::uint16_t port_ = 0;
     std::size_t joined_ = 0;
+    std::shared_ptr<HttpContent> content_ = std::make_shared<Pattern>(1'000);
 };
 
 TEST_F(HttpServerTest, AnswersHttpRoutes) {
@@ -233,6 +264,64 @@ TEST_F(HttpServerTest, AnswersHttpRoutes) {
     EXPECT_THAT(answer, StartsWith("HTTP/1.1 200 OK\r\n"));
     EXPECT_THAT(answer, HasSubstr("Content-Type: application/json"));
     EXPECT_THAT(answer, HasSubstr("\r\n\r\n{\"status\":\"ok\"}"));
+}
+
+std::string bodyOf(const std::string& answer) { return answer.substr(answer.find("\r\n\r\n") + 4); }
+
+TEST_F(HttpServerTest, AS3SendsAContentOfManyParts) {
+    constexpr std::uint64_t kSize = 3'000'001;
+    content_ = std::make_shared<Pattern>(kSize);
+    start();
+    const std::string answer = http("GET /content HTTP/1.1\r\n\r\n");
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+    EXPECT_THAT(answer, HasSubstr("Content-Length: 3000001\r\n"));
+    EXPECT_THAT(answer, HasSubstr("ETag: \"mark\"\r\n"));
+    EXPECT_EQ(bodyOf(answer), Pattern::text(0, kSize));
+    const std::string head = http("HEAD /content HTTP/1.1\r\n\r\n");
+    EXPECT_THAT(head, HasSubstr("Content-Length: 3000001\r\n"));
+    EXPECT_EQ(bodyOf(head), "");
+}
+
+TEST_F(HttpServerTest, AS3SendsRangesOfAContent) {
+    start();
+    const auto ranged = [&](const std::string& headers) {
+        return http("GET /content HTTP/1.1\r\n" + headers + "\r\n");
+    };
+    const std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> kRanges{
+        {"0-0", {0, 1}},       {"10-19", {10, 20}},   {"990-", {990, 1'000}},
+        {"-10", {990, 1'000}}, {"-5000", {0, 1'000}}, {"500-99999999999999999999", {500, 1'000}}};
+    for (const auto& [text, range] : kRanges) {
+        const std::string answer = ranged("Range: bytes=" + text + "\r\n");
+        EXPECT_THAT(answer, StartsWith("HTTP/1.1 206")) << text;
+        EXPECT_THAT(answer, HasSubstr("Content-Range: bytes " + std::to_string(range.first) + "-" +
+                                      std::to_string(range.second - 1) + "/1000\r\n"));
+        EXPECT_EQ(bodyOf(answer), Pattern::text(range.first, range.second)) << text;
+    }
+    const std::string beyond = ranged("Range: bytes=1000-\r\n");
+    EXPECT_THAT(beyond, StartsWith("HTTP/1.1 416"));
+    EXPECT_THAT(beyond, HasSubstr("Content-Range: bytes */1000\r\n"));
+    for (const std::string other :
+         {"bytes=9-1", "bytes=a-b", "bytes=-", "bytes=1-2,4-5", "lines=1-2"})
+        EXPECT_EQ(bodyOf(ranged("Range: " + other + "\r\n")), Pattern::text(0, 1'000)) << other;
+    EXPECT_THAT(ranged("Range: bytes=1-2\r\nIf-Range: \"mark\"\r\n"), StartsWith("HTTP/1.1 206"));
+    EXPECT_THAT(ranged("Range: bytes=1-2\r\nIf-Range: \"old\"\r\n"), StartsWith("HTTP/1.1 200"));
+    const std::string same = ranged("If-None-Match: \"x\", \"mark\"\r\n");
+    EXPECT_THAT(same, StartsWith("HTTP/1.1 304"));
+    EXPECT_EQ(bodyOf(same), "");
+}
+
+TEST_F(HttpServerTest, AS3AContentThatCannotBeReadIsCutOff) {
+    content_ = std::make_shared<Pattern>(2'000'000, 1'500'000);
+    start();
+    const std::string answer = http("GET /content HTTP/1.1\r\n\r\n");
+    EXPECT_THAT(answer, HasSubstr("Content-Length: 2000000\r\n"));
+    EXPECT_LT(bodyOf(answer).size(), 2'000'000U);
+}
+
+TEST_F(HttpServerTest, SendsAnEmptyContent) {
+    content_ = std::make_shared<Pattern>(0);
+    start();
+    EXPECT_THAT(http("GET /content HTTP/1.1\r\n\r\n"), HasSubstr("Content-Length: 0\r\n"));
 }
 
 TEST_F(HttpServerTest, AnswersLaterOrReportsATimeout) {

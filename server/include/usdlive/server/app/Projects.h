@@ -43,9 +43,9 @@ public:
     [[nodiscard]] bool areSeveral() const;
     [[nodiscard]] std::string urlOf(const std::string& base, const ServedProject& project) const;
 
-    /// Returns the target of a path: `/live` and `/NAME/live` open sessions; `/healthz`, `/metrics`
-    /// and `/projects` are pages.
-    [[nodiscard]] HttpRoute route(std::string_view path);
+    /// Returns the route of a target: `/live` and `/NAME/live` open sessions; `/files...` and
+    /// `/NAME/files...` are files of a project; `/healthz`, `/metrics` and `/projects` are pages.
+    [[nodiscard]] HttpRoute route(const HttpTarget& target);
 
 private:
     using Reports = std::vector<std::pair<std::string, ServedProject::Report>>;
@@ -57,6 +57,9 @@ private:
     void foldersFound(const std::map<std::string, std::filesystem::path>& found);
 
     [[nodiscard]] HttpRoute sessionsOf(ServedProject& project);
+    [[nodiscard]] HttpRoute filesOf(ServedProject& project, const HttpTarget& target);
+    /// Says why a project that is not served cannot be used.
+    [[nodiscard]] static HttpReply unavailable(const ServedProject& project);
     [[nodiscard]] HttpReply notHere(const std::string& what) const;
     void gather(std::function<void(const Reports&)> done);
     [[nodiscard]] HttpReply health(const Reports& reports) const;

@@ -13,6 +13,8 @@
 
 #include "usdlive/server/app/Metrics.h"
 #include "usdlive/server/app/Options.h"
+#include "usdlive/server/transport/FileRequest.h"
+#include "usdlive/server/transport/HttpServer.h"
 #include "usdlive/server/transport/Log.h"
 
 namespace usdlive::server {
@@ -66,6 +68,8 @@ public:
 
     /// Returns nullptr if the project accepts no sessions now. Valid until stop() is called.
     [[nodiscard]] WebSocketTransport* sessions() const;
+    /// Answers a request for a file or the list of files (AS1-AS4), on any thread.
+    void answerFile(FileRequest request, HttpAnswer answer);
     /// Calls `done` once, on the project's thread or this one. A busy project answers late.
     void report(std::function<void(Report)> done);
     /// Notifies all clients, sends the acknowledgements and closes the store. The status becomes

@@ -1,7 +1,9 @@
 // The threads for a project's blocking work.
 #pragma once
 
+#include <array>
 #include <boost/asio/thread_pool.hpp>
+#include <memory>
 
 namespace usdlive::server {
 
@@ -15,10 +17,16 @@ struct WorkerLanes {
     /// Layers at old revisions, checkpoints, and snapshots, which no user waits for.
     boost::asio::thread_pool history{2};
 
+    /// Parts of files that are downloaded over HTTP. Downloads keep a weak pointer, because they
+    /// may outlast the project.
+    std::shared_ptr<boost::asio::thread_pool> downloads =
+        std::make_shared<boost::asio::thread_pool>(2);
+
     /// Finishes running jobs and drops the rest.
     void stop() {
-        for (boost::asio::thread_pool* lane : {&joins, &files, &history}) lane->stop();
-        for (boost::asio::thread_pool* lane : {&joins, &files, &history}) lane->join();
+        const std::array all{&joins, &files, &history, downloads.get()};
+        for (boost::asio::thread_pool* lane : all) lane->stop();
+        for (boost::asio::thread_pool* lane : all) lane->join();
     }
 };
 

@@ -62,6 +62,10 @@ public:
     [[nodiscard]] virtual Result<FileStamp> save(const LayerId& layer, const LayerDoc& doc,
                                                  const std::vector<Hash>& expected = {},
                                                  const Ready& ready = {}) = 0;
+
+    /// Returns the bytes of a file `layer` with this content: text for `.usda`, else binary.
+    /// Errors: BlobNotFound, SaveFailed.
+    [[nodiscard]] virtual Result<Bytes> render(const LayerId& layer, const LayerDoc& doc) = 0;
 };
 
 /// Also removes the temporary files of interrupted saves. Error: InvalidConfiguration if the folder

@@ -5,8 +5,10 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -20,10 +22,28 @@ class io_context;
 
 namespace usdlive::server {
 
+/// Content that is sent in parts, so that a large file does not take its size in memory.
+class HttpContent {
+public:
+    virtual ~HttpContent() = default;
+    [[nodiscard]] virtual std::uint64_t size() const = 0;
+    /// Fills `part` from `offset` on. Called by `HttpReply::background`, one call at a time; may
+    /// block. After an error the connection is closed, so that the client sees that the rest is
+    /// missing.
+    [[nodiscard]] virtual Result<void> read(std::uint64_t offset, std::span<std::uint8_t> part) = 0;
+};
+
 struct HttpReply {
     std::string contentType;
     std::string body;
     unsigned status = 200;
+    std::vector<std::pair<std::string, std::string>> headers = {};
+    /// Identifies the body or content. If it is set, the connection answers `If-None-Match`.
+    std::string etag = {};
+    /// Sent in place of `body`. The connection answers requests for ranges of it.
+    std::shared_ptr<HttpContent> content = {};
+    /// Runs a job on another thread, or drops it. Set if there is content.
+    std::function<void(std::function<void()>)> background = {};
 };
 
 /// Receives the reply to one request. May be called from any thread. Only the first call counts,
@@ -35,9 +55,14 @@ using HttpPage = std::function<void(HttpAnswer)>;
 /// The target of a path: a page, a project's WebSocket sessions, or a reply that says why there is
 /// none.
 using HttpRoute = std::variant<HttpPage, WebSocketTransport*, HttpReply>;
-/// Returns the target of a path. The path is as the client sent it: without the query and not
-/// decoded. Called on the server's thread. A returned transport is used before the next call.
-using HttpRouter = std::function<HttpRoute(std::string_view path)>;
+/// The target of a request, as the client sent it: not decoded.
+struct HttpTarget {
+    std::string_view path;   ///< without the query
+    std::string_view query;  ///< after the `?`; may be empty
+};
+/// Returns the route of a target, which is valid during the call. Called on the server's thread. A
+/// returned transport is used before the next call.
+using HttpRouter = std::function<HttpRoute(const HttpTarget& target)>;
 
 struct HttpServerOptions {
     std::string host = "127.0.0.1";
@@ -58,8 +83,8 @@ struct HttpCounters {
     std::uint64_t connections = 0;               ///< open now, including WebSocket sessions
 };
 
-/// Listens for HTTP connections, answers GET requests, and hands WebSocket sessions to their
-/// transport. Call it only on the thread that runs the io_context.
+/// Listens for HTTP connections, answers GET and HEAD requests, and hands WebSocket sessions to
+/// their transport. Call it only on the thread that runs the io_context.
 class HttpServer {
 public:
     virtual ~HttpServer() = default;

@@ -1,0 +1,69 @@
+// Serves a project's files and its layers as of one revision over HTTP (AS1-AS4).
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "usdlive/server/app/SharedStore.h"
+#include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/files/AssetFiles.h"
+#include "usdlive/server/files/LayerFiles.h"
+#include "usdlive/server/project/LayerVersions.h"
+#include "usdlive/server/transport/FileRequest.h"
+#include "usdlive/server/transport/HttpServer.h"
+#include "usdlive/server/transport/Log.h"
+
+namespace usdlive::server {
+
+/// A project's files over HTTP. A layer with commits is served as the history says; all other
+/// files, also layers that nobody has opened yet, are served as they are on the disk. Any thread.
+class ServedAssets {
+public:
+    /// `workers` is stopped before the other arguments and this object are destroyed.
+    ServedAssets(std::string project, const std::filesystem::path& folder, LayerFiles& layers,
+                 SharedStore& store, WorkerLanes& workers, Log& log);
+
+    /// Answers on a worker.
+    void answer(const FileRequest& request, const HttpAnswer& answer);
+
+private:
+    /// A revision that a request names.
+    struct Moment {
+        Revision revision = 0;
+        CommitStore::Head head;
+        CommitStore::Base base;
+    };
+    /// The bytes of a layer's file at a version.
+    struct Rendered {
+        std::string version;
+        std::shared_ptr<const Bytes> bytes;
+        std::string hash;
+    };
+
+    [[nodiscard]] HttpReply reply(const FileRequest& request);
+    [[nodiscard]] HttpReply list(const FileRequest& request);
+    [[nodiscard]] HttpReply file(const FileRequest& request);
+    [[nodiscard]] HttpReply layer(const LayerId& layer, const LayerVersion& version);
+    [[nodiscard]] Result<Moment> moment(const FileRequest& request);
+    [[nodiscard]] Result<Rendered> rendered(const LayerId& layer, const LayerVersion& version);
+    void hashTheRest(std::size_t missing);
+    [[nodiscard]] std::function<void(std::function<void()>)> downloads() const;
+
+    const std::string project_;
+    LayerFiles& layers_;
+    SharedStore& store_;
+    WorkerLanes& workers_;
+    Log& log_;
+    AssetFiles assets_;
+
+    std::mutex mutex_;                                  // guards the next two members
+    std::list<std::pair<LayerId, Rendered>> rendered_;  // the last ones, the newest first
+    bool isHashing_ = false;
+};
+
+}  // namespace usdlive::server

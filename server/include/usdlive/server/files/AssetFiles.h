@@ -1,0 +1,84 @@
+// The files of a project that an asset path may name, by path and by the hash of their content.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "usdlive/server/project/CommitStore.h"
+
+namespace usdlive::server {
+
+struct AssetFile {
+    std::string path;  ///< relative to the project
+    FileTrace trace;
+    std::optional<Hash> hash = {};  ///< SHA-256 of the bytes; nothing: not known yet
+    bool operator==(const AssetFile&) const = default;
+};
+
+/// Why a file cannot be read.
+struct AssetRefusal {
+    enum class Reason {
+        NotFound,
+        Outside,  ///< it is reached over a link that leads out of the project or to a hidden file
+        Changed,  ///< it was written while it was read
+        Unreadable
+    };
+    Reason reason = Reason::NotFound;
+    std::string message;
+};
+template <class T>
+using AssetResult = tl::expected<T, AssetRefusal>;
+
+/// A file with the content that it had when it was opened. Any thread.
+class OpenedAsset {
+public:
+    virtual ~OpenedAsset() = default;
+    [[nodiscard]] virtual const Hash& hash() const = 0;
+    [[nodiscard]] virtual const FileTrace& trace() const = 0;
+    /// Fills `part` from `offset` on. Changed: the file was written since it was opened. (A file
+    /// that was replaced by another one can still be read.)
+    [[nodiscard]] virtual AssetResult<void> read(std::uint64_t offset,
+                                                 std::span<std::uint8_t> part) const = 0;
+};
+
+/// The files in a project's folder and below, except hidden ones, also over links inside it (FI5).
+/// Any thread. Remembers the hash of each file as long as the file looks the same.
+class AssetFiles {
+public:
+    using Deadline = std::chrono::steady_clock::time_point;
+
+    /// `folder` is absolute and without links.
+    explicit AssetFiles(std::filesystem::path folder) : folder_(std::move(folder)) {}
+
+    /// Returns all files, sorted by path. Reads those with an unknown hash until `hashUntil`,
+    /// except files of more than `mostBytes`. Error: LayerUnreadable if the folder cannot be
+    /// listed.
+    [[nodiscard]] Result<std::vector<AssetFile>> list(Deadline hashUntil,
+                                                      std::uint64_t mostBytes = ~std::uint64_t(0));
+    [[nodiscard]] AssetResult<std::shared_ptr<const OpenedAsset>> open(const std::string& path);
+
+private:
+    struct Known {
+        FileTrace trace;
+        Hash hash;
+    };
+    [[nodiscard]] std::optional<Hash> knownHash(const std::filesystem::path& real,
+                                                const FileTrace& trace) const;
+    void remember(const std::filesystem::path& real, const FileTrace& trace, const Hash& hash);
+    [[nodiscard]] AssetResult<std::shared_ptr<const OpenedAsset>> openReal(
+        const std::string& path, const std::filesystem::path& real);
+
+    const std::filesystem::path folder_;
+    mutable std::mutex mutex_;                      // guards the next member
+    std::unordered_map<std::string, Known> known_;  // by real path
+};
+
+}  // namespace usdlive::server

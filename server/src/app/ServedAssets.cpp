@@ -1,0 +1,294 @@
+// Answers requests for a project's files and for its layers as of one revision.
+#include "usdlive/server/app/ServedAssets.h"
+
+#include <algorithm>
+#include <boost/asio/post.hpp>
+#include <chrono>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/core/Utf8.h"
+#include "usdlive/server/app/ProjectStrand.h"  // resultOf
+
+namespace usdlive::server {
+
+namespace asio = boost::asio;
+
+namespace {
+
+using FileJson = nlohmann::json;
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+constexpr unsigned kForbiddenFile = 403, kFileNotFound = 404, kConflict = 409, kGone = 410,
+                   kServerError = 500, kBusy = 503;
+// The time that an answer waits for the hashes of new files. The list is sent without those that
+// are missing then, and they are computed in the background.
+constexpr milliseconds kHashTime{3'000};
+constexpr std::uint64_t kHashedAtOnce = 64 * 1024 * 1024;  // larger files take too long
+constexpr milliseconds kHashSlice{2'000};
+// The layers that are kept as they were sent, because several clients open the same ones.
+constexpr std::size_t kRenderedBytes = 256 * 1024 * 1024;
+constexpr const char* kBinary = "application/octet-stream";
+
+HttpReply problem(unsigned status, const std::string& message) {
+    return {"text/plain", message + "\n", status};
+}
+
+HttpReply problem(const Error& error) {
+    const auto status = [&] {
+        switch (error.code) {
+            case ErrorCode::HistoryReplaced:
+                return kGone;
+            case ErrorCode::FutureRevision:
+            case ErrorCode::InvalidArgument:
+            case ErrorCode::LayerNotFound:
+                return kFileNotFound;
+            case ErrorCode::StorageFailed:
+                return kBusy;
+            default:
+                return kServerError;
+        }
+    };
+    return problem(status(), error.message);
+}
+
+HttpReply problem(const AssetRefusal& refusal) {
+    const auto status = [&] {
+        switch (refusal.reason) {
+            case AssetRefusal::Reason::NotFound:
+                return kFileNotFound;
+            case AssetRefusal::Reason::Outside:
+                return kForbiddenFile;
+            case AssetRefusal::Reason::Changed:
+                return kBusy;
+            case AssetRefusal::Reason::Unreadable:
+                return kServerError;
+        }
+        return kServerError;
+    };
+    return problem(status(), refusal.message);
+}
+
+class AssetContent final : public HttpContent {
+public:
+    explicit AssetContent(std::shared_ptr<const OpenedAsset> file) : file_(std::move(file)) {}
+    std::uint64_t size() const override { return file_->trace().size; }
+    Result<void> read(std::uint64_t offset, std::span<std::uint8_t> part) override {
+        const auto read = file_->read(offset, part);
+        if (!read) return fail(ErrorCode::LayerUnreadable, read.error().message);
+        return {};
+    }
+
+private:
+    const std::shared_ptr<const OpenedAsset> file_;
+};
+
+class LayerContent final : public HttpContent {
+public:
+    explicit LayerContent(std::shared_ptr<const Bytes> bytes) : bytes_(std::move(bytes)) {}
+    std::uint64_t size() const override { return bytes_->size(); }
+    Result<void> read(std::uint64_t offset, std::span<std::uint8_t> part) override {
+        std::copy_n(bytes_->begin() + std::ptrdiff_t(offset), part.size(), part.begin());
+        return {};
+    }
+
+private:
+    const std::shared_ptr<const Bytes> bytes_;
+};
+
+std::string nameOf(const LayerVersion& version) {
+    return std::to_string(version.revision) + "-" + version.hash.hex();
+}
+
+std::size_t missingHashes(const std::vector<AssetFile>& files) {
+    return std::size_t(
+        std::ranges::count_if(files, [](const AssetFile& file) { return !file.hash; }));
+}
+
+FileJson describe(const AssetFile& file) {
+    constexpr std::int64_t kNsInMs = 1'000'000;
+    FileJson json{{"path", file.path},
+                  {"size", file.trace.size},
+                  {"modifiedMs", file.trace.modifiedNs / kNsInMs}};
+    if (file.hash) json["hash"] = file.hash->hex();
+    return json;
+}
+
+}  // namespace
+
+ServedAssets::ServedAssets(std::string project, const std::filesystem::path& folder,
+                           LayerFiles& layers, SharedStore& store, WorkerLanes& workers, Log& log)
+    : project_(std::move(project)),
+      layers_(layers),
+      store_(store),
+      workers_(workers),
+      log_(log),
+      assets_(folder) {}
+
+void ServedAssets::answer(const FileRequest& request, const HttpAnswer& answer) {
+    asio::post(workers_.history, [this, request, answer] {
+        try {
+            answer(reply(request));
+        } catch (const std::exception& fault) {
+            log_.write(LogLevel::Error, "request for a file failed",
+                       {{"file", request.path}, {"error", fault.what()}});
+            answer(problem(kServerError, "internal error of the server"));
+        }
+    });
+}
+
+HttpReply ServedAssets::reply(const FileRequest& request) {
+    return request.path.empty() ? list(request) : file(request);
+}
+
+/// Returns the revision that the request names, or the newest one that is durable.
+Result<ServedAssets::Moment> ServedAssets::moment(const FileRequest& request) {
+    return store_.use([&](CommitStore& store) -> Result<Moment> {
+        Moment found{0, store.head(), store.base()};
+        found.revision = request.revision.value_or(found.head.revision);
+        if (request.checkpoint) {
+            const auto checkpoints = store.checkpoints();
+            if (!checkpoints) return tl::unexpected(checkpoints.error());
+            const auto named =
+                std::ranges::find(*checkpoints, *request.checkpoint, &Checkpoint::name);
+            if (named == checkpoints->end())
+                return fail(ErrorCode::InvalidArgument,
+                            "the project has no checkpoint " + inQuotes(*request.checkpoint));
+            found.revision = named->revision;
+        }
+        if (found.revision > found.head.revision)
+            return fail(ErrorCode::FutureRevision,
+                        "the newest revision is " + std::to_string(found.head.revision));
+        if (found.revision < found.base.revision)
+            return fail(ErrorCode::HistoryReplaced, "the oldest revision that can be read is " +
+                                                        std::to_string(found.base.revision));
+        return found;
+    });
+}
+
+HttpReply ServedAssets::list(const FileRequest& request) {
+    const auto at = moment(request);
+    if (!at) return problem(at.error());
+    auto files = assets_.list(steady_clock::now() + kHashTime, kHashedAtOnce);
+    if (!files) return problem(files.error());
+    std::map<std::string, FileJson> all;
+    for (const AssetFile& file : *files) all.emplace(file.path, describe(file));
+    const auto versions = store_.use([&](CommitStore& store) -> Result<void> {
+        const auto stored = store.layers();
+        if (!stored) return tl::unexpected(stored.error());
+        for (const LayerId& layer : *stored) {
+            const auto version = versionAt(store, layer, at->revision);
+            if (!version) return tl::unexpected(version.error());
+            if (*version)
+                all[layer.value] = {{"path", layer.value}, {"version", nameOf(**version)}};
+        }
+        return {};
+    });
+    if (!versions) return problem(versions.error());
+    if (const std::size_t missing = missingHashes(*files)) hashTheRest(missing);
+    FileJson entries = FileJson::array();
+    for (auto& [path, entry] : all) entries.push_back(std::move(entry));
+    const FileJson json{{"project", project_},       {"epoch", at->head.epoch},
+                        {"revision", at->revision},  {"newest", at->head.revision},
+                        {"base", at->base.revision}, {"files", std::move(entries)}};
+    HttpReply reply{"application/json",
+                    json.dump(-1, ' ', false, FileJson::error_handler_t::replace) + "\n"};
+    reply.etag = sha256(asBytes(reply.body)).hex();
+    return reply;
+}
+
+HttpReply ServedAssets::file(const FileRequest& request) {
+    const auto id = parseLayerId(request.path);
+    if (id && !request.hash) {
+        const auto at = moment(request);
+        if (!at) return problem(at.error());
+        const auto version =
+            store_.use([&](CommitStore& store) { return versionAt(store, *id, at->revision); });
+        if (!version) return problem(version.error());
+        if (*version) return layer(*id, **version);
+    }
+    const auto opened = assets_.open(request.path);
+    if (!opened) return problem(opened.error());
+    const std::string hash = (*opened)->hash().hex();
+    if (request.hash && *request.hash != (*opened)->hash())
+        return problem(kConflict,
+                       inQuotes(request.path) + " has another content now: its SHA-256 is " + hash);
+    HttpReply reply{kBinary, {}};
+    reply.etag = hash;
+    reply.headers = {{"Usdlive-Sha256", hash}};
+    reply.content = std::make_shared<AssetContent>(*opened);
+    reply.background = downloads();
+    return reply;
+}
+
+HttpReply ServedAssets::layer(const LayerId& layer, const LayerVersion& version) {
+    const auto found = rendered(layer, version);
+    if (!found) return problem(found.error());
+    HttpReply reply{kBinary, {}};
+    reply.etag = found->version;
+    reply.headers = {{"Usdlive-Sha256", found->hash},
+                     {"Usdlive-Revision", std::to_string(version.revision)}};
+    reply.content = std::make_shared<LayerContent>(found->bytes);
+    reply.background = downloads();
+    return reply;
+}
+
+Result<ServedAssets::Rendered> ServedAssets::rendered(const LayerId& layer,
+                                                      const LayerVersion& version) {
+    const std::string name = nameOf(version);
+    {
+        const std::lock_guard lock(mutex_);
+        const auto found = std::ranges::find_if(rendered_, [&](const auto& one) {
+            return one.first == layer && one.second.version == name;
+        });
+        if (found != rendered_.end()) {
+            rendered_.splice(rendered_.begin(), rendered_, found);
+            return found->second;
+        }
+    }
+    const auto doc =
+        store_.use([&](CommitStore& store) { return store.layerAt(layer, version.revision); });
+    if (!doc) return tl::unexpected(doc.error());
+    if (!*doc) return fail(ErrorCode::LayerNotFound, "the project has no layer " + layer.value);
+    auto bytes = layers_.render(layer, **doc);
+    if (!bytes) return tl::unexpected(bytes.error());
+    const std::string hash = sha256(*bytes).hex();
+    const Rendered made{name, std::make_shared<const Bytes>(std::move(*bytes)), hash};
+    const std::lock_guard lock(mutex_);
+    rendered_.emplace_front(layer, made);
+    std::size_t size = 0;
+    auto last = rendered_.begin();
+    while (last != rendered_.end() && (size += last->second.bytes->size()) <= kRenderedBytes)
+        ++last;
+    rendered_.erase(last, rendered_.end());
+    return made;
+}
+
+/// Computes the hashes that a list did not wait for, in slices, so that other jobs get their turn.
+/// Ends when the files that are left cannot be read.
+void ServedAssets::hashTheRest(std::size_t missing) {
+    {
+        const std::lock_guard lock(mutex_);
+        if (std::exchange(isHashing_, true)) return;
+    }
+    asio::post(workers_.history, [this, missing] {
+        const auto read = [this] { return assets_.list(steady_clock::now() + kHashSlice); };
+        const auto files = resultOf(read);
+        {
+            const std::lock_guard lock(mutex_);
+            isHashing_ = false;
+        }
+        const std::size_t left = files ? missingHashes(*files) : 0;
+        if (left != 0 && left < missing) hashTheRest(left);
+    });
+}
+
+std::function<void(std::function<void()>)> ServedAssets::downloads() const {
+    return [lane = std::weak_ptr(workers_.downloads)](std::function<void()> job) {
+        if (const auto pool = lane.lock()) asio::post(*pool, std::move(job));
+    };
+}
+
+}  // namespace usdlive::server

@@ -1,0 +1,214 @@
+// Lists, hashes and opens the files of a project.
+#include "usdlive/server/files/AssetFiles.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <unordered_set>
+
+#include "FileStamps.h"
+#include "FolderWalk.h"
+#include "usdlive/common/core/Sha256.h"
+#include "usdlive/common/core/Utf8.h"
+
+namespace usdlive::server {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using Reason = AssetRefusal::Reason;
+using std::chrono::steady_clock;
+
+constexpr int kReadAttempts = 3;
+constexpr std::size_t kHashBufferBytes = 1024 * 1024;
+// A file that was written so recently may be written again without any change of its times, which
+// have the resolution of the system's clock. Its hash is not remembered.
+constexpr std::int64_t kSettledNs = 2'000'000'000;
+
+tl::unexpected<AssetRefusal> refuse(Reason reason, const std::string& path,
+                                    const std::string& why) {
+    return tl::unexpected(AssetRefusal{reason, inQuotes(path) + " " + why});
+}
+
+tl::unexpected<AssetRefusal> cannotRead(const std::string& path) {
+    const bool isMissing = errno == ENOENT || errno == ENOTDIR || errno == ELOOP;
+    if (isMissing) return refuse(Reason::NotFound, path, "does not exist in the project");
+    return refuse(Reason::Unreadable, path, std::string("cannot be read: ") + std::strerror(errno));
+}
+
+class File {
+public:
+    explicit File(int number) : number_(number) {}
+    File(File&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+    File& operator=(File&&) = delete;
+    ~File() {
+        if (number_ >= 0) ::close(number_);
+    }
+    [[nodiscard]] int number() const { return number_; }
+
+private:
+    int number_;
+};
+
+/// Fills as much of `part` as the file has. Returns the count of bytes, or nothing on an error.
+std::optional<std::size_t> fill(int file, std::uint64_t offset, std::span<std::uint8_t> part) {
+    std::size_t filled = 0;
+    while (filled < part.size()) {
+        const ssize_t count =
+            ::pread(file, part.data() + filled, part.size() - filled, off_t(offset + filled));
+        if (count < 0 && errno == EINTR) continue;
+        if (count < 0) return std::nullopt;
+        if (count == 0) break;
+        filled += std::size_t(count);
+    }
+    return filled;
+}
+
+/// Compares what changes when the file's bytes change. Other attributes of an open file change when
+/// another file takes its name.
+bool isUnchanged(int file, const FileTrace& trace) {
+    struct stat now{};
+    if (::fstat(file, &now) != 0) return false;
+    const FileTrace present = traceOf(now);
+    return present.size == trace.size && present.modifiedNs == trace.modifiedNs;
+}
+
+class HashedFile final : public OpenedAsset {
+public:
+    HashedFile(File file, std::string path, FileTrace trace, Hash hash)
+        : file_(std::move(file)), path_(std::move(path)), trace_(trace), hash_(hash) {}
+
+    const Hash& hash() const override { return hash_; }
+    const FileTrace& trace() const override { return trace_; }
+    AssetResult<void> read(std::uint64_t offset, std::span<std::uint8_t> part) const override {
+        const auto count = fill(file_.number(), offset, part);
+        if (!count) return cannotRead(path_);
+        if (*count == part.size() && isUnchanged(file_.number(), trace_)) return {};
+        return refuse(Reason::Changed, path_, "was changed while it was read");
+    }
+
+private:
+    const File file_;
+    const std::string path_;
+    const FileTrace trace_;
+    const Hash hash_;
+};
+
+/// Returns nothing if the file was written meanwhile, or cannot be read.
+std::optional<Hash> hashOf(int file, const FileTrace& trace) {
+    Sha256 sha;
+    Bytes part(std::size_t(std::min<std::uint64_t>(trace.size, kHashBufferBytes)));
+    for (std::uint64_t at = 0; at < trace.size;) {
+        const auto count = fill(file, at, part);
+        if (!count || *count == 0) return std::nullopt;
+        sha.add(ByteView(part.data(), *count));
+        at += *count;
+    }
+    if (!isUnchanged(file, trace)) return std::nullopt;
+    return sha.finish();
+}
+
+/// Returns the real path of an open file.
+fs::path pathOf(int file) {
+    std::error_code problem;
+    const fs::path path = fs::read_symlink("/proc/self/fd/" + std::to_string(file), problem);
+    return problem ? fs::path() : path;
+}
+
+}  // namespace
+
+std::optional<Hash> AssetFiles::knownHash(const fs::path& real, const FileTrace& trace) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = known_.find(real.native());
+    if (found == known_.end() || found->second.trace != trace) return std::nullopt;
+    return found->second.hash;
+}
+
+void AssetFiles::remember(const fs::path& real, const FileTrace& trace, const Hash& hash) {
+    const auto now = std::chrono::duration_cast<std::chrono::nanoseconds>(
+        std::chrono::system_clock::now().time_since_epoch());
+    if (std::max(trace.modifiedNs, trace.changedNs) > now.count() - kSettledNs) return;
+    const std::lock_guard lock(mutex_);
+    known_.insert_or_assign(real.native(), Known{trace, hash});
+}
+
+Result<std::vector<AssetFile>> AssetFiles::list(Deadline hashUntil, std::uint64_t mostBytes) {
+    std::vector<AssetFile> files;
+    std::unordered_set<std::string> seen;
+    const FolderVisitor visitor{[&](const std::string& name, const fs::path& real) {
+                                    struct stat found{};
+                                    if (!isUtf8(name) || ::lstat(real.c_str(), &found) != 0) return;
+                                    AssetFile file{name, traceOf(found)};
+                                    file.hash = knownHash(real, file.trace);
+                                    const bool isSmall = file.trace.size <= mostBytes;
+                                    if (!file.hash && isSmall && steady_clock::now() < hashUntil)
+                                        if (const auto opened = openReal(name, real)) {
+                                            file.trace = (*opened)->trace();
+                                            file.hash = (*opened)->hash();
+                                        }
+                                    seen.insert(real.native());
+                                    files.push_back(std::move(file));
+                                },
+                                [](const std::string&, const std::string&) {}};
+    if (auto walked = walkFolder(folder_, visitor); !walked) return tl::unexpected(walked.error());
+    {
+        const std::lock_guard lock(mutex_);
+        std::erase_if(known_, [&](const auto& one) { return !seen.contains(one.first); });
+    }
+    std::ranges::sort(files, {}, &AssetFile::path);
+    return files;
+}
+
+AssetResult<std::shared_ptr<const OpenedAsset>> AssetFiles::open(const std::string& path) {
+    // Each link has to stay inside, also one that a later part of the path leads back from.
+    fs::path real = folder_;
+    for (const fs::path& part : fs::path(path)) {
+        real /= part;
+        std::error_code problem;
+        if (fs::symlink_status(real, problem).type() == fs::file_type::symlink)
+            real = fs::canonical(real, problem);
+        if (problem) {
+            errno = problem.value();
+            return cannotRead(path);
+        }
+        if (const auto why = whyOutside(folder_, real.lexically_normal()); !why.empty())
+            return refuse(Reason::Outside, path, "is reached over a link that leads " + why);
+    }
+    return openReal(path, real);
+}
+
+AssetResult<std::shared_ptr<const OpenedAsset>> AssetFiles::openReal(const std::string& path,
+                                                                     const fs::path& real) {
+    const auto outside = [&](const std::string& why) {
+        return refuse(Reason::Outside, path, "is reached over a link that leads " + why);
+    };
+    if (const auto why = whyOutside(folder_, real); !why.empty()) return outside(why);
+    for (int left = kReadAttempts; left > 0; --left) {
+        File file(::open(real.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+        if (file.number() < 0) return cannotRead(path);
+        // A link may have been put in the place of a folder meanwhile.
+        const fs::path opened = pathOf(file.number());
+        if (const auto why = whyOutside(folder_, opened); !why.empty() && opened != real)
+            return outside(why);
+        struct stat found{};
+        if (::fstat(file.number(), &found) != 0) return cannotRead(path);
+        if (!S_ISREG(found.st_mode)) return refuse(Reason::NotFound, path, "is not a file");
+        const FileTrace trace = traceOf(found);
+        auto hash = knownHash(real, trace);
+        if (!hash) {
+            hash = hashOf(file.number(), trace);
+            if (!hash) continue;
+            remember(real, trace, *hash);
+        }
+        return std::make_shared<const HashedFile>(std::move(file), path, trace, *hash);
+    }
+    return refuse(Reason::Changed, path, "is being written at this moment");
+}
+
+}  // namespace usdlive::server
