@@ -34,8 +34,6 @@ pxr::VtIntArray toVt(const std::vector<int>& values) { return {values.begin(), v
 // Creates specs in plain data, children in the order they are added.
 class DataBuilder {
 public:
-    DataBuilder() { data_->CreateSpec(SdfPath::AbsoluteRootPath(), pxr::SdfSpecTypePseudoRoot); }
-
     void set(const SdfPath& path, const TfToken& field, const VtValue& value) {
         data_->Set(path, field, value);
     }
@@ -64,7 +62,7 @@ public:
             property(prim, name, pxr::SdfSpecTypeRelationship, pxr::SdfVariabilityUniform);
         set(path, SdfFieldKeys->TargetPaths, VtValue(pxr::SdfPathListOp::CreateExplicit({target})));
     }
-    [[nodiscard]] const pxr::SdfDataRefPtr& data() const { return data_; }
+    [[nodiscard]] const pxr::SdfAbstractDataRefPtr& data() const { return data_; }
 
 private:
     SdfPath property(const SdfPath& prim, const char* name, pxr::SdfSpecType type,
@@ -86,7 +84,9 @@ private:
         set(parent, field, VtValue::Take(names));
     }
 
-    pxr::SdfDataRefPtr data_ = pxr::TfCreateRefPtr(new pxr::SdfData());
+    // OpenUSD creates the data: the layout of SdfData is not the same with every compiler.
+    pxr::SdfAbstractDataRefPtr data_ =
+        pxr::SdfFileFormat::FindById(pxr::TfToken("usda"))->InitData({});
 };
 
 // Gives the elements of one part indices of their own. Its memory is used again for every part, so
