@@ -56,6 +56,7 @@ EDGES = {
         "tests/demo",
         "tests/edf",
         "tests/probe",
+        "tests/watch",
         "tests/schemas",
         "tests/fuzz",
         "bench",

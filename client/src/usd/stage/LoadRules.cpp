@@ -1,8 +1,26 @@
 #include "usdlive/client/usd/stage/LoadRules.h"
 
+#include <iterator>
+
 namespace usdlive::stage {
 
 using pxr::SdfPath;
+
+namespace {
+
+// Drops the rules that say what the nearest one above says.
+void dropNeedless(std::map<SdfPath, LoadRules::Rule>& rules) {
+    for (auto at = rules.begin(); at != rules.end();) {
+        auto above = rules.end();
+        for (SdfPath up = at->first.GetParentPath(); above == rules.end() && !up.IsEmpty();
+             up = up.GetParentPath())
+            above = rules.find(up);
+        const auto inherited = above == rules.end() ? LoadRules::Rule::All : above->second;
+        at = at->second == inherited ? rules.erase(at) : std::next(at);
+    }
+}
+
+}  // namespace
 
 LoadRules LoadRules::none() {
     LoadRules rules;
@@ -31,10 +49,10 @@ LoadRules::Rule LoadRules::ruleOf(const SdfPath& prim) const {
 LoadRules LoadRules::below(const SdfPath& prim) const {
     LoadRules rules;
     const auto& root = SdfPath::AbsoluteRootPath();
-    for (auto at = rules_.lower_bound(prim); at != rules_.end() && at->first.HasPrefix(prim); ++at)
+    rules.rules_.emplace(root, ruleOf(prim));
+    for (auto at = rules_.upper_bound(prim); at != rules_.end() && at->first.HasPrefix(prim); ++at)
         rules.rules_.emplace(at->first.ReplacePrefix(prim, root), at->second);
-    if (!rules.rules_.contains(root) && ruleOf(prim) != Rule::All)
-        rules.rules_.emplace(root, Rule::None);
+    dropNeedless(rules.rules_);
     return rules;
 }
 

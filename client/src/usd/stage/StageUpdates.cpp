@@ -39,17 +39,28 @@ bool isClipField(const TfToken& field) {
     return field == SdfFieldKeys->Clips || field == SdfFieldKeys->ClipSets;
 }
 
-// The paths of the stage that a spec contributes to.
+// The paths of the stage that a spec contributes to. Variants contribute where they are selected.
 template <class Add>
 void forAffected(const pxr::PcpCache& cache, const pxr::SdfLayerHandle& layer, const SdfPath& path,
                  Add&& add) {
-    if (cache.GetLayerStack()->HasLayer(layer)) add(path.StripAllVariantSelections());
+    if (!path.ContainsPrimVariantSelection() && cache.GetLayerStack()->HasLayer(layer)) add(path);
     const auto dependencies = cache.FindSiteDependencies(
         layer, path,
         pxr::PcpDependencyTypeDirect | pxr::PcpDependencyTypeAncestral |
             pxr::PcpDependencyTypeNonVirtual | pxr::PcpDependencyTypeVirtual,
         true, false, false);
     for (const auto& dependency : dependencies) add(dependency.indexPath);
+}
+
+// Specs below inactive prims, or outside of the mask, contribute to no prim.
+template <class Gathered>
+void dropHidden(const StageState& state, Gathered& gathered) {
+    const auto isHidden = [&](const SdfPath& path) {
+        return !state.find(path.GetAbsoluteRootOrPrimPath());
+    };
+    for (auto* paths : {&gathered.types, &gathered.properties, &gathered.assets})
+        std::erase_if(*paths, isHidden);
+    std::erase_if(gathered.info, [&](const auto& one) { return isHidden(one.first); });
 }
 
 }  // namespace
@@ -102,10 +113,15 @@ void StageState::gather(const pxr::SdfLayerHandle& layer, const SdfPath& path,
     };
     static const TfToken schemas("apiSchemas"), fallbacks("fallbackPrimTypes");
     const auto& flags = entry.flags;
-    if (path.IsPrimPath() && (flags.didAddInertPrim || flags.didAddNonInertPrim ||
-                              flags.didRemoveInertPrim || flags.didRemoveNonInertPrim))
+    const bool cameOrWent = flags.didAddInertPrim || flags.didAddNonInertPrim ||
+                            flags.didRemoveInertPrim || flags.didRemoveNonInertPrim;
+    if (path.IsPrimPath() && cameOrWent)
         forAffected(cache, layer, path,
                     [&](const SdfPath& one) { into.parents.insert(one.GetParentPath()); });
+    if (path.IsPrimVariantSelectionPath() && cameOrWent)
+        forAffected(cache, layer, path.GetParentPath(), [&](const SdfPath& one) {
+            into.info[one].insert(pxr::SdfChildrenKeys->VariantChildren);
+        });
     if (path == SdfPath::AbsoluteRootPath() || path.IsPrimOrPrimVariantSelectionPath()) {
         const bool activity = changed(SdfFieldKeys->Active);
         const pxr::SdfLayerRefPtr kept(layer);
@@ -146,6 +162,7 @@ void StageState::follow(const pxr::PcpChanges& changes, Gathered& gathered) {
     recompose(gathered.recompose);
     reorder(gathered);
     moveToPrototypes(gathered);
+    dropHidden(*this, gathered);
 
     StageChanges told;
     std::erase_if(gathered.types,
@@ -164,15 +181,18 @@ void StageState::follow(const pxr::PcpChanges& changes, Gathered& gathered) {
     if (!told.isEmpty()) notify(told);
 }
 
-// A spec that comes at the end of an arc can make a prim an instance, and when it goes the prim is
-// none. For Pcp that changes specs only, but what is below an instance is composed in another way.
+// A spec that comes at the end of an arc can make a prim an instance, or one of another prototype.
+// For Pcp that changes specs only, but what is below an instance is composed in another way.
 void StageState::becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose) {
     pxr::PcpChanges changes;
     for (const auto& path : withOtherSpecs) {
         const auto* node = path.IsPrimPath() ? shownBy(path) : nullptr;
-        if (!node || !node->index || isBelowAny(recompose, path)) continue;
-        const bool instance = node->has(PrimFlag::Active) && node->index->IsInstanceable();
-        if (instance == node->has(PrimFlag::Instance)) continue;
+        const auto* index = node ? composition.cache().FindPrimIndex(path) : nullptr;
+        if (!index || isBelowAny(recompose, path)) continue;
+        const bool instance = node->has(PrimFlag::Active) && index->IsInstanceable();
+        const auto* prototype = prototypes.of(path);
+        if (instance ? prototype && prototype->key.arcs == pxr::PcpInstanceKey(*index) : !prototype)
+            continue;
         changes.DidChangeSignificantly(&composition.cache(), path);
         recompose.insert(path);
     }
@@ -198,6 +218,9 @@ PrimNode* StageState::shownBy(const SdfPath& index) const {
 void StageState::recompose(Paths& resynced) {
     if (resynced.empty()) return;
     dropDescendants(resynced);
+    Paths hidden;  // were not there, and may still not be
+    for (const auto& path : resynced)
+        if (!shownBy(path)) hidden.insert(path);
     pxr::SdfPathVector roots;
     std::set<Prototype*> changed;
     for (const auto& path : resynced)
@@ -250,6 +273,8 @@ void StageState::recompose(Paths& resynced) {
         if (prototype->root) bury(*prototype->root);
     }
     for (const auto& node : std::exchange(retired_, {})) bury(*node);
+    for (const auto& path : hidden)
+        if (!shownBy(path)) resynced.erase(path);
     dropDescendants(resynced);
 }
 
