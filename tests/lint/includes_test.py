@@ -35,6 +35,7 @@ ALLOWED = {
     "client/examples": ["common/", "client/"],
     "plugins/obj": [],  # loaded into programs that have nothing of usdlive
     "plugins/edf": [],
+    "plugins/resolver": [],
     "plugins/schemaTools": ["common/", "client/", "plugins/"],
 }
 
@@ -68,6 +69,7 @@ EDGES = {
         "client/transport",
         "client/cli",
         "plugins/edf",
+        "plugins/resolver",
         "tests/conformance",
         "tests/unit/server/transport",
         "tests/unit/client/transport",

@@ -1,0 +1,379 @@
+// Keeps fetched files on the disk.
+#include "Cache.h"
+
+#include <fcntl.h>
+#include <openssl/evp.h>
+#include <sys/file.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <fstream>
+#include <limits>
+#include <stdexcept>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+namespace usdlive::resolver {
+
+namespace fs = std::filesystem;
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+namespace {
+
+constexpr std::uint64_t kMib = 1024 * 1024;
+constexpr std::uint64_t kDefaultMib = 10 * 1024;
+constexpr std::size_t kReadBytes = 1024 * 1024;
+// The use of a file is noted at most this often.
+constexpr std::int64_t kNotedSeconds = 600;
+// The time to wait while another process fetches the same file. After it the file is fetched twice,
+// which is harmless.
+constexpr milliseconds kLockTime{30'000}, kLockPause{10};
+constexpr std::size_t kHashDigits = 64;
+
+class Descriptor {
+public:
+    explicit Descriptor(int number = -1) : number_(number) {}
+    Descriptor(Descriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
+    Descriptor& operator=(Descriptor&& other) noexcept {
+        std::swap(number_, other.number_);
+        return *this;
+    }
+    ~Descriptor() {
+        if (number_ >= 0) ::close(number_);
+    }
+    [[nodiscard]] int get() const { return number_; }
+    [[nodiscard]] int release() { return std::exchange(number_, -1); }
+    explicit operator bool() const { return number_ >= 0; }
+
+private:
+    int number_;
+};
+
+OpenFile noFile() { return {nullptr, &std::fclose}; }
+
+OpenFile opened(Descriptor file) {
+    std::FILE* const stream = ::fdopen(file.get(), "rb");
+    if (stream) (void)file.release();
+    return {stream, &std::fclose};
+}
+
+/// Returns the seconds since 1970 when this machine was started, or the largest number if that is
+/// not known: every file is hashed then before its first use.
+std::int64_t startOfTheMachine() {
+    std::ifstream file("/proc/stat");
+    std::string name;
+    std::int64_t seconds = 0;
+    while (file >> name) {
+        if (name == "btime" && file >> seconds) return seconds;
+        file.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
+    }
+    return std::numeric_limits<std::int64_t>::max();
+}
+
+bool hasHash(int file, const std::string& hash) {
+    Digest digest;
+    std::vector<char> part(kReadBytes);
+    off_t at = 0;
+    for (;;) {
+        const ssize_t count = ::pread(file, part.data(), part.size(), at);
+        if (count < 0 && errno == EINTR) continue;
+        if (count < 0) return false;
+        if (count == 0) return digest.hex() == hash;
+        digest.add(part.data(), std::size_t(count));
+        at += count;
+    }
+}
+
+bool writeAll(int file, const char* data, std::size_t size) {
+    while (size > 0) {
+        const ssize_t count = ::write(file, data, size);
+        if (count < 0 && errno == EINTR) continue;
+        if (count < 0) return false;
+        data += count;
+        size -= std::size_t(count);
+    }
+    return true;
+}
+
+bool isHash(const std::string& text) {
+    return text.size() == kHashDigits &&
+           text.find_first_not_of("0123456789abcdef") == std::string::npos;
+}
+
+}  // namespace
+
+// ---- Digest
+
+struct Digest::State {
+    EVP_MD_CTX* context = EVP_MD_CTX_new();
+    ~State() { EVP_MD_CTX_free(context); }
+};
+
+Digest::Digest() : state_(std::make_unique<State>()) {
+    if (EVP_DigestInit_ex(state_->context, EVP_sha256(), nullptr) != 1)
+        throw std::runtime_error("OpenSSL cannot compute a SHA-256");
+}
+Digest::~Digest() = default;
+void Digest::add(const char* data, std::size_t size) {
+    EVP_DigestUpdate(state_->context, data, size);
+}
+std::string Digest::hex() {
+    unsigned char bytes[EVP_MAX_MD_SIZE];
+    unsigned size = 0;
+    EVP_DigestFinal_ex(state_->context, bytes, &size);
+    constexpr std::string_view kDigits = "0123456789abcdef";
+    std::string text;
+    for (unsigned i = 0; i < size; ++i) {
+        text += kDigits[bytes[i] >> 4];
+        text += kDigits[bytes[i] & 15];
+    }
+    return text;
+}
+
+// ---- Lock
+
+/// A lock between threads and processes. It ends with the process that holds it.
+class Cache::Lock {
+public:
+    Lock(const fs::path& path, milliseconds time)
+        : file_(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600)) {
+        if (!file_) return;
+        const auto end = steady_clock::now() + time;
+        while (::flock(file_.get(), LOCK_EX | LOCK_NB) != 0) {
+            if (errno != EWOULDBLOCK || steady_clock::now() >= end) return;
+            std::this_thread::sleep_for(kLockPause);
+        }
+        isHeld_ = true;
+    }
+    [[nodiscard]] bool isHeld() const { return isHeld_; }
+
+private:
+    const Descriptor file_;
+    bool isHeld_ = false;
+};
+
+// ---- Cache
+
+Cache::Options Cache::optionsFromEnvironment() {
+    const auto variable = [](const char* name) -> std::string {
+        const char* value = std::getenv(name);
+        return value ? value : "";
+    };
+    Options options;
+    options.folder = variable("USDLIVE_CACHE");
+    if (options.folder.empty()) {
+        const std::string cache = variable("XDG_CACHE_HOME"), home = variable("HOME");
+        const fs::path parent = !cache.empty()  ? fs::path(cache)
+                                : !home.empty() ? fs::path(home) / ".cache"
+                                                : fs::temp_directory_path();
+        options.folder = parent / "usdlive";
+    }
+    const std::string mib = variable("USDLIVE_CACHE_MIB");
+    const std::uint64_t count = std::strtoull(mib.c_str(), nullptr, 10);
+    options.maxBytes = (count ? count : kDefaultMib) * kMib;
+    return options;
+}
+
+// The size is checked when the first file is added.
+Cache::Cache(Options options) : options_(std::move(options)), unchecked_(options_.maxBytes) {
+    std::error_code error;
+    for (const char* part : {"files", "keys", "locks", "new"}) {
+        fs::create_directories(options_.folder / part, error);
+        if (error) return;
+    }
+    isUsable_ = true;
+}
+
+fs::path Cache::pathOf(const std::string& hash) const {
+    return options_.folder / "files" / hash.substr(0, 2) / hash;
+}
+
+OpenFile Cache::find(const std::string& hash) {
+    static const std::int64_t kStart = startOfTheMachine();
+    const fs::path path = pathOf(hash);
+    Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    struct stat found{};
+    if (!file || ::fstat(file.get(), &found) != 0) return noFile();
+    const auto now = std::int64_t(std::time(nullptr));
+    if (found.st_mtim.tv_sec <= kStart && !hasHash(file.get(), hash)) {
+        ::unlink(path.c_str());
+        return noFile();
+    }
+    if (found.st_mtim.tv_sec <= kStart || found.st_mtim.tv_sec < now - kNotedSeconds)
+        ::utimensat(AT_FDCWD, path.c_str(), nullptr, 0);
+    return opened(std::move(file));
+}
+
+Outcome<OpenFile> Cache::file(const std::string& hash, const Download& download) {
+    if (auto found = find(hash)) return found;
+    // Files share a few thousand locks, so that no folder of locks grows.
+    const Lock lock(options_.folder / "locks" / hash.substr(0, 3), kLockTime);
+    if (auto found = find(hash)) return found;
+    auto fetched = fetch(hash, download);
+    if (!fetched) return fetched.failure();
+    return std::move(fetched->first);
+}
+
+Outcome<OpenFile> Cache::keyedFile(const std::string& key, const Download& download) {
+    Digest digest;
+    digest.add(key.data(), key.size());
+    const std::string name = digest.hex();
+    const auto look = [&] {
+        const std::string hash = readKey(name);
+        return hash.empty() ? noFile() : find(hash);
+    };
+    if (auto found = look()) return found;
+    const Lock lock(options_.folder / "locks" / name.substr(0, 3), kLockTime);
+    if (auto found = look()) return found;
+    auto fetched = fetch("", download);
+    if (!fetched) return fetched.failure();
+    writeKey(name, fetched->second);
+    return std::move(fetched->first);
+}
+
+/// `hash` may be empty: it is then the one that the server names. Returns the hash with the file.
+Outcome<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& hash,
+                                                       const Download& download) {
+    std::string name = (options_.folder / "new" / "XXXXXX").string();
+    Descriptor file(isUsable_ ? ::mkostemp(name.data(), O_CLOEXEC) : -1);
+    bool isOnDisk = bool(file);
+    if (isOnDisk)
+        ::flock(file.get(), LOCK_EX | LOCK_NB);  // other processes see that it is in use
+    else
+        report(std::string("cannot be written: ") + std::strerror(errno));
+    const auto drop = [&] {
+        if (isOnDisk) ::unlink(name.c_str());
+        isOnDisk = false;
+    };
+    if (!file) file = Descriptor(::memfd_create("usdlive", MFD_CLOEXEC));
+
+    Digest digest;
+    std::uint64_t size = 0;
+    // Continues in memory when the disk is full.
+    const auto moveToMemory = [&]() -> bool {
+        report(std::string("takes no more: ") + std::strerror(errno));
+        Descriptor memory(::memfd_create("usdlive", MFD_CLOEXEC));
+        std::vector<char> part(kReadBytes);
+        for (std::uint64_t at = 0; at < size;) {
+            const ssize_t count =
+                ::pread(file.get(), part.data(), std::min<std::uint64_t>(part.size(), size - at),
+                        off_t(at));
+            if (count <= 0 || !writeAll(memory.get(), part.data(), std::size_t(count)))
+                return false;
+            at += std::uint64_t(count);
+        }
+        drop();
+        file = std::move(memory);
+        return ::ftruncate(file.get(), off_t(size)) == 0 &&
+               ::lseek(file.get(), off_t(size), SEEK_SET) >= 0;
+    };
+    const auto named = download([&](const char* data, std::size_t count) -> std::string {
+        digest.add(data, count);
+        if (!writeAll(file.get(), data, count)) {
+            if (!isOnDisk || !moveToMemory() || !writeAll(file.get(), data, count))
+                return std::string("the file cannot be kept: ") + std::strerror(errno);
+        }
+        size += count;
+        return {};
+    });
+    if (!named) {
+        drop();
+        return named.failure();
+    }
+    const std::string is = digest.hex();
+    if (is != *named || (!hash.empty() && is != hash)) {
+        drop();
+        return Failure{"the file was changed while it was sent"};
+    }
+    ::lseek(file.get(), 0, SEEK_SET);
+    if (isOnDisk) {
+        std::error_code error;
+        const fs::path path = pathOf(is);
+        fs::create_directories(path.parent_path(), error);
+        if (::rename(name.c_str(), path.c_str()) != 0) drop();
+        ::flock(file.get(), LOCK_UN);
+        added(size);
+    }
+    OpenFile stream = opened(std::move(file));
+    if (!stream) return Failure{std::strerror(errno)};
+    return std::pair<OpenFile, std::string>(std::move(stream), is);
+}
+
+std::string Cache::readKey(const std::string& key) const {
+    std::ifstream file(options_.folder / "keys" / key.substr(0, 2) / key);
+    std::string hash;
+    file >> hash;
+    return isHash(hash) ? hash : "";
+}
+
+void Cache::writeKey(const std::string& key, const std::string& hash) {
+    if (!isUsable_) return;
+    std::error_code error;
+    const fs::path folder = options_.folder / "keys" / key.substr(0, 2);
+    fs::create_directories(folder, error);
+    std::string name = (options_.folder / "new" / "XXXXXX").string();
+    const Descriptor file(::mkostemp(name.data(), O_CLOEXEC));
+    if (!file) return;
+    ::flock(file.get(), LOCK_EX | LOCK_NB);
+    const std::string line = hash + "\n";
+    if (!writeAll(file.get(), line.data(), line.size()) ||
+        ::rename(name.c_str(), (folder / key).c_str()) != 0)
+        ::unlink(name.c_str());
+}
+
+void Cache::report(const std::string& problem) {
+    std::call_once(reported_, [&] {
+        if (onProblem) onProblem("the cache " + options_.folder.string() + " " + problem);
+    });
+}
+
+void Cache::added(std::uint64_t bytes) {
+    constexpr std::uint64_t kChecks = 16;  // until as much as the limit was added
+    if ((unchecked_ += bytes) < options_.maxBytes / kChecks) return;
+    unchecked_ = 0;
+    removeOldFiles();
+}
+
+void Cache::removeOldFiles() {
+    const Lock lock(options_.folder / "locks" / "sweep", milliseconds(0));
+    if (!lock.isHeld()) return;
+    std::error_code error;
+    // Files of processes that were killed: nobody has them locked.
+    for (const auto& entry : fs::directory_iterator(options_.folder / "new", error)) {
+        const Descriptor file(::open(entry.path().c_str(), O_RDONLY | O_CLOEXEC));
+        if (file && ::flock(file.get(), LOCK_EX | LOCK_NB) == 0) ::unlink(entry.path().c_str());
+    }
+    struct Kept {
+        fs::path path;
+        std::uint64_t bytes = 0;
+        std::int64_t used = 0;
+    };
+    std::vector<Kept> all;
+    std::uint64_t total = 0;
+    for (const char* part : {"files", "keys"})
+        for (fs::recursive_directory_iterator at(options_.folder / part, error), end;
+             !error && at != end; at.increment(error)) {
+            struct stat found{};
+            if (::lstat(at->path().c_str(), &found) != 0 || !S_ISREG(found.st_mode)) continue;
+            all.push_back({at->path(), std::uint64_t(found.st_blocks) * 512, found.st_mtim.tv_sec});
+            total += all.back().bytes;
+        }
+    if (total <= options_.maxBytes) return;
+    std::ranges::sort(all, {}, &Kept::used);
+    for (const Kept& one : all) {
+        if (total <= options_.maxBytes / 8 * 7) break;
+        ::unlink(one.path.c_str());
+        total -= std::min(total, one.bytes);
+    }
+}
+
+}  // namespace usdlive::resolver

@@ -1,0 +1,88 @@
+// Files of projects on the local disk, by the SHA-256 of their content, shared by all processes of
+// a user.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include "Outcome.h"
+
+namespace usdlive::resolver {
+
+/// An open file. It can be read to its end, whatever happens to the cache.
+using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
+
+/// The cache folder. Any thread, any number of processes. A process that is killed leaves no file
+/// with a wrong content:
+/// - a file gets its name when it is complete and its hash is right;
+/// - no file is synced. A file that was used last before the machine was started is hashed again
+///   before it is used.
+/// If the folder cannot be written, or is full, files are kept in memory while they are open.
+class Cache {
+public:
+    struct Options {
+        std::filesystem::path folder;
+        /// When the files take more, the ones that were not used for the longest time are removed.
+        std::uint64_t maxBytes = 0;
+    };
+    /// From the environment: USDLIVE_CACHE, else a folder in XDG_CACHE_HOME or ~/.cache;
+    /// USDLIVE_CACHE_MIB.
+    [[nodiscard]] static Options optionsFromEnvironment();
+
+    explicit Cache(Options options);
+
+    /// Writes the content through the sink. Returns the SHA-256 that the server names, or why there
+    /// is none.
+    using Sink = std::function<std::string(const char* data, std::size_t size)>;
+    using Download = std::function<Outcome<std::string>(const Sink& sink)>;
+
+    /// Returns the file with this content, which `download` fetches if it is missing. Of several
+    /// threads and processes that need the same file, one fetches it.
+    [[nodiscard]] Outcome<OpenFile> file(const std::string& hash, const Download& download);
+    /// Returns the file that was stored under `key`, any text that identifies a content. `download`
+    /// fetches it if it is missing.
+    [[nodiscard]] Outcome<OpenFile> keyedFile(const std::string& key, const Download& download);
+
+    /// Called once, when the cache cannot be written, with the reason.
+    std::function<void(const std::string&)> onProblem;
+
+private:
+    class Lock;
+    [[nodiscard]] std::filesystem::path pathOf(const std::string& hash) const;
+    [[nodiscard]] OpenFile find(const std::string& hash);
+    [[nodiscard]] Outcome<std::pair<OpenFile, std::string>> fetch(const std::string& hash,
+                                                                  const Download& download);
+    [[nodiscard]] std::string readKey(const std::string& key) const;
+    void writeKey(const std::string& key, const std::string& hash);
+    void report(const std::string& problem);
+    void added(std::uint64_t bytes);
+    void removeOldFiles();
+
+    const Options options_;
+    bool isUsable_ = false;
+    std::once_flag reported_;
+    std::atomic<std::uint64_t> unchecked_;  // bytes that were added since the size was checked
+};
+
+/// The SHA-256 of data that arrives in parts, as 64 hexadecimal digits.
+class Digest {
+public:
+    Digest();
+    ~Digest();
+    Digest(const Digest&) = delete;
+    void add(const char* data, std::size_t size);
+    [[nodiscard]] std::string hex();
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+}  // namespace usdlive::resolver

@@ -1,0 +1,210 @@
+// Sends requests over HTTP with Boost.Beast.
+#include "Http.h"
+
+#include <poll.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/core/tcp_stream.hpp>
+#include <boost/beast/http/buffer_body.hpp>
+#include <boost/beast/http/empty_body.hpp>
+#include <boost/beast/http/parser.hpp>
+#include <boost/beast/http/read.hpp>
+#include <boost/beast/http/write.hpp>
+#include <cerrno>
+#include <string_view>
+
+namespace usdlive::resolver {
+
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+using asio::ip::tcp;
+using boost::system::error_code;
+
+constexpr unsigned kOk = 200, kNotModified = 304;
+constexpr std::size_t kPartBytes = 512 * 1024;
+// The largest body that is kept in memory: a list of some million files.
+constexpr std::size_t kMostBodyBytes = 512 * 1024 * 1024;
+
+std::string text(beast::string_view view) { return {view.data(), view.size()}; }
+
+/// One request on one connection. Asio's operations run on this thread, one at a time.
+class Exchange {
+public:
+    Exchange(const HttpRequest& request, const HttpTimes& times)
+        : request_(request), times_(times), stream_(io_), parser_(), buffer_(kPartBytes) {
+        parser_.body_limit(boost::none);
+    }
+
+    Outcome<HttpAnswer> run() {
+        if (const error_code error = connect()) return Failure{causeOf(error)};
+        if (const error_code error = send()) return Failure{"cannot send: " + causeOf(error)};
+        stream_.expires_after(times_.answer);
+        const error_code error = wait([&](auto done) {
+            http::async_read_header(stream_, buffer_, parser_, std::move(done));
+        });
+        if (error) return Failure{"no answer: " + causeOf(error)};
+        const auto& head = parser_.get();
+        HttpAnswer answer{head.result_int(),
+                          unquoted(text(head[http::field::etag])),
+                          text(head["Usdlive-Sha256"]),
+                          {}};
+        if (std::string problem = read(answer); !problem.empty()) return Failure{problem};
+        return answer;
+    }
+
+private:
+    /// Starts an operation and returns its result.
+    template <class Start>
+    error_code wait(Start start) {
+        error_code result = asio::error::timed_out;
+        start([&result](error_code error, const auto&...) { result = error; });
+        io_.restart();
+        io_.run();
+        return result;
+    }
+
+    std::string causeOf(const error_code& error) const {
+        if (error == beast::error::timeout || error == asio::error::timed_out)
+            return "it did not respond in time";
+        if (error == asio::error::connection_refused)
+            return "connection refused. Is \"usdlive serve\" running there?";
+        if (error == http::error::end_of_stream || error == http::error::partial_message)
+            return "the connection ended before the end";
+        return error.message();
+    }
+
+    error_code connect() {
+        std::vector<tcp::endpoint> endpoints;
+        error_code error;
+        if (request_.host == "localhost") {  // without a name server
+            endpoints = {{asio::ip::address_v4::loopback(), request_.port},
+                         {asio::ip::address_v6::loopback(), request_.port}};
+        } else {
+            tcp::resolver resolver(io_);
+            const auto found =
+                resolver.resolve(request_.host, std::to_string(request_.port), error);
+            if (error) return error;
+            for (const auto& one : found) endpoints.push_back(one.endpoint());
+        }
+        error_code first;
+        for (const tcp::endpoint& endpoint : endpoints) {
+            stream_.expires_after(times_.connect);
+            error = wait([&](auto done) { stream_.async_connect(endpoint, std::move(done)); });
+            if (!error) {
+                stream_.socket().set_option(tcp::no_delay(true), error);
+                return {};
+            }
+            if (!first) first = error;
+        }
+        return first;
+    }
+
+    error_code send() {
+        http::request<http::empty_body> message{http::verb::get, request_.target, 11};
+        message.set(http::field::host, request_.host + ":" + std::to_string(request_.port));
+        message.set(http::field::user_agent, "usdliveResolver");
+        for (const auto& [name, value] : request_.headers) message.set(name, value);
+        stream_.expires_after(times_.answer);
+        return wait([&](auto done) { http::async_write(stream_, message, std::move(done)); });
+    }
+
+    /// Reads the body. Returns the reason why it is not complete. A large body is read from the
+    /// socket directly: Asio's timers and small reads would take most of the time.
+    std::string read(HttpAnswer& answer) {
+        if (answer.status == kNotModified) return {};
+        const auto length = parser_.content_length();
+        if (!length) return "the answer has no length. Is this a usdlive server?";
+        std::uint64_t left = *length;
+        const bool goesToSink = request_.sink && answer.status == kOk;
+        if (!goesToSink && left > kMostBodyBytes) return "the answer is too large";
+        const auto take = [&](const char* data, std::size_t size) -> std::string {
+            left -= size;
+            if (goesToSink) return request_.sink(data, size);
+            answer.body.append(data, size);
+            return {};
+        };
+        const auto early = buffer_.data();  // arrived with the headers
+        const std::size_t first = std::min<std::uint64_t>(early.size(), left);
+        if (std::string problem = take(static_cast<const char*>(early.data()), first);
+            !problem.empty())
+            return problem;
+        std::vector<char> part(std::min<std::uint64_t>(left, kPartBytes));
+        while (left > 0) {
+            const std::size_t wanted = std::min<std::uint64_t>(left, part.size());
+            const ssize_t count = receive(part.data(), wanted);
+            if (count == 0) return causeOf(http::error::partial_message);
+            if (count < 0) return causeOf({errno, boost::system::system_category()});
+            if (std::string problem = take(part.data(), std::size_t(count)); !problem.empty())
+                return problem;
+        }
+        return {};
+    }
+
+    /// Reads what has arrived, and waits for it if necessary. Returns 0 at the end, -1 on an error.
+    ssize_t receive(char* data, std::size_t size) {
+        const int socket = stream_.socket().native_handle();
+        for (;;) {
+            const ssize_t count = ::recv(socket, data, size, MSG_DONTWAIT);
+            if (count >= 0 || (errno != EAGAIN && errno != EINTR)) return count;
+            pollfd ready{socket, POLLIN, 0};
+            const int found = ::poll(&ready, 1, int(times_.stall.count()));
+            if (found == 0) errno = ETIMEDOUT;
+            if (found == 0 || (found < 0 && errno != EINTR)) return -1;
+        }
+    }
+
+    static std::string unquoted(std::string etag) {
+        if (etag.size() >= 2 && etag.front() == '"') etag = etag.substr(1, etag.size() - 2);
+        return etag;
+    }
+
+    const HttpRequest& request_;
+    const HttpTimes& times_;
+    asio::io_context io_{1};
+    beast::tcp_stream stream_;
+    http::response_parser<http::buffer_body> parser_;
+    beast::flat_buffer buffer_;
+};
+
+}  // namespace
+
+bool isLoopback(const std::string& host) {
+    if (host == "localhost") return true;
+    error_code error;
+    const auto address = asio::ip::make_address(host, error);
+    return !error && address.is_loopback();
+}
+
+Outcome<HttpAnswer> httpGet(const HttpRequest& request, const HttpTimes& times) {
+    try {
+        return Exchange(request, times).run();
+    } catch (const std::exception& fault) {
+        return Failure{fault.what()};
+    }
+}
+
+std::string urlEncoded(const std::string& text) {
+    constexpr std::string_view kDigits = "0123456789ABCDEF", kOthers = "-._~/";
+    std::string result;
+    for (const char c : text) {
+        const bool isLetter =
+            (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
+        if (isLetter || kOthers.find(c) != std::string_view::npos) {
+            result += c;
+            continue;
+        }
+        result += '%';
+        result += kDigits[std::uint8_t(c) >> 4];
+        result += kDigits[std::uint8_t(c) & 15];
+    }
+    return result;
+}
+
+}  // namespace usdlive::resolver

@@ -1,0 +1,49 @@
+// Requests over HTTP that end within a time limit.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "Outcome.h"
+
+namespace usdlive::resolver {
+
+struct HttpTimes {
+    std::chrono::milliseconds connect{5'000};
+    std::chrono::milliseconds answer{20'000};  ///< until the headers arrive
+    std::chrono::milliseconds stall{15'000};   ///< between two parts of the body
+};
+
+struct HttpAnswer {
+    unsigned status = 0;
+    std::string etag;    ///< without its quotes
+    std::string sha256;  ///< header Usdlive-Sha256
+    std::string body;    ///< empty if a sink took it
+};
+
+struct HttpRequest {
+    std::string host;
+    std::uint16_t port = 0;
+    std::string target;  ///< percent-encoded path and query
+    std::vector<std::pair<std::string, std::string>> headers = {};
+    /// Receives the body of a successful answer in parts. Returns an empty text, or the reason why
+    /// the request ends.
+    std::function<std::string(const char* data, std::size_t size)> sink = {};
+};
+
+/// True for `localhost` and addresses of the loopback interface.
+[[nodiscard]] bool isLoopback(const std::string& host);
+
+/// Sends a GET request and waits for the whole answer, on this thread. A failure without a status
+/// means that there was no complete answer. Any status is an answer, not a failure. Redirections
+/// are not followed. Any thread.
+[[nodiscard]] Outcome<HttpAnswer> httpGet(const HttpRequest& request, const HttpTimes& times);
+
+/// Encodes the characters of a path or a query's value that a URL cannot hold.
+[[nodiscard]] std::string urlEncoded(const std::string& text);
+
+}  // namespace usdlive::resolver

@@ -1,0 +1,360 @@
+// Asks servers for the files of their projects.
+#include "Remote.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+namespace usdlive::resolver {
+
+using Json = nlohmann::json;
+using std::chrono::milliseconds;
+
+namespace {
+
+constexpr unsigned kOk = 200, kNotModified = 304, kNotFound = 404, kConflict = 409, kBusy = 503;
+// A server that prepares a large layer may ask to try again.
+constexpr int kBusyAttempts = 6;
+constexpr milliseconds kBusyPause{500};
+// The time for which a failed server is not asked again, because a stage may name a thousand files
+// of it.
+constexpr milliseconds kFailurePause{2'000};
+// Snapshots of pins that are kept.
+constexpr std::size_t kMostPins = 256;
+constexpr milliseconds kAskAgain{-1};
+constexpr int kOpenAttempts = 3;
+constexpr std::size_t kTokenDigits = 16, kSha256Digits = 64;
+
+std::string environment(const char* name, const std::string& otherwise = {}) {
+    const char* value = std::getenv(name);
+    return value && *value ? value : otherwise;
+}
+
+std::vector<std::string> allowedHosts() {
+    std::vector<std::string> hosts;
+    std::string text = environment("USDLIVE_RESOLVER_HOSTS") + ",";
+    for (std::size_t comma; (comma = text.find(',')) != std::string::npos; text.erase(0, comma + 1))
+        if (comma > 0) hosts.push_back(text.substr(0, comma));
+    return hosts;
+}
+
+HttpTimes timesFromEnvironment() {
+    HttpTimes times;
+    const std::string ms = environment("USDLIVE_RESOLVER_TIMEOUT_MS");
+    if (const long count = std::strtol(ms.c_str(), nullptr, 10); count > 0)
+        times = {milliseconds(count), milliseconds(count), milliseconds(count)};
+    return times;
+}
+
+/// Returns the last line of an answer that says why.
+std::string sentenceOf(const HttpAnswer& answer) {
+    constexpr std::size_t kMostShown = 300;
+    std::string text = answer.body.substr(0, std::min(answer.body.find('\n'), kMostShown));
+    return text.empty() ? "the server answered with the status " + std::to_string(answer.status)
+                        : text;
+}
+
+std::string textIn(const Json& json, const char* name) {
+    const auto found = json.find(name);
+    return found != json.end() && found->is_string() ? found->get<std::string>() : std::string();
+}
+
+template <class Number>
+Number numberIn(const Json& json, const char* name) {
+    const auto found = json.find(name);
+    return found != json.end() && found->is_number_integer() ? found->get<Number>() : Number(0);
+}
+
+/// Sends the request again while the server is busy.
+Outcome<HttpAnswer> patientGet(const HttpRequest& request, const HttpTimes& times) {
+    for (int left = kBusyAttempts;; --left) {
+        auto answer = httpGet(request, times);
+        if (!answer || answer->status != kBusy || left == 1) return answer;
+        std::this_thread::sleep_for(kBusyPause);
+    }
+}
+
+/// True for what may be part of a resolved path.
+bool isVersion(const std::string& version) {
+    return !version.empty() && version.find_first_not_of("0123456789abcdef-") == std::string::npos;
+}
+
+Outcome<SnapshotPtr> parseSnapshot(const HttpAnswer& answer, const std::string& pin) {
+    const Json json = Json::parse(answer.body, nullptr, false);
+    const auto files = json.is_object() ? json.find("files") : json.end();
+    if (!json.is_object() || files == json.end() || !files->is_array())
+        return Failure{"the answer is not a list of files. Is this a usdlive server?"};
+    auto snapshot = std::make_shared<Snapshot>();
+    snapshot->project = textIn(json, "project");
+    snapshot->revision = numberIn<std::uint64_t>(json, "revision");
+    snapshot->pin = pin;
+    snapshot->etag = answer.etag;
+    snapshot->files.reserve(files->size());
+    for (const Json& file : *files) {
+        if (!file.is_object()) continue;
+        Entry entry{textIn(file, "version"), textIn(file, "hash"),
+                    numberIn<std::int64_t>(file, "modifiedMs")};
+        if (!entry.hash.empty() && !isHashToken(entry.hash)) continue;
+        if (!entry.version.empty() && !isVersion(entry.version)) continue;
+        snapshot->files.insert_or_assign(textIn(file, "path"), std::move(entry));
+    }
+    return SnapshotPtr(snapshot);
+}
+
+bool isRevision(const std::string& pin) {
+    return !pin.empty() && pin.find_first_not_of("0123456789") == std::string::npos;
+}
+
+}  // namespace
+
+std::string versionToken(const std::string& version) {
+    const std::size_t dash = version.find('-');
+    if (dash == std::string::npos) return version;
+    return version.substr(0, dash + 1 + kTokenDigits);
+}
+
+bool isHashToken(const std::string& token) {
+    return token.size() == kSha256Digits &&
+           token.find_first_not_of("0123456789abcdef") == std::string::npos;
+}
+
+std::string revisionOf(const std::string& token) { return token.substr(0, token.find('-')); }
+
+// ---- Project
+
+Project::Project(std::string host, std::uint16_t port, std::string name, std::string prefix,
+                 std::string user, HttpTimes times, Cache& cache)
+    : host_(std::move(host)),
+      port_(port),
+      name_(std::move(name)),
+      prefix_(std::move(prefix)),
+      user_(std::move(user)),
+      times_(times),
+      cache_(cache) {}
+
+Outcome<SnapshotPtr> Project::newest(milliseconds idle) { return ask(newest_, "", idle); }
+
+Outcome<SnapshotPtr> Project::at(const std::string& pin) {
+    Asked* known = nullptr;
+    {
+        const std::lock_guard lock(mutex_);
+        if (pinned_.size() >= kMostPins && !pinned_.contains(pin)) return request(nullptr, pin);
+        known = &pinned_[pin];
+    }
+    // The layers of a revision never change. The other files of the list are opened by their path
+    // if they have changed.
+    return ask(*known, pin, milliseconds::max());
+}
+
+SnapshotPtr Project::last() const {
+    const std::lock_guard lock(mutex_);
+    return newest_.snapshot;
+}
+
+Outcome<SnapshotPtr> Project::ask(Asked& known, const std::string& pin, milliseconds idle) {
+    const auto answerNow = [&]() -> std::optional<Outcome<SnapshotPtr>> {
+        const std::lock_guard lock(mutex_);
+        const auto now = Clock::now();
+        const auto passed = now - known.when;
+        if (known.failure && passed < kFailurePause) return Outcome<SnapshotPtr>(*known.failure);
+        if (known.failure || !known.snapshot) return std::nullopt;
+        if (idle != milliseconds::max() && passed > idle) return std::nullopt;
+        known.when = now;
+        return Outcome<SnapshotPtr>(known.snapshot);
+    };
+    if (auto now = answerNow()) return *now;
+    const std::lock_guard asking(asking_);
+    if (auto now = answerNow()) return *now;
+    SnapshotPtr before;
+    {
+        const std::lock_guard lock(mutex_);
+        before = known.snapshot;
+    }
+    auto answer = request(before, pin);
+    const std::lock_guard lock(mutex_);
+    known.when = Clock::now();
+    known.failure.reset();
+    if (answer)
+        known.snapshot = *answer;
+    else
+        known.failure = answer.failure();
+    return answer;
+}
+
+Outcome<SnapshotPtr> Project::request(const SnapshotPtr& known, const std::string& pin) {
+    std::string query;
+    if (!pin.empty()) query = (isRevision(pin) ? "?revision=" : "?checkpoint=") + urlEncoded(pin);
+    HttpRequest request = requestFor("/files" + query);
+    if (known) request.headers.emplace_back("If-None-Match", '"' + known->etag + '"');
+    const auto answer = patientGet(request, times_);
+    if (!answer) return answer.failure();
+    if (known && answer->status == kNotModified) return known;
+    if (answer->status != kOk) return Failure{sentenceOf(*answer), answer->status};
+    return parseSnapshot(*answer, pin);
+}
+
+HttpRequest Project::requestFor(const std::string& target) const {
+    HttpRequest request{host_, port_, prefix_ + target};
+    if (!user_.empty()) request.headers.emplace_back("Usdlive-User", urlEncoded(user_));
+    return request;
+}
+
+/// Returns the hash of what was sent. `wanted`: the ETag has to begin with it.
+Outcome<std::string> Project::download(const std::string& target, const std::string& wanted,
+                                       const Cache::Sink& sink) {
+    HttpRequest request = requestFor(target);
+    request.sink = sink;
+    const auto answer = patientGet(request, times_);
+    if (!answer) return answer.failure();
+    if (answer->status != kOk) return Failure{sentenceOf(*answer), answer->status};
+    if (!answer->etag.starts_with(wanted))
+        return Failure{"the server has another version of it now", kConflict};
+    return answer->sha256;
+}
+
+Outcome<OpenFile> Project::openVersion(const std::string& path, const std::string& token) {
+    // The hash in the token names the history, so the key needs neither server nor project.
+    return cache_.keyedFile(token + "/" + path, [&](const Cache::Sink& sink) {
+        return download("/files/" + urlEncoded(path) + "?revision=" + revisionOf(token), token,
+                        sink);
+    });
+}
+
+Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& hash) {
+    std::string wanted = hash;
+    Failure failure{"it changes all the time"};
+    for (int left = kOpenAttempts; left > 0; --left) {
+        const std::string target = "/files/" + urlEncoded(path);
+        if (wanted.empty()) {
+            // The server does not know the hash yet, or another file is there by now.
+            const auto fetch = [&](const Cache::Sink& sink) { return download(target, "", sink); };
+            const auto list = newest(kAskAgain);
+            if (!list) return list.failure();
+            const auto found = (*list)->files.find(path);
+            if (found == (*list)->files.end())
+                return Failure{"the project has no such file any more", kNotFound};
+            wanted = found->second.hash;
+            if (wanted.empty())
+                return cache_.keyedFile(
+                    path + "/" + std::to_string(found->second.modifiedMs) + "/" + host_ + prefix_,
+                    fetch);
+        }
+        auto file = cache_.file(wanted, [&](const Cache::Sink& sink) {
+            return download(target + "?hash=" + wanted, wanted, sink);
+        });
+        if (file) return file;
+        failure = file.failure();
+        if (failure.status != kConflict && failure.status != 0) return failure;
+        if (failure.status == kConflict) wanted.clear();
+    }
+    return failure;
+}
+
+// ---- Remotes
+
+Remotes::Remotes()
+    : cache(Cache::optionsFromEnvironment()),
+      user_(environment("USDLIVE_USER", environment("USER"))),
+      allowedHosts_(allowedHosts()),
+      times_(timesFromEnvironment()) {}
+
+std::optional<Failure> Remotes::whyForbidden(const Url& url) const {
+    if (isLoopback(url.host)) return std::nullopt;
+    for (const std::string& host : allowedHosts_)
+        if (host == "*" || host == url.host) return std::nullopt;
+    return Failure{"the host " + url.host +
+                   " is not allowed. List it in the environment variable USDLIVE_RESOLVER_HOSTS to "
+                   "allow it"};
+}
+
+Outcome<Located> Remotes::locate(const Url& url) {
+    if (auto forbidden = whyForbidden(url)) return *forbidden;
+    if (url.leadsOut()) return Failure{"the path leads out of the server"};
+    Server* server = nullptr;
+    {
+        const std::lock_guard lock(mutex_);
+        auto& entry = servers_[url.server()];
+        if (!entry) entry = std::make_unique<Server>();
+        server = entry.get();
+    }
+    const std::string first = url.path.substr(0, url.path.find('/'));
+    for (const bool again : {false, true}) {
+        if (auto failure = ask(*server, url, again)) return *failure;
+        const std::lock_guard lock(server->mutex);
+        if (!server->hasSeveral && server->projects.size() == 1) {
+            const auto& [name, project] = *server->projects.begin();
+            return Located{project, url.path};
+        }
+        const auto found = server->projects.find(first);
+        if (found == server->projects.end()) continue;
+        return Located{found->second, url.path.substr(std::min(url.path.size(), first.size() + 1))};
+    }
+    return Failure{"the server has no project \"" + first + "\"", kNotFound};
+}
+
+bool Remotes::refresh() {
+    std::vector<ProjectPtr> projects;
+    {
+        const std::lock_guard lock(mutex_);
+        for (const auto& [address, server] : servers_) {
+            const std::lock_guard serverLock(server->mutex);
+            for (const auto& [name, project] : server->projects) projects.push_back(project);
+        }
+    }
+    bool isChanged = false;
+    for (const ProjectPtr& project : projects) {
+        const SnapshotPtr before = project->last();
+        if (!before) continue;
+        const auto now = project->newest(kAskAgain);
+        isChanged = isChanged || (now && *now != before);
+    }
+    return isChanged;
+}
+
+/// Asks which projects the server has. `again`: there may be a new one.
+std::optional<Failure> Remotes::ask(Server& server, const Url& url, bool again) {
+    const auto isAnswered = [&] {
+        const std::lock_guard lock(server.mutex);
+        const bool isRecent = std::chrono::steady_clock::now() - server.when < kFailurePause;
+        return (server.isKnown && (!again || isRecent)) || (server.failure && isRecent);
+    };
+    const auto answerNow = [&] {
+        const std::lock_guard lock(server.mutex);
+        return server.isKnown ? std::nullopt : server.failure;
+    };
+    if (isAnswered()) return answerNow();
+    const std::lock_guard asking(server.asking);
+    if (isAnswered()) return answerNow();
+    const auto answer = httpGet({url.host, url.port, "/projects"}, times_);
+    const std::lock_guard lock(server.mutex);
+    server.when = std::chrono::steady_clock::now();
+    const auto refuse = [&](Failure failure) {
+        server.failure = std::move(failure);
+        return server.isKnown ? std::nullopt : server.failure;
+    };
+    if (!answer) return refuse(answer.failure());
+    const Json json = Json::parse(answer->body, nullptr, false);
+    const auto projects = json.is_object() ? json.find("projects") : json.end();
+    if (answer->status != kOk || !json.is_object() || projects == json.end() ||
+        !projects->is_array())
+        return refuse({"this is not a usdlive server, or an older one"});
+    server.isKnown = true;
+    server.failure.reset();
+    const auto several = json.find("several");
+    server.hasSeveral = several != json.end() && several->is_boolean() && several->get<bool>();
+    for (const Json& one : *projects) {
+        if (!one.is_object()) continue;
+        const std::string name = textIn(one, "name");
+        if (server.projects.contains(name)) continue;
+        server.projects.emplace(
+            name, std::make_shared<Project>(url.host, url.port, name,
+                                            server.hasSeveral ? "/" + urlEncoded(name) : "", user_,
+                                            times_, cache));
+    }
+    return std::nullopt;
+}
+
+}  // namespace usdlive::resolver

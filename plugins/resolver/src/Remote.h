@@ -1,0 +1,137 @@
+// Served projects as this process sees them.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "Cache.h"
+#include "Http.h"
+#include "Url.h"
+
+namespace usdlive::resolver {
+
+/// A file of a project at one moment.
+struct Entry {
+    std::string version;  ///< names the content of a layer with a history; otherwise empty
+    std::string hash;     ///< SHA-256 of the file; empty: the server does not know it yet
+    std::int64_t modifiedMs = 0;
+};
+
+/// The files of a project at one revision. A value that never changes.
+struct Snapshot {
+    std::string project;
+    std::uint64_t revision = 0;
+    std::string pin;
+    std::string etag;
+    std::unordered_map<std::string, Entry> files;
+};
+using SnapshotPtr = std::shared_ptr<const Snapshot>;
+
+/// A project of a server. Any thread.
+class Project {
+public:
+    Project(std::string host, std::uint16_t port, std::string name, std::string prefix,
+            std::string user, HttpTimes times, Cache& cache);
+
+    [[nodiscard]] const std::string& name() const { return name_; }
+    /// True if addresses name the project, because the server has several.
+    [[nodiscard]] bool hasPrefix() const { return !prefix_.empty(); }
+
+    /// Returns the last snapshot. Asks the server for a new one if the last one was not used for
+    /// longer than `idle`; always, if that is negative.
+    [[nodiscard]] Outcome<SnapshotPtr> newest(std::chrono::milliseconds idle);
+    /// Returns the snapshot of a revision or checkpoint.
+    [[nodiscard]] Outcome<SnapshotPtr> at(const std::string& pin);
+    /// Returns the last snapshot, or nullptr. Asks no server.
+    [[nodiscard]] SnapshotPtr last() const;
+
+    /// Opens a layer that has a history, at a version that versionToken() made.
+    [[nodiscard]] Outcome<OpenFile> openVersion(const std::string& path, const std::string& token);
+    /// Opens the file with this content, or with the present content if the project has another one
+    /// by now. `hash` may be empty.
+    [[nodiscard]] Outcome<OpenFile> openFile(const std::string& path, const std::string& hash);
+
+private:
+    using Clock = std::chrono::steady_clock;
+    struct Asked {
+        SnapshotPtr snapshot;
+        Clock::time_point when;  ///< when it was asked for or used
+        std::optional<Failure> failure;
+    };
+    [[nodiscard]] Outcome<SnapshotPtr> ask(Asked& known, const std::string& pin,
+                                           std::chrono::milliseconds idle);
+    [[nodiscard]] Outcome<SnapshotPtr> request(const SnapshotPtr& known, const std::string& pin);
+    [[nodiscard]] HttpRequest requestFor(const std::string& target) const;
+    [[nodiscard]] Outcome<std::string> download(const std::string& target,
+                                                const std::string& wanted, const Cache::Sink& sink);
+
+    const std::string host_;
+    const std::uint16_t port_;
+    const std::string name_, prefix_, user_;
+    const HttpTimes times_;
+    Cache& cache_;
+
+    std::mutex asking_;         // held while the server is asked, so that it is asked once
+    mutable std::mutex mutex_;  // guards the next two members
+    Asked newest_;
+    std::map<std::string, Asked> pinned_;  // by pin
+};
+using ProjectPtr = std::shared_ptr<Project>;
+
+/// A file of a project.
+struct Located {
+    ProjectPtr project;
+    std::string path;  ///< in the project
+};
+
+/// All servers that this process has asked. Any thread.
+class Remotes {
+public:
+    Remotes();
+
+    /// Finds the project of an address. Failure: the host is not allowed, the server does not
+    /// answer, or it has no such project.
+    [[nodiscard]] Outcome<Located> locate(const Url& url);
+    /// Asks for the newest snapshots of all projects that were used without a context. Returns true
+    /// if one has changed.
+    [[nodiscard]] bool refresh();
+    [[nodiscard]] const std::string& user() const { return user_; }
+
+    Cache cache;
+
+private:
+    struct Server {
+        std::mutex asking;
+        std::mutex mutex;  // guards the other members
+        bool isKnown = false;
+        bool hasSeveral = false;
+        std::map<std::string, ProjectPtr> projects;
+        std::chrono::steady_clock::time_point when;
+        std::optional<Failure> failure;
+    };
+    [[nodiscard]] std::optional<Failure> whyForbidden(const Url& url) const;
+    [[nodiscard]] std::optional<Failure> ask(Server& server, const Url& url, bool again);
+
+    const std::string user_;
+    const std::vector<std::string> allowedHosts_;
+    const HttpTimes times_;
+    std::mutex mutex_;  // guards the next member
+    std::map<std::string, std::unique_ptr<Server>> servers_;
+};
+
+/// Returns the text for a version in a resolved path: for `12-abc...` the revision and the first
+/// digits of the hash.
+[[nodiscard]] std::string versionToken(const std::string& version);
+/// Returns true for the token of a file without history: its hash.
+[[nodiscard]] bool isHashToken(const std::string& token);
+/// Returns the revision in a token of a layer with a history.
+[[nodiscard]] std::string revisionOf(const std::string& token);
+
+}  // namespace usdlive::resolver

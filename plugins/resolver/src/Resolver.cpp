@@ -1,0 +1,320 @@
+// The ArResolver for addresses such as usdlive://localhost:7447/shot.usda.
+#include <pxr/base/tf/diagnostic.h>
+#include <pxr/base/tf/pathUtils.h>
+#include <pxr/base/vt/value.h>
+#include <pxr/usd/ar/assetInfo.h>
+#include <pxr/usd/ar/defineResolver.h>
+#include <pxr/usd/ar/filesystemAsset.h>
+#include <pxr/usd/ar/notice.h>
+#include <pxr/usd/ar/resolver.h>
+#include <pxr/usd/ar/writableAsset.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <set>
+
+#include "Context.h"
+#include "Remote.h"
+#include "Url.h"
+
+AR_NAMESPACE_OPEN_SCOPE
+
+using usdlive::resolver::Context;
+using usdlive::resolver::Entry;
+using usdlive::resolver::Failure;
+using usdlive::resolver::Located;
+using usdlive::resolver::Outcome;
+using usdlive::resolver::Remotes;
+using usdlive::resolver::Snapshot;
+using usdlive::resolver::SnapshotPtr;
+using usdlive::resolver::Url;
+
+namespace {
+
+// Outside a context the last snapshot is used until nobody has used it for this time, so that one
+// composition sees one revision.
+constexpr std::chrono::milliseconds kSnapshotIdle{1'000};
+constexpr std::size_t kMostWarnings = 1'000;
+
+constexpr const char* kReadOnly =
+    "files at usdlive:// are read-only here. Edit the layer live (usdlive.connect), or put the "
+    "file "
+    "into the project's folder";
+
+/// True for the files that OpenUSD opens as layers. Their resolved paths name the version, so that
+/// another version is another layer.
+bool isLayer(const std::string& path) {
+    std::string ending = path.substr(path.size() - std::min<std::size_t>(path.size(), 5));
+    std::ranges::transform(ending, ending.begin(),
+                           [](unsigned char c) { return char(std::tolower(c)); });
+    return ending.ends_with(".usd") || ending == ".usda" || ending == ".usdc" || ending == ".usdz";
+}
+
+/// The folders in USDLIVE_SEARCH_PATH: paths relative to the project, with `:` between them.
+std::vector<std::string> searchFolders() {
+    std::vector<std::string> folders;
+    const char* value = std::getenv("USDLIVE_SEARCH_PATH");
+    std::string text = value ? std::string(value) + ":" : "";
+    for (std::size_t colon; (colon = text.find(':')) != std::string::npos; text.erase(0, colon + 1))
+        if (colon > 0) folders.push_back(text.substr(0, colon));
+    return folders;
+}
+
+/// A file of a snapshot.
+struct Found {
+    Located located;
+    SnapshotPtr snapshot;
+    const Entry* entry = nullptr;  ///< nullptr: the project has no such file
+};
+
+}  // namespace
+
+class UsdliveResolver final : public ArResolver {
+public:
+    UsdliveResolver() : searchFolders_(searchFolders()) {
+        remotes_.cache.onProblem = [](const std::string& problem) {
+            TF_WARN("usdlive: %s. Files are fetched again each time", problem.c_str());
+        };
+    }
+
+protected:
+    std::string _CreateIdentifier(const std::string& assetPath,
+                                  const ArResolvedPath& anchorAssetPath) const override {
+        if (usdlive::resolver::hasScheme(assetPath)) {
+            const auto url = parse(assetPath);
+            return url ? url->identifier() : assetPath;
+        }
+        const auto anchor = usdlive::resolver::parseUrl(anchorAssetPath.GetPathString());
+        // An absolute path is on this machine.
+        if (!anchor || assetPath.empty() || assetPath.front() == '/') return assetPath;
+        const Url beside = usdlive::resolver::anchored(*anchor, assetPath);
+        if (assetPath.starts_with("./") || assetPath.starts_with("../")) return beside.identifier();
+        return searched(*anchor, beside, assetPath);
+    }
+
+    std::string _CreateIdentifierForNewAsset(const std::string& assetPath,
+                                             const ArResolvedPath& anchor) const override {
+        return _CreateIdentifier(assetPath, anchor);
+    }
+
+    ArResolvedPath _Resolve(const std::string& assetPath) const override {
+        const auto url = parse(assetPath);
+        if (!url) return {};
+        if (!url->version.empty()) return ArResolvedPath(url->resolvedPath());
+        const auto found = find(*url);
+        if (!found) {
+            report(assetPath, found.failure());
+            return {};
+        }
+        if (!found->entry) return {};
+        return ArResolvedPath(resolved(*url, *found).resolvedPath());
+    }
+
+    ArResolvedPath _ResolveForNewAsset(const std::string& assetPath) const override {
+        const auto url = parse(assetPath);
+        return url ? ArResolvedPath(url->resolvedPath()) : ArResolvedPath();
+    }
+
+    std::string _GetExtension(const std::string& assetPath) const override {
+        const auto url = usdlive::resolver::parseUrl(assetPath);
+        return TfGetExtension(url ? url->path : assetPath);
+    }
+
+    ArAssetInfo _GetAssetInfo(const std::string& assetPath,
+                              const ArResolvedPath& resolvedPath) const override {
+        ArAssetInfo info;
+        const auto url =
+            usdlive::resolver::parseUrl(resolvedPath ? resolvedPath.GetPathString() : assetPath);
+        if (!url) return info;
+        info.version = url->version;
+        info.assetName = url->path;
+        return info;
+    }
+
+    ArTimestamp _GetModificationTimestamp(const std::string& /*assetPath*/,
+                                          const ArResolvedPath& resolvedPath) const override {
+        const auto url = usdlive::resolver::parseUrl(resolvedPath.GetPathString());
+        if (!url) return {};
+        if (!url->version.empty() && !usdlive::resolver::isHashToken(url->version))
+            return ArTimestamp(
+                std::strtod(usdlive::resolver::revisionOf(url->version).c_str(), nullptr));
+        const auto found = find(*url);
+        constexpr double kMsInSecond = 1'000;
+        if (!found || !found->entry) return {};
+        return ArTimestamp(double(found->entry->modifiedMs) / kMsInSecond);
+    }
+
+    std::shared_ptr<ArAsset> _OpenAsset(const ArResolvedPath& resolvedPath) const override {
+        const std::string& text = resolvedPath.GetPathString();
+        const auto url = parse(text);
+        if (!url) return nullptr;
+        auto file = open(*url);
+        if (file) return std::make_shared<ArFilesystemAsset>(file->release());
+        TF_RUNTIME_ERROR("usdlive: cannot read %s: %s", text.c_str(), file.failure().cause.c_str());
+        return nullptr;
+    }
+
+    bool _CanWriteAssetToPath(const ArResolvedPath&, std::string* whyNot) const override {
+        if (whyNot) *whyNot = kReadOnly;
+        return false;
+    }
+
+    std::shared_ptr<ArWritableAsset> _OpenAssetForWrite(const ArResolvedPath& resolvedPath,
+                                                        WriteMode) const override {
+        TF_RUNTIME_ERROR("usdlive: cannot write %s: %s", resolvedPath.GetPathString().c_str(),
+                         kReadOnly);
+        return nullptr;
+    }
+
+    ArResolverContext _CreateDefaultContextForAsset(const std::string& assetPath) const override {
+        const auto url = usdlive::resolver::parseUrl(assetPath);
+        if (!url) return {};
+        Context::wrapForPython();
+        const Context context(url->server(), url->pin, remotes_.user());
+        if (const auto located = remotes_.locate(*url); located && url->pin.empty())
+            keepVersion(context, *located, *url);
+        return ArResolverContext(context);
+    }
+
+    /// The text is an address, of which only the server, the project and the pin count.
+    ArResolverContext _CreateContextFromString(const std::string& text) const override {
+        const auto url = parse(text);
+        if (!url) return {};
+        Context::wrapForPython();
+        return ArResolverContext(Context(url->server(), url->pin, remotes_.user()));
+    }
+
+    void _RefreshContext(const ArResolverContext& context) override {
+        const Context* const ours = context.Get<Context>();
+        if (ours) {
+            if (ours->refresh()) ArNotice::ResolverChanged(*ours).Send();
+            return;
+        }
+        if (remotes_.refresh())
+            ArNotice::ResolverChanged([](const ArResolverContext& other) {
+                return other.Get<Context>() == nullptr;
+            }).Send();
+    }
+
+    bool _IsContextDependentPath(const std::string& assetPath) const override {
+        const auto url = usdlive::resolver::parseUrl(assetPath);
+        return url && url->pin.empty() && url->version.empty();
+    }
+
+private:
+    static std::optional<Url> parse(const std::string& text) {
+        std::string why;
+        auto url = usdlive::resolver::parseUrl(text, &why);
+        if (!url) TF_RUNTIME_ERROR("usdlive: %s is not an address: %s", text.c_str(), why.c_str());
+        return url;
+    }
+
+    /// Finds a path without `./`, as OpenUSD's own resolver does: beside the anchor, then in the
+    /// folders to search, of the project and of this machine.
+    std::string searched(const Url& anchor, const Url& beside, const std::string& path) const {
+        const auto exists = [&](const Url& url) {
+            const auto found = find(url);
+            return found && found->entry;
+        };
+        if (exists(beside)) return beside.identifier();
+        const auto located = remotes_.locate(anchor);
+        if (!located) return beside.identifier();
+        // The part of the path that names the project.
+        Url root = anchor;
+        root.path.resize(root.path.size() - located->path.size());
+        for (const std::string& folder : searchFolders_) {
+            const Url there = usdlive::resolver::anchored(root, folder + "/" + path);
+            if (exists(there)) return there.identifier();
+        }
+        if (ArGetResolver().Resolve(path)) return path;
+        return beside.identifier();
+    }
+
+    Outcome<Found> find(const Url& url) const {
+        const auto located = remotes_.locate(url);
+        if (!located) return located.failure();
+        const Context* const context = _GetCurrentContextObject<Context>();
+        const auto snapshot = !url.pin.empty() ? located->project->at(url.pin)
+                              : context        ? context->of(*located, url)
+                                               : located->project->newest(kSnapshotIdle);
+        if (!snapshot) return snapshot.failure();
+        Found found{*located, *snapshot};
+        const auto look = [&](const std::string& path) {
+            const auto entry = (*snapshot)->files.find(path);
+            if (entry == (*snapshot)->files.end()) return false;
+            found.located.path = path;
+            found.entry = &entry->second;
+            return true;
+        };
+        // The address of a server with one project may name the project all the same.
+        const std::string name = located->project->name() + "/";
+        if (!look(located->path) && located->path.starts_with(name))
+            (void)look(located->path.substr(name.size()));
+        return found;
+    }
+
+    static Url resolved(Url url, const Found& found) {
+        // Without the name of the only project, if the address has it.
+        if (!found.located.project->hasPrefix()) url.path = found.located.path;
+        if (!isLayer(url.path)) return url;
+        const Entry& entry = *found.entry;
+        url.version =
+            entry.version.empty() ? entry.hash : usdlive::resolver::versionToken(entry.version);
+        return url;
+    }
+
+    Outcome<usdlive::resolver::OpenFile> open(const Url& url) const {
+        if (!url.version.empty()) {
+            const auto located = remotes_.locate(url);
+            if (!located) return located.failure();
+            if (usdlive::resolver::isHashToken(url.version))
+                return located->project->openFile(located->path, url.version);
+            return located->project->openVersion(located->path, url.version);
+        }
+        const auto found = find(url);
+        if (!found) return found.failure();
+        if (!found->entry) return Failure{"the project has no such file"};
+        if (!found->entry->version.empty())
+            return found->located.project->openVersion(
+                found->located.path, usdlive::resolver::versionToken(found->entry->version));
+        return found->located.project->openFile(found->located.path, found->entry->hash);
+    }
+
+    /// Makes the context use the snapshot that the stage's root layer was opened from, although
+    /// there may be a newer one.
+    static void keepVersion(const Context& context, const Located& located, const Url& url) {
+        if (url.version.empty()) return;
+        const SnapshotPtr last = located.project->last();
+        const auto entry = last ? last->files.find(located.path) : decltype(last->files.end())();
+        if (!last || entry == last->files.end()) return;
+        const bool isSame =
+            entry->second.version.empty()
+                ? entry->second.hash == url.version
+                : usdlive::resolver::versionToken(entry->second.version) == url.version;
+        if (isSame) return context.set(located.project, last);
+        if (usdlive::resolver::isHashToken(url.version)) return;
+        if (const auto then = located.project->at(usdlive::resolver::revisionOf(url.version)))
+            context.set(located.project, *then);
+    }
+
+    /// An error for a layer, which is then part of what the caller says. A value that names a
+    /// texture can still be read, so that is a warning.
+    void report(const std::string& assetPath, const Failure& failure) const {
+        const auto url = usdlive::resolver::parseUrl(assetPath);
+        if (url && isLayer(url->path))
+            return TF_RUNTIME_ERROR("usdlive: cannot open %s: %s", assetPath.c_str(),
+                                    failure.cause.c_str());
+        const std::lock_guard lock(mutex_);
+        if (warned_.size() < kMostWarnings && warned_.insert(assetPath + failure.cause).second)
+            TF_WARN("usdlive: cannot find %s: %s", assetPath.c_str(), failure.cause.c_str());
+    }
+
+    const std::vector<std::string> searchFolders_;
+    mutable Remotes remotes_;
+    mutable std::mutex mutex_;  // guards the next member
+    mutable std::set<std::string> warned_;
+};
+
+AR_DEFINE_RESOLVER(UsdliveResolver, ArResolver);
+
+AR_NAMESPACE_CLOSE_SCOPE

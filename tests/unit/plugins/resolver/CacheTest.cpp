@@ -1,0 +1,197 @@
+// Tests the cache of fetched files, which processes share.
+#include "Cache.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <thread>
+
+using namespace usdlive::resolver;
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string hashOfText(const std::string& text) {
+    Digest digest;
+    digest.add(text.data(), text.size());
+    return digest.hex();
+}
+
+std::string read(const OpenFile& file) {
+    std::string text(1 << 20, '\0');
+    text.resize(std::fread(text.data(), 1, text.size(), file.get()));
+    return text;
+}
+
+class CacheTest : public testing::Test {
+protected:
+    CacheTest() {
+        char name[] = "/tmp/usdlive-cache-XXXXXX";
+        folder = mkdtemp(name);
+    }
+    ~CacheTest() override { fs::remove_all(folder); }
+
+    Cache::Download downloadOf(const std::string& text) {
+        return [this, text](const Cache::Sink& sink) -> Outcome<std::string> {
+            ++downloads;
+            const std::size_t half = text.size() / 2;
+            for (const auto& part : {text.substr(0, half), text.substr(half)})
+                if (const auto problem = sink(part.data(), part.size()); !problem.empty())
+                    return Failure{problem};
+            return hashOfText(text);
+        };
+    }
+    std::string get(Cache& cache, const std::string& text) {
+        const auto file = cache.file(hashOfText(text), downloadOf(text));
+        return file ? read(*file) : "failed: " + file.failure().cause;
+    }
+    fs::path fileOf(const std::string& text) const {
+        const std::string hash = hashOfText(text);
+        return folder / "files" / hash.substr(0, 2) / hash;
+    }
+    std::size_t count(const char* part) const {
+        return std::size_t(std::distance(fs::recursive_directory_iterator(folder / part), {}));
+    }
+
+    fs::path folder;
+    int downloads = 0;
+};
+
+constexpr std::uint64_t kPlenty = 1 << 30;
+
+}  // namespace
+
+TEST_F(CacheTest, FetchesAFileOnce) {
+    Cache cache({folder, kPlenty}), other({folder, kPlenty});
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(get(other, "brick"), "brick");
+    EXPECT_EQ(downloads, 1);
+    EXPECT_EQ(get(cache, ""), "");
+    EXPECT_EQ(count("new"), 0U);
+}
+
+TEST_F(CacheTest, FindsAFileByAKey) {
+    Cache cache({folder, kPlenty});
+    EXPECT_EQ(read(*cache.keyedFile("12-ab/shot.usda", downloadOf("#usda"))), "#usda");
+    EXPECT_EQ(read(*Cache({folder, kPlenty}).keyedFile("12-ab/shot.usda", downloadOf("other"))),
+              "#usda");
+    EXPECT_EQ(read(*cache.keyedFile("13-cd/shot.usda", downloadOf("other"))), "other");
+    EXPECT_EQ(downloads, 2);
+}
+
+TEST_F(CacheTest, KeepsNothingThatHasAnotherContent) {
+    Cache cache({folder, kPlenty});
+    const auto file = cache.file(hashOfText("expected"), downloadOf("changed"));
+    ASSERT_FALSE(file);
+    EXPECT_THAT(file.failure().cause, HasSubstr("changed while"));
+    const auto failed = cache.file(hashOfText("expected"), [](const Cache::Sink& sink) {
+        (void)sink("exp", 3);
+        return Outcome<std::string>(Failure{"the connection ended", 0});
+    });
+    EXPECT_EQ(failed.failure().cause, "the connection ended");
+    EXPECT_EQ(count("new"), 0U);
+    EXPECT_FALSE(fs::exists(fileOf("expected")));
+}
+
+TEST_F(CacheTest, HashesFilesOfAnEarlierStartOfTheMachine) {
+    Cache cache({folder, kPlenty});
+    (void)get(cache, "brick");
+    (void)get(cache, "stone");
+    std::ofstream(fileOf("brick")) << "bricX";  // an interrupted write may leave that
+    for (const char* text : {"brick", "stone"})
+        fs::last_write_time(fileOf(text), fs::file_time_type::clock::now() - std::chrono::years(9));
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(get(cache, "stone"), "stone");
+    EXPECT_EQ(downloads, 3) << "only the damaged file was fetched again";
+}
+
+TEST_F(CacheTest, RemovesTheFilesThatWereNotUsedForTheLongestTime) {
+    constexpr std::size_t kFiles = 40, kSize = 100'000;
+    Cache cache({folder, kFiles / 2 * kSize});
+    for (std::size_t i = 0; i < kFiles; ++i) {
+        const std::string text(kSize, char('A' + i));
+        EXPECT_EQ(get(cache, text), text);
+        // The first file is always in use.
+        fs::last_write_time(fileOf(text), fs::file_time_type::clock::now() -
+                                              std::chrono::minutes(i == 0 ? 0 : 60 - i));
+    }
+    std::uint64_t bytes = 0;
+    for (const auto& entry : fs::recursive_directory_iterator(folder / "files"))
+        if (entry.is_regular_file()) bytes += entry.file_size();
+    EXPECT_LE(bytes, kFiles / 2 * kSize * 17 / 16 + kSize);
+    EXPECT_GE(bytes, kFiles / 4 * kSize);
+    EXPECT_TRUE(fs::exists(fileOf(std::string(kSize, 'A'))));
+    EXPECT_FALSE(fs::exists(fileOf(std::string(kSize, 'B'))));
+}
+
+TEST_F(CacheTest, AnOpenFileCanBeReadAfterItWasRemoved) {
+    Cache cache({folder, kPlenty});
+    const auto file = cache.file(hashOfText("brick"), downloadOf("brick"));
+    fs::remove_all(folder / "files");
+    EXPECT_EQ(read(*file), "brick");
+    EXPECT_EQ(get(cache, "brick"), "brick") << "the cache creates its folders again";
+}
+
+TEST_F(CacheTest, WithoutAFolderFilesAreInMemory) {
+    const fs::path blocked = folder / "file";
+    std::ofstream(blocked) << "no folder";
+    Cache cache({blocked / "cache", kPlenty});
+    std::vector<std::string> problems;
+    cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(downloads, 2);
+    ASSERT_EQ(problems.size(), 1U);
+    EXPECT_THAT(problems.front(), HasSubstr((blocked / "cache").string()));
+}
+
+TEST_F(CacheTest, ThreadsFetchTheSameFileOnce) {
+    Cache cache({folder, kPlenty});
+    std::atomic<int> fetched = 0;
+    const std::string text(100'000, 'x');
+    std::vector<std::thread> threads;
+    for (int i = 0; i < 8; ++i)
+        threads.emplace_back([&] {
+            const auto file = cache.file(hashOfText(text), [&](const Cache::Sink& sink) {
+                ++fetched;
+                std::this_thread::sleep_for(std::chrono::milliseconds(20));
+                (void)sink(text.data(), text.size());
+                return Outcome<std::string>(hashOfText(text));
+            });
+            EXPECT_EQ(read(*file), text);
+        });
+    for (auto& thread : threads) thread.join();
+    EXPECT_EQ(fetched, 1);
+}
+
+// Kills processes in the middle of a download. The next one neither waits for them nor finds parts.
+TEST_F(CacheTest, AKilledProcessLeavesNoPartOfAFile) {
+    const std::string text(100'000, 'x');
+    for (int round = 0; round < 5; ++round) {
+        const pid_t child = ::fork();
+        if (child == 0) {
+            Cache cache({folder, kPlenty});
+            (void)cache.file(hashOfText(text), [&](const Cache::Sink& sink) {
+                (void)sink(text.data(), text.size() / 2);
+                ::kill(::getpid(), SIGKILL);
+                return Outcome<std::string>(Failure{"never"});
+            });
+            ::_exit(1);
+        }
+        int status = 0;
+        ASSERT_EQ(::waitpid(child, &status, 0), child);
+        ASSERT_TRUE(WIFSIGNALED(status));
+        EXPECT_FALSE(fs::exists(fileOf(text)));
+    }
+    EXPECT_EQ(count("new"), 5U);
+    Cache cache({folder, kPlenty});
+    EXPECT_EQ(get(cache, text), text);
+    EXPECT_EQ(count("new"), 0U) << "the first check of the size removes what is left";
+}
