@@ -287,6 +287,29 @@ TEST_P(TransportContract, NoCommitIsSentWhileCommitsAreHeld) {
     EXPECT_EQ(ignored.texts, (std::vector<std::string>{"c1", "c2", "c3"}));
 }
 
+// A preview that is sent before a hold would otherwise arrive after the commit that ends it.
+TEST_P(TransportContract, NoCommitOvertakesWhatWasSentBeforeCommitsAreHeld) {
+    World world(GetParam());
+    const auto one = world.connect();
+    Inbox inbox, ignored;
+    ASSERT_TRUE(inbox.open(*one, world));
+    const SessionId first = world.call([&] { return world.sessions[0]; });
+    const auto other = world.connect();
+    ASSERT_TRUE(ignored.open(*other, world));
+    const SessionId second = world.call([&] { return world.sessions[1]; });
+    std::vector<SessionId> both{first, second}, only{second};
+    world.call([&] { world.transport().sendCommit(both, frame("c1"), 1); });
+    ASSERT_TRUE(inbox.read(*one, 1));
+    // In one turn, so that the commit is sent before the frames of the session.
+    world.call([&] {
+        world.transport().send(first, frame("before"));
+        world.transport().holdCommits(first);
+        world.transport().sendCommit(only, frame("c2"), 2);
+    });
+    ASSERT_TRUE(inbox.read(*one, 2));
+    EXPECT_EQ(inbox.texts[1], "before");
+}
+
 namespace {
 
 LayerState stateOf(const std::string& layer, Revision saved) {

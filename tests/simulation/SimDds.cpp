@@ -31,36 +31,34 @@ void SimDds::sample(std::function<void()> arrives) {
 // ---- the server's end
 
 void SimDds::push(SharedBytes frames, dds::StreamMark mark) {
-    if (frames) streamEnd_ += frames->size();
     replies_.push(std::move(frames), mark);
     wakeServer();
 }
 
-void SimDds::send(SharedBytes frames) { push(std::move(frames), {lastCommit_}); }
+void SimDds::send(SharedBytes frames) {
+    const dds::StreamMark mark = marks_.frames(frames->size());
+    push(std::move(frames), mark);
+}
 
-std::optional<server::SentCommits::Mark> SimDds::commitSent(Revision revision) {
-    releaseCommits(revision);
-    lastCommit_ = revision;
-    if (std::exchange(marked_, streamEnd_) == streamEnd_) return std::nullopt;
-    return server::SentCommits::Mark{name_, streamEnd_};
+void SimDds::commitSent(Revision revision) {
+    if (const auto mark = marks_.commitSent(revision)) push(nullptr, *mark);
+}
+
+std::optional<server::SentCommits::Mark> SimDds::mark() {
+    const auto position = marks_.unmarked();
+    if (!position) return std::nullopt;
+    return server::SentCommits::Mark{name_, *position};
 }
 
 void SimDds::sendCommit(SharedBytes frame, Revision revision) {
-    push(std::move(frame), {lastCommit_, false, revision + 1});
-    live_ = true;
-    lastCommit_ = revision;
+    const dds::StreamMark mark = marks_.commit(frame->size(), revision);
+    push(std::move(frame), mark);
 }
 
-void SimDds::holdCommits() {
-    push(nullptr, {lastCommit_, true});
-    live_ = false;
-}
+void SimDds::holdCommits() { push(nullptr, marks_.hold()); }
 
 void SimDds::releaseCommits(Revision next) {
-    if (live_ && lastCommit_ + 1 == next) return;
-    push(nullptr, {lastCommit_, false, next});
-    live_ = true;
-    lastCommit_ = next - 1;
+    if (const auto mark = marks_.release(next)) push(nullptr, *mark);
 }
 
 bool SimDds::congested() {
@@ -107,7 +105,7 @@ void SimDds::reply(const dds::Segment& segment) {
     serverSpokeUs_ = clock_.nowUs();
     submits_.ackSent();
     sample([this, segment, acknowledged = submits_.taken(),
-            sent = segment.sequence != 0 ? segment.mark.afterCommit : lastCommit_] {
+            sent = segment.sequence != 0 ? segment.mark.afterCommit : marks_.lastCommit()] {
         out_.acknowledged(acknowledged, now());
         order_.sent(sent);
         if (segment.sequence != 0) order_.replies().received(segment, now());

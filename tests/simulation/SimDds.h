@@ -10,6 +10,7 @@
 #include "transport/CommitOrder.h"
 #include "usdlive/common/dds/SegmentReceiver.h"
 #include "usdlive/common/dds/SegmentSender.h"
+#include "usdlive/server/transport/ReplyMarks.h"
 #include "usdlive/server/transport/SentCommits.h"
 
 namespace usdlive::simulation {
@@ -38,7 +39,8 @@ public:
 
     // ---- the server's end
     void send(SharedBytes frames);
-    std::optional<server::SentCommits::Mark> commitSent(Revision revision);
+    void commitSent(Revision revision);
+    [[nodiscard]] std::optional<server::SentCommits::Mark> mark();
     void sendCommit(SharedBytes frame, Revision revision);
     void holdCommits();
     void releaseCommits(Revision next);
@@ -76,9 +78,8 @@ private:
     // ---- the server's end
     dds::SegmentSender replies_;
     dds::SegmentReceiver submits_{kMaxMessage};
-    std::uint64_t streamEnd_ = 0, marked_ = 0;
-    Revision lastCommit_ = 0;
-    bool live_ = false, congested_ = false;
+    server::ReplyMarks marks_;
+    bool congested_ = false;
     std::int64_t serverWakesUs_ = 0, serverSpokeUs_ = 0;
 
     // ---- the client's end

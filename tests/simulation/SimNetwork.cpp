@@ -44,16 +44,19 @@ void SimNetwork::sendCommit(std::span<const SessionId> links, const SharedBytes&
                             Revision revision) {
     // Some commits are too large to be sent to all at once.
     const bool alone = random_.chance(5) || server::isInParts(*frame);
-    std::vector<server::SentCommits::Mark> marks;
     for (const SessionId id : links) {
         const auto& dds = links_.at(id).dds;
         if (!dds)
             sendToClient(id, frame);
         else if (alone)
             dds->sendCommit(frame, revision);
-        else if (const auto mark = dds->commitSent(revision))
-            marks.push_back(*mark);
+        else
+            dds->commitSent(revision);
     }
+    std::vector<server::SentCommits::Mark> marks;
+    for (auto& [id, link] : links_)
+        if (link.dds && link.serverOpen && !alone)
+            if (const auto mark = link.dds->mark()) marks.push_back(*mark);
     sentCommits_.add(revision,
                      alone ? server::SentCommits::Sent{} : server::SentCommits::Sent{frame, marks});
     if (alone) return;

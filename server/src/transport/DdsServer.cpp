@@ -149,10 +149,11 @@ public:
                 if (const auto session = find(id)) session->sendCommit(frame, revision);
             return;
         }
-        std::vector<SentCommits::Mark> marks;
         for (const SessionId id : sessions)
-            if (const auto session = find(id))
-                if (const auto mark = session->commitSent(revision)) marks.push_back(*mark);
+            if (const auto session = find(id)) session->commitSent(revision);
+        std::vector<SentCommits::Mark> marks;
+        for (const auto& [id, session] : sessions_)
+            if (const auto mark = session->mark()) marks.push_back(*mark);
         write(revision, *frame, marks);
         commits.add(revision, {std::move(frame), std::move(marks)});
     }

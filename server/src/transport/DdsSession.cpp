@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "usdlive/common/dds/Topics.h"
+#include "usdlive/server/transport/ReplyMarks.h"
 
 namespace usdlive::server {
 
@@ -78,38 +79,36 @@ public:
         flushLater();
     }
 
-    std::optional<SentCommits::Mark> commitSent(Revision revision) override {
-        if (!isOpen()) return std::nullopt;
-        releaseCommits(revision);
-        lastCommit_ = revision;
-        if (std::exchange(marked_, streamEnd_) == streamEnd_) return std::nullopt;
-        return SentCommits::Mark{client_, streamEnd_};
+    void commitSent(Revision revision) override {
+        if (!isOpen()) return;
+        if (const auto mark = marks_.commitSent(revision)) push(nullptr, *mark);
+    }
+
+    std::optional<SentCommits::Mark> mark() override {
+        const auto position = isOpen() ? marks_.unmarked() : std::nullopt;
+        if (!position) return std::nullopt;
+        return SentCommits::Mark{client_, *position};
     }
 
     void sendCommit(SharedBytes frame, Revision revision) override {
         if (!isOpen() || !admit(frame->size())) return;
-        push(std::move(frame), {lastCommit_, false, revision + 1});
-        live_ = true;
-        lastCommit_ = revision;
+        const StreamMark mark = marks_.commit(frame->size(), revision);
+        push(std::move(frame), mark);
     }
 
     void holdCommits() override {
-        if (!isOpen()) return;
-        push(nullptr, {lastCommit_, true});
-        live_ = false;
+        if (isOpen()) push(nullptr, marks_.hold());
     }
 
     void releaseCommits(Revision next) override {
-        if (!isOpen() || (live_ && lastCommit_ + 1 == next)) return;
-        push(nullptr, {lastCommit_, false, next});
-        live_ = true;
-        lastCommit_ = next - 1;
+        if (!isOpen()) return;
+        if (const auto mark = marks_.release(next)) push(nullptr, *mark);
     }
 
     void sendFirst(SharedBytes frame, std::uint64_t statesFrom,
                    std::uint64_t presencesFrom) override {
         if (!isOpen()) return;
-        StreamMark mark{lastCommit_};
+        StreamMark mark = marks_.frames(frame ? frame->size() : 0);
         mark.statesFrom = statesFrom;
         mark.presencesFrom = presencesFrom;
         push(std::move(frame), mark);
@@ -164,7 +163,10 @@ private:
     bool hasRoomBeside() const override {
         return beside_.waitingBytes() <= Transport::kBesideBytes;
     }
-    void queue(SharedBytes frames) override { push(std::move(frames), {lastCommit_}); }
+    void queue(SharedBytes frames) override {
+        const StreamMark mark = marks_.frames(frames->size());
+        push(std::move(frames), mark);
+    }
     void queueBeside(SharedBytes frame) override {
         ++hub_.counters.framesOut;
         beside_.push(std::move(frame));
@@ -188,10 +190,7 @@ private:
     }
 
     void push(SharedBytes frames, StreamMark mark) {
-        if (frames) {
-            streamEnd_ += frames->size();
-            ++hub_.counters.framesOut;
-        }
+        if (frames) ++hub_.counters.framesOut;
         replies_.push(std::move(frames), mark);
         flushLater();
     }
@@ -202,7 +201,7 @@ private:
     void write(const dds::Segment& segment) {
         dds::ReplySample sample{};
         sample.number = segment.sequence;
-        sample.afterCommit = segment.sequence != 0 ? segment.mark.afterCommit : lastCommit_;
+        sample.afterCommit = segment.sequence != 0 ? segment.mark.afterCommit : marks_.lastCommit();
         sample.liveFrom = segment.mark.liveFrom;
         sample.statesFrom = segment.mark.statesFrom;
         sample.presencesFrom = segment.mark.presencesFrom;
@@ -251,7 +250,7 @@ private:
             if (!sent) return;
             if (!sent->frame) continue;
             dds::ReplySample sample{};
-            sample.afterCommit = lastCommit_;
+            sample.afterCommit = marks_.lastCommit();
             sample.resent = revision;
             sample.mark = sent->positionOf(client_);
             sample.frames = dds::octets(*sent->frame);
@@ -288,10 +287,7 @@ private:
     TimePoint lastReceived_ = steady_clock::now();
 
     dds::SegmentSender replies_, beside_;
-    std::uint64_t streamEnd_ = 0;  // total bytes pushed
-    std::uint64_t marked_ = 0;     // stream position in the latest commits' marks
-    Revision lastCommit_ = 0;      // last commit sent to it, individually or to all
-    bool live_ = false;
+    ReplyMarks marks_;
     bool flushing_ = false;  // flush() is requested and has not run yet
     TimePoint lastSent_;
 };

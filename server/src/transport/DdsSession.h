@@ -70,9 +70,11 @@ public:
     virtual void start() = 0;
     virtual void received(Submit submit) = 0;
 
-    /// Marks the stream for a commit that is sent to all. Returns the position of the stream that
-    /// the client must have received before.
-    virtual std::optional<SentCommits::Mark> commitSent(Revision revision) = 0;
+    /// Marks the stream for a commit that is sent to all, and that this session takes.
+    virtual void commitSent(Revision revision) = 0;
+    /// Returns the mark that the commit needs for this session, whether it takes the commit or not
+    /// (ReplyMarks::unmarked()).
+    [[nodiscard]] virtual std::optional<SentCommits::Mark> mark() = 0;
     /// Sends a commit that is too large to be sent to all.
     virtual void sendCommit(SharedBytes frame, Revision revision) = 0;
     virtual void holdCommits() = 0;
