@@ -25,9 +25,17 @@ std::string lostBefore(const Error& reason) {
            (reason.message.empty() ? "" : ": " + reason.message);
 }
 
+// Called before requests are ended: layers that are being joined are requested again with the next
+// connection, whatever the answer was.
+void restartJoins(auto& layers) {
+    for (auto& [layer, opened] : layers)
+        if (opened.joining) opened.restart();
+}
+
 }  // namespace
 
 void Session::Impl::connected() {
+    restartJoins(layers_);
     requests_.endAll("another connection took the place of the one that was to answer");
     linked_ = true;
     forgotten_.reset();
@@ -69,6 +77,7 @@ void Session::Impl::noteUnanswered() {
 void Session::Impl::disconnected(Error reason) {
     const bool wasLinked = std::exchange(linked_, false);
     online_ = false;
+    restartJoins(layers_);
     // The next connection brings again what was received and not read, except errors.
     for (const Result<Received>& received : std::exchange(inbox_, {})) {
         const auto* control = received ? std::get_if<ControlMessage>(&*received) : nullptr;
@@ -82,8 +91,6 @@ void Session::Impl::disconnected(Error reason) {
     if (gesture_) gesture_->disconnected();
     uploads_.disconnected();
     downloads_.disconnected();
-    for (auto& [layer, opened] : layers_)
-        if (opened.joining) opened.restart();
     forgetOthers();
     requests_.endAll(lostBefore(reason));
     if (!previews_.empty()) previewsChanged();

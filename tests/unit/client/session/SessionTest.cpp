@@ -259,6 +259,38 @@ TEST_F(SessionTest, AMissingLayerFailsToJoin) {
     EXPECT_EQ(peer.eventsOf<event::JoinFailed>()[0].reason.code, ErrorCode::LayerNotFound);
 }
 
+// The error was received, but the connection is lost before it is read.
+TEST_F(SessionTest, AFailedJoinThatWasNotReadIsRequestedAgain) {
+    peer.connect();
+    peer.session.openLayer(kShot);
+    peer.advance();
+    const auto open = peer.takeControl<OpenLayer>();
+    peer.deliver(ErrorMessage{"storageFailed", "the disk is broken", false, open->request, {}});
+    peer.session.disconnected({ErrorCode::NotConnected, "away"});
+    EXPECT_TRUE(peer.eventsOf<event::JoinFailed>().empty());
+    peer.connect();
+    peer.advance();
+    const auto again = peer.takeControl<OpenLayer>();
+    ASSERT_TRUE(again);
+    peer.sendSnapshot(*again);
+    peer.advance();
+    EXPECT_TRUE(peer.session.isJoined(kShot));
+}
+
+TEST_F(SessionTest, AnotherConnectionRequestsTheLayersAgain) {
+    peer.connect();
+    peer.session.openLayer(kShot);
+    peer.advance();
+    peer.connect();
+    EXPECT_TRUE(peer.eventsOf<event::JoinFailed>().empty());
+    peer.advance();
+    const auto again = peer.takeControl<OpenLayer>();
+    ASSERT_TRUE(again);
+    peer.sendSnapshot(*again);
+    peer.advance();
+    EXPECT_TRUE(peer.session.isJoined(kShot));
+}
+
 TEST_F(SessionTest, AdvanceStopsWhenItsTimeIsOver) {
     joinShot();
     for (int count = 0; count < 5; ++count)
