@@ -180,15 +180,21 @@ private:
     void run(std::int64_t until) {
         while (clock_.nowUs() < until) require(clock_.step(), "nothing happens any more");
     }
-    // Thousands of big values take minutes; without new commits, a minute is long enough.
+    // Thousands of big values take minutes; without progress, a minute is long enough. Transactions
+    // that are refused one after the other are progress, too.
     void runUntilQuiet() {
-        Revision newest = 0;
+        std::pair<Revision, std::size_t> newest;
         for (std::int64_t patience = 0; !isQuiet(); run(clock_.nowUs() + kSecondUs / 10)) {
-            const Revision head = server_.store().head().revision;
-            if (std::exchange(newest, head) != head || patience == 0)
+            const std::pair now{server_.store().head().revision, pendingTransactions()};
+            if (std::exchange(newest, now) != now || patience == 0)
                 patience = clock_.nowUs() + 60 * kSecondUs;
             require(clock_.nowUs() < patience, "it does not become quiet");
         }
+    }
+    [[nodiscard]] std::size_t pendingTransactions() const {
+        std::size_t pending = 0;
+        for (const auto& client : clients_) pending += client->session().pendingTransactions();
+        return pending;
     }
     [[nodiscard]] bool isQuiet() const {
         return server_.isRunning() && server_.isIdle() &&
