@@ -26,7 +26,7 @@ def write(layer: Sdf.Layer, value: float) -> None:
 
 
 def test_by_command(served):
-    assert "nobody has opened a layer" in refused("checkpoint", served.url, "start")
+    assert "open a layer first" in refused("checkpoint", served.url, "start")
     with connect(served, "ada") as ada:
         layer = ada.open_layer("shot.usda")
         write(layer, 1.0)
