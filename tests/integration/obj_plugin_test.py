@@ -299,7 +299,7 @@ import time
 begin = time.monotonic()
 stage = Usd.Stage.Open(str(folder / "grid.obj"))
 assert len(UsdGeom.Mesh.Get(stage, "/Model/default").GetPointsAttr().Get()) == {side * side}
-assert time.monotonic() - begin < 5, "it takes 0.1 s on an idle machine"
+assert time.monotonic() - begin < 5
 """)
 
 
