@@ -22,9 +22,6 @@ TRAILING = re.compile(
 
 # Folders and files whose comments still begin in another way. An entry without a finding fails.
 EXCEPTED_OPENINGS = [
-    "client/include/usdlive/client/usd/namespace",
-    "client/include/usdlive/client/usd/schema",
-    "client/include/usdlive/client/usd/stage",
     "client/src/usd/namespace",
     "client/src/usd/schema",
     "client/src/usd/stage",
@@ -34,9 +31,6 @@ EXCEPTED_OPENINGS = [
 ]
 # Folders that have source files without a first comment. An entry without a finding fails.
 EXCEPTED_FIRST = [
-    "client/include/usdlive/client/usd/namespace",
-    "client/include/usdlive/client/usd/schema",
-    "client/include/usdlive/client/usd/stage",
     "client/src/usd/namespace",
     "client/src/usd/schema",
     "client/src/usd/stage",

@@ -1,3 +1,5 @@
+// Declares EditedStage, the interface through which a NamespaceEditor reads the stage that it
+// edits.
 #pragma once
 
 #include <pxr/base/tf/token.h>
@@ -11,45 +13,48 @@
 
 namespace usdlive {
 
-/// Which parts of its layers a stage composes.
+/// The parts of a stage's layers that are composed. A value type.
 struct StageView {
-    /// UsdStageLoadRules: whether payloads at a path and below are loaded.
+    /// The load rule of a path. Corresponds to UsdStageLoadRules.
     enum class Load { All, Only, None };
 
-    std::vector<std::string> muted;          ///< identifiers of layers
-    std::map<pxr::SdfPath, Load> loadRules;  ///< none: all payloads are loaded
-    std::vector<pxr::SdfPath> mask;          ///< a population mask; none: all prims
+    std::vector<std::string> muted;          ///< identifiers of layers that are left out
+    std::map<pxr::SdfPath, Load> loadRules;  ///< if it is empty, all payloads
+    std::vector<pxr::SdfPath> mask;          ///< the population mask; if it is empty, all prims
     pxr::PcpVariantFallbackMap variantFallbacks;
 
     bool operator==(const StageView&) const = default;
+    /// Returns true if the payload of `prim` is loaded.
     [[nodiscard]] bool isLoaded(const pxr::SdfPath& prim) const;
-    /// Is `prim` in the mask, or above or below what is in it?
+    /// Returns true if `prim` is in the mask, or above or below a prim in it.
     [[nodiscard]] bool includes(const pxr::SdfPath& prim) const;
 };
 
-/// What a NamespaceEditor asks of the stage that it edits. The editor composes the stage's layers
-/// itself. One thread, the one that owns the layers.
+/// A stage as a NamespaceEditor sees it. The editor composes the stage's layers itself. It calls
+/// these functions only on its own thread, which is the thread that owns the layers.
 class EditedStage {
 public:
     virtual ~EditedStage() = default;
 
-    /// Null: the stage is gone.
+    /// Returns null if the stage no longer exists.
     [[nodiscard]] virtual pxr::SdfLayerHandle rootLayer() const = 0;
-    /// Null: the stage has none.
+    /// Returns null if the stage has no session layer.
     [[nodiscard]] virtual pxr::SdfLayerHandle sessionLayer() const = 0;
+    /// Returns the muted layers, load rules and mask of the stage.
     [[nodiscard]] virtual StageView view() const { return {}; }
 
     struct EditTarget {
-        pxr::SdfLayerHandle layer;  ///< null: the root layer
-        bool mapsPaths = false;     ///< it leads into a variant or over an arc
+        pxr::SdfLayerHandle layer;  ///< null for the root layer
+        bool mapsPaths = false;     ///< true if the target leads into a variant or over an arc
     };
     [[nodiscard]] virtual EditTarget editTarget() const { return {}; }
 
-    /// Do schemas define `property` for a prim of `typeName` to which `apiSchemas` are applied?
+    /// Returns true if schemas define `property` for a prim of type `typeName` with the applied
+    /// `apiSchemas`.
     [[nodiscard]] virtual bool isBuiltIn(const pxr::TfToken& typeName,
                                          const pxr::TfTokenVector& apiSchemas,
                                          const pxr::TfToken& property) const = 0;
-    /// Is there a prim at `path` that belongs to the prototype of instances?
+    /// Returns true if a prim at this path belongs to a prototype.
     [[nodiscard]] virtual bool isInPrototype(const pxr::SdfPath&) const { return false; }
 };
 

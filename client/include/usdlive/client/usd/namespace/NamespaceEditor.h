@@ -1,3 +1,5 @@
+// Declares NamespaceEditor, which deletes, renames and moves prims and properties of a composed
+// stage.
 #pragma once
 
 #include <pxr/base/tf/token.h>
@@ -13,36 +15,42 @@
 
 namespace usdlive {
 
+/// The options of a NamespaceEditor.
 struct NamespaceEditOptions {
-    /// Prims with opinions over arcs are moved by relocates; without it such edits are refused.
+    /// If true, prims with opinions over arcs are moved with relocates. If false, such edits are
+    /// refused.
     bool allowRelocatesAuthoring = true;
-    /// Opinions within variants of the stage's own layers are moved there, in all variants, and
-    /// no relocate is authored for them.
+    /// If true, opinions inside variants of the stage's local layers are moved in these layers, in
+    /// all variants, without a relocate.
     bool editVariants = false;
 };
 
-/// What the edits of a batch come to. True: they can be applied.
+/// The result of validating a batch. It converts to true if the batch can be applied.
 struct CanApplyResult {
     std::vector<std::string> errors;
-    std::vector<std::string> warnings;  ///< these prevent nothing
+    std::vector<std::string> warnings;  ///< warnings do not prevent the edits
 
     explicit operator bool() const { return errors.empty(); }
-    /// The errors in one line; empty when there are none.
+    /// Returns the errors in one line, or an empty string if there are none.
     [[nodiscard]] std::string whyNot() const;
 };
 
-/// What ApplyEdits() has changed, and the way back. A value; keeps its layers.
+/// The changes of one ApplyEdits(), for undoing them. A value; it keeps the changed layers in
+/// memory.
 class NamespaceRecord {
 public:
     NamespaceRecord();
     class Content;
     explicit NamespaceRecord(std::shared_ptr<const Content> content);
 
+    /// Returns true if there is nothing to undo.
     [[nodiscard]] bool isEmpty() const;
+    /// Returns the changed layers.
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layers() const;
 
-    /// Moves everything back, in one change block. In a layer that `isShared`, only what still is
-    /// as the edits left it goes back; the rest is returned.
+    /// Undoes the edits in one change block. In a layer for which `isShared` returns true, only
+    /// values that were not changed since the edits are restored. Returns the parts that were
+    /// not restored. Call it on the thread that owns the layers.
     std::vector<content::Kept> undo(const content::Record::IsShared& isShared) const;
 
 private:
@@ -50,13 +58,14 @@ private:
 };
 
 /// Deletes, renames and moves prims and properties of a composed stage in all of its local layers,
-/// and corrects everything that leads to them. The names are those of UsdNamespaceEditor.
+/// and updates all targets, connections and arcs that lead to them. The function names are those of
+/// UsdNamespaceEditor.
 ///
-/// Edits are queued; each one sees the stage as the ones before leave it. The batch is validated as
-/// a whole, and applied as a whole or not at all, within one change block.
+/// Edits are added to a batch. Each edit is validated against the stage that the edits before it
+/// produce. The batch is applied as a whole or not at all, within one change block.
 ///
-/// One thread, the one that made it; a call from another one throws Misuse. The layers are kept in
-/// memory as long as the editor lives.
+/// Threads: use the editor only on the thread that created it. A call from another thread throws
+/// Misuse. The editor keeps the stage's layers in memory.
 class NamespaceEditor {
 public:
     using Options = NamespaceEditOptions;
@@ -66,8 +75,8 @@ public:
     NamespaceEditor(const NamespaceEditor&) = delete;
     NamespaceEditor& operator=(const NamespaceEditor&) = delete;
 
-    // These add an edit to the batch. False: a path is none that can be edited, which invalid()
-    // tells; the batch then cannot be applied.
+    // Each function adds one edit to the batch. It returns false if a path cannot be edited;
+    // invalid() then returns the reason, and the batch cannot be applied until it is cleared.
     bool DeletePrimAtPath(const pxr::SdfPath& path);
     bool MovePrimAtPath(const pxr::SdfPath& path, const pxr::SdfPath& newPath);
     bool RenamePrim(const pxr::SdfPath& path, const pxr::TfToken& newName);
@@ -81,31 +90,35 @@ public:
     bool ReparentProperty(const pxr::SdfPath& path, const pxr::SdfPath& newParent,
                           const pxr::TfToken& newName);
 
-    /// Why the last edit could not be added; empty when it could.
+    /// Returns the reason for which the last edit was not added, or an empty string if it was
+    /// added.
     [[nodiscard]] const std::string& invalid() const;
-    /// The edits of the batch: from where to where; to the empty path: deleted.
+    /// One edit of the batch. If `to` is empty, the object at `from` is deleted.
     struct Edit {
         pxr::SdfPath from, to;
         bool operator==(const Edit&) const = default;
     };
+    /// Returns the edits of the batch in the order in which they were added.
     [[nodiscard]] std::vector<Edit> GetEdits() const;
+    /// Removes all edits from the batch, also the invalid ones.
     void ClearEdits();
 
-    /// Stages that use the layers of this one, and whose own layers are corrected also. Returned is
-    /// a number to remove the stage with.
+    /// Adds a stage that uses layers of the edited stage. Its own local layers are updated too.
+    /// Returns a number for RemoveDependentStage().
     std::size_t AddDependentStage(std::unique_ptr<EditedStage> stage);
     void RemoveDependentStage(std::size_t stage);
 
+    /// Validates the batch without changing a layer.
     [[nodiscard]] CanApplyResult CanApplyEdits();
-    /// Empties the batch, also when it is refused.
+    /// Applies the batch if it is valid. Clears the batch in any case.
     CanApplyResult ApplyEdits();
-    /// All layers that ApplyEdits() would change; none when it would be refused.
+    /// Returns all layers that ApplyEdits() would change, or none if it would be refused.
     [[nodiscard]] pxr::SdfLayerHandleVector GetLayersToEdit();
 
-    /// What the last successful ApplyEdits() has changed.
+    /// Returns the record of the last successful ApplyEdits(). It is empty if there was none.
     [[nodiscard]] const NamespaceRecord& GetRecord() const;
 
-    /// Composes the stage now, so that the next call takes less time.
+    /// Composes the stage and reads its local layers now, so that the next call is faster.
     void Prepare();
 
 private:

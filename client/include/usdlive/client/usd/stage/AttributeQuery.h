@@ -1,3 +1,4 @@
+// Declares AttributeQuery, which reads the value of one attribute at many times.
 #pragma once
 
 #include <pxr/base/tf/token.h>
@@ -17,72 +18,80 @@
 
 namespace usdlive::stage {
 
-/// Where the value of an attribute comes from, as UsdResolveInfoSource.
+/// The kind of source that an attribute's value comes from. Corresponds to UsdResolveInfoSource.
 enum class ValueSource : std::uint8_t { None, Fallback, Default, TimeSamples, ValueClips, Spline };
 
-/// Between two time samples: the earlier one, or what lies between them for types of real numbers.
+/// The value between two time samples: Held returns the earlier sample; Linear interpolates types
+/// of real numbers and returns the earlier sample for other types.
 enum class Interpolation : std::uint8_t { Held, Linear };
 
-/// The value of one attribute at any time. Finds its sources once, when it is created or first
-/// asked, so that reading at many times is quick.
+/// Reads the value of one attribute at any time. The sources of values at times are searched once,
+/// at the first such read, so that later reads are quick.
 ///
-/// In each layer time samples are stronger than a spline, and this than a default; but a default in
-/// a stronger layer beats time samples in a weaker one. Values are shared with the layer, not
-/// copied.
+/// In one layer, time samples are stronger than a spline, and a spline is stronger than a default.
+/// A default in a stronger layer is stronger than time samples in a weaker layer. Returned values
+/// share their data with the layer; arrays are not copied.
 ///
-/// Valid while neither the prim index nor what the layers say of the attribute changes. One thread.
+/// Valid until the prim index changes, or until a layer changes the attribute. Use a query on one
+/// thread at a time.
 class AttributeQuery {
 public:
-    /// `definition`: what schemas say of the attribute; null if nothing. It has to outlive this.
+    /// `definition` is the attribute's definition from the schemas, or null. `prim` and
+    /// `definition` must outlive the query.
     AttributeQuery(const pxr::PcpPrimIndex& prim, const pxr::TfToken& attribute,
                    const schema::PropertyDefinition* definition,
                    Interpolation interpolation = Interpolation::Linear,
                    AssetPaths assetPaths = AssetPaths::Resolved);
 
-    /// The value at the default time, at which time samples and splines are not looked at. Empty:
-    /// it has none, or it is blocked.
+    /// Returns the value at the default time, for which time samples and splines are ignored.
+    /// Returns an empty value if there is no value, or if it is blocked.
     [[nodiscard]] pxr::VtValue getDefault() const;
-    /// The value at a time. Empty: it has none there, or it is blocked.
+    /// Returns the value at a time of the stage. Returns an empty value if there is no value at
+    /// that time, or if it is blocked.
     [[nodiscard]] pxr::VtValue get(double time) const;
 
-    /// Where values at times come from.
+    /// Returns the kind of source that get() reads.
     [[nodiscard]] ValueSource source() const { return timed().source; }
-    /// Whether a block hides weaker defaults, samples and splines.
+    /// Returns true if a block hides the weaker defaults, samples and splines.
     [[nodiscard]] bool isBlocked() const { return timed().blocked; }
     [[nodiscard]] bool hasValue() const { return source() != ValueSource::None; }
     [[nodiscard]] bool hasAuthoredValue() const {
         return hasValue() && source() != ValueSource::Fallback;
     }
     [[nodiscard]] bool hasSpline() const { return source() == ValueSource::Spline; }
-    /// Where source() is Spline: it, in times of the stage.
+    /// Returns the spline in times of the stage if source() is Spline, else an empty spline.
     [[nodiscard]] pxr::TsSpline spline() const;
-    /// Whether any layer has a default, a block included.
+    /// Returns true if a layer has a default. A block counts as a default.
     [[nodiscard]] bool hasAuthoredDefault() const;
-    /// False only if the value is the same at all times. A spline is not looked into.
+    /// Returns false only if the value is the same at all times. Returns true for every spline,
+    /// without evaluating it.
     [[nodiscard]] bool mightBeTimeVarying() const;
 
-    /// Times of the stage, in order; of a spline none.
+    /// Returns the times of the samples, as times of the stage in ascending order. Returns none for
+    /// a spline.
     [[nodiscard]] std::vector<double> timeSamples() const;
     [[nodiscard]] std::size_t numTimeSamples() const;
 
-    /// The site of the strongest opinion at times; nothing if there is none.
+    /// Returns the site of the strongest opinion that get() uses, or null if no layer has one. The
+    /// pointer is valid as long as the query.
     [[nodiscard]] const ValueSite* site() const;
 
 private:
-    // An opinion, or several that are laid over each other.
+    // One opinion, or several opinions that were composed over each other.
     struct Source {
         ValueSource source = ValueSource::None;
         bool blocked = false;
         ValueSite site;
         pxr::SdfLayerOffset toStage;
-        /// A default or fallback as it reads on the stage; a spline.
+        /// The default or fallback with its times and paths mapped to the stage; for Spline, the
+        /// spline in layer times.
         pxr::VtValue value;
-        /// Time samples that are in memory: as they are in the layer, or, if `onStage`, on the
-        /// stage.
+        /// The time samples if they are in memory. Their times are stage times if `onStage` is
+        /// true, else layer times.
         pxr::VtValue samples;
         bool onStage = false;
     };
-    // Where the search for the next weaker source goes on.
+    // The position from which the search for the next weaker source continues.
     struct Cursor {
         pxr::PcpNodeIterator node;
         std::size_t layerIndex = 0;

@@ -1,3 +1,4 @@
+// Declares EditTarget, which maps paths and times of a stage to the layer that is edited.
 #pragma once
 
 #include <pxr/usd/pcp/mapFunction.h>
@@ -7,18 +8,19 @@
 
 namespace usdlive::stage {
 
-/// Where edits of a stage are written: a layer, and how paths and times of the stage become its
-/// own.
+/// The layer that edits are written to, and the mapping from paths and times of the stage to those
+/// of the layer. A value: cheap to copy. It does not keep the layer in memory.
 class EditTarget {
 public:
+    /// Creates an invalid target.
     EditTarget() = default;
-    /// A local layer. `offset`: from the layer's time to the stage's.
+    /// Targets a local layer. `offset` maps times of the layer to times of the stage.
     explicit EditTarget(const pxr::SdfLayerHandle& layer,
                         const pxr::SdfLayerOffset& offset = pxr::SdfLayerOffset());
-    /// The layer at the other end of an arc, as it contributes to the prims at and below the
-    /// node's.
+    /// Targets a layer behind an arc, with the mapping of `node`. The target reaches the node's
+    /// prim and the prims below it.
     EditTarget(const pxr::SdfLayerHandle& layer, const pxr::PcpNodeRef& node);
-    /// Inside a variant of a local layer. `variant`: "/Prim{set=name}".
+    /// Targets the inside of a variant in a local layer. `variant` has the form "/Prim{set=name}".
     [[nodiscard]] static EditTarget inVariant(const pxr::SdfLayerHandle& layer,
                                               const pxr::SdfPath& variant);
 
@@ -26,12 +28,13 @@ public:
     [[nodiscard]] const pxr::SdfLayerHandle& layer() const { return layer_; }
     [[nodiscard]] const pxr::PcpMapFunction& mapping() const { return mapping_; }
 
-    /// The path in the layer. Empty: the target does not reach this part of the stage.
+    /// Returns the path in the layer, or an empty path if the target does not reach `stagePath`.
     [[nodiscard]] pxr::SdfPath specPath(const pxr::SdfPath& stagePath) const;
-    /// The prim's spec, created together with its ancestors where they are missing. Null: the
-    /// target does not reach the path, or the layer may not be edited.
+    /// Returns the prim's spec in the layer. Creates the spec and its ancestors if they are
+    /// missing. Returns null if the target does not reach the path, or if the layer may not be
+    /// edited.
     [[nodiscard]] pxr::SdfPrimSpecHandle primSpec(const pxr::SdfPath& stagePath) const;
-    /// A time of the stage, as the layer counts it.
+    /// Converts a time of the stage to a time of the layer.
     [[nodiscard]] double layerTime(double stageTime) const;
 
     bool operator==(const EditTarget&) const = default;

@@ -1,3 +1,4 @@
+// Declares flatten(), which writes a composed stage as one layer.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -6,12 +7,14 @@ namespace usdlive::stage {
 
 class Stage;
 
-/// All that a stage shows as one anonymous layer without arcs to others: metadata, values with the
-/// offsets of all arcs applied, paths of files made absolute. The prims of prototypes become prims
-/// beside the others, which their instances refer to. Inactive prims are left out, and what schemas
-/// alone say is not written.
+/// Returns a new anonymous layer that shows the same as the stage, without arcs to other layers.
 ///
-/// Its documentation says which file it was made from, unless `withSource` is false.
+/// It contains the authored metadata and values with all layer offsets applied, and absolute file
+/// paths. Each prototype becomes a prim beside the others, and its instances refer to that prim.
+/// Inactive prims and values that only schemas define are left out.
+///
+/// The layer's documentation names the root layer of the stage, unless `withSource` is false. Call
+/// it on a thread that may read the stage (see Stage).
 [[nodiscard]] pxr::SdfLayerRefPtr flatten(const Stage& stage, bool withSource = true);
 
 }  // namespace usdlive::stage

@@ -1,3 +1,4 @@
+// Declares LoadRules, which select the payloads that a stage loads.
 #pragma once
 
 #include <pxr/usd/sdf/path.h>
@@ -6,34 +7,36 @@
 
 namespace usdlive::stage {
 
-/// Which payloads a stage loads. The rule of the nearest prim at or above a path decides.
+/// Selects the payloads that a stage loads. Corresponds to UsdStageLoadRules. The rule of the
+/// nearest prim at or above a path applies; without a rule, all payloads are loaded. A value type.
 class LoadRules {
 public:
     enum class Rule {
-        All,   ///< this payload and all below
-        Only,  ///< this payload, and none below
-        None,  ///< neither
+        All,   ///< loads this payload and all payloads below
+        Only,  ///< loads this payload, and no payload below
+        None,  ///< loads no payload, here or below
     };
 
     [[nodiscard]] static LoadRules all() { return {}; }
     [[nodiscard]] static LoadRules none();
 
-    /// Sets the rule of a prim and drops the rules of the prims below.
+    /// Sets the rule of a prim and removes the rules of the prims below it.
     void set(const pxr::SdfPath& prim, Rule rule);
 
-    /// A payload above one that is loaded is loaded too.
+    /// Returns the effective rule of a prim. If a payload is loaded, the payloads above it are
+    /// loaded as well.
     [[nodiscard]] Rule ruleOf(const pxr::SdfPath& prim) const;
     [[nodiscard]] bool isLoaded(const pxr::SdfPath& prim) const {
         return ruleOf(prim) != Rule::None;
     }
-    /// The rules at and below `prim`, as if it were the root: two instances with equal ones load
-    /// alike.
+    /// Returns the rules at and below `prim`, relative to it as the root. Two instances with equal
+    /// rules load the same payloads.
     [[nodiscard]] LoadRules below(const pxr::SdfPath& prim) const;
 
     bool operator==(const LoadRules&) const = default;
 
 private:
-    std::map<pxr::SdfPath, Rule> rules_;  // no rule at or above a path: All
+    std::map<pxr::SdfPath, Rule> rules_;  // a path without a rule at or above it uses All
 };
 
 }  // namespace usdlive::stage

@@ -1,3 +1,4 @@
+// Declares PopulationMask, which selects the part of a stage that is composed.
 #pragma once
 
 #include <pxr/usd/sdf/path.h>
@@ -7,25 +8,29 @@
 
 namespace usdlive::stage {
 
-/// The part of a stage that is composed: prims of these paths, all below them, and the prims above.
+/// Selects the prims that a stage composes: the listed prims, the prims below them and the prims
+/// above them. A value type.
 class PopulationMask {
 public:
-    /// Everything.
+    /// Selects all prims.
     PopulationMask() = default;
+    /// Selects `paths`. Paths that are not paths of prims are ignored.
     explicit PopulationMask(const pxr::SdfPathVector& paths);
 
     [[nodiscard]] bool isAll() const { return !paths_; }
     [[nodiscard]] bool includes(const pxr::SdfPath& prim) const;
     [[nodiscard]] bool includesSubtree(const pxr::SdfPath& prim) const;
-    /// Whether any child of `prim` is included. `names` is filled when only some are.
+    /// Returns true if a child of `prim` is included. If only some children are included, adds
+    /// their names to `names`.
     [[nodiscard]] bool includedChildren(const pxr::SdfPath& prim, pxr::TfTokenVector* names) const;
-    /// The mask below `prim`, as if it were the root: two instances with equal ones show the same.
+    /// Returns the mask below `prim`, relative to it as the root. Two instances with equal masks
+    /// show the same prims.
     [[nodiscard]] PopulationMask below(const pxr::SdfPath& prim) const;
 
     bool operator==(const PopulationMask&) const = default;
 
 private:
-    std::optional<std::set<pxr::SdfPath>> paths_;  // none is above another
+    std::optional<std::set<pxr::SdfPath>> paths_;  // no path contains another one
 };
 
 }  // namespace usdlive::stage

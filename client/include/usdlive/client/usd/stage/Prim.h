@@ -1,3 +1,4 @@
+// Declares Prim, a handle of one prim of a Stage, and the predicates that select prims.
 #pragma once
 
 #include <pxr/base/tf/delegatedCountPtr.h>
@@ -28,13 +29,14 @@ class Property;
 void TfDelegatedCountIncrement(PrimNode* node) noexcept;
 void TfDelegatedCountDecrement(PrimNode* node) noexcept;
 
-/// What is known of every prim without reading its layers again.
+/// Properties of a prim that the stage keeps, so that reading them needs no layer.
 enum class PrimFlag : std::uint16_t {
     Active = 1 << 0,
+    /// The payload of the prim, or of the nearest prim above that has a payload, is loaded.
     Loaded = 1 << 1,
-    Defined = 1 << 2,  ///< it and all above it have "def" or "class"
+    Defined = 1 << 2,  ///< the prim and all prims above it have "def" or "class"
     HasDefiningSpecifier = 1 << 3,
-    Abstract = 1 << 4,  ///< it or a prim above is a class
+    Abstract = 1 << 4,  ///< the prim or a prim above it is a class
     Model = 1 << 5,
     Group = 1 << 6,
     Component = 1 << 7,
@@ -51,14 +53,16 @@ enum class PrimFlag : std::uint16_t {
     return std::uint16_t(flags | std::uint16_t(flag));
 }
 
-/// Which prims a traversal visits. A prim that is not visited hides the prims below it.
+/// Selects the prims that a traversal visits. If a prim is not visited, the prims below it are not
+/// visited either.
 struct PrimPredicate {
-    std::uint16_t mask = 0;   ///< the flags that matter
-    std::uint16_t wants = 0;  ///< what they must be
-    /// Whether to enter instances, whose prims are then instance proxies.
+    std::uint16_t mask = 0;   ///< the flags that are compared
+    std::uint16_t wants = 0;  ///< the values that these flags must have
+    /// If true, the traversal enters instances. The prims inside them are instance proxies.
     bool instanceProxies = false;
 
-    /// Active, defined, loaded and not abstract.
+    /// Selects active, defined and loaded prims that are not abstract. This is the default
+    /// predicate of UsdStage.
     [[nodiscard]] static constexpr PrimPredicate normal() {
         const auto wants = PrimFlag::Active | PrimFlag::Defined | PrimFlag::Loaded;
         return {wants | PrimFlag::Abstract, wants};
@@ -80,18 +84,21 @@ struct PrimPredicate {
     }
 };
 
-/// Composed fields by name, in the order of a dictionary.
+/// Composed fields by name, in dictionary order.
 using Metadata = std::map<pxr::TfToken, pxr::VtValue>;
 
 struct VariantSet {
-    std::string name, selection;  ///< no selection: ""
+    std::string name, selection;  ///< `selection` is "" if nothing is selected
     std::vector<std::string> options;
 };
 
-/// A prim of a stage. A handle: cheap to copy, and invalid once the prim, or its stage, is gone. A
-/// prim that is composed again at the same path keeps its handles.
+/// A handle of one prim of a stage. It is cheap to copy.
 ///
-/// All but isValid(), operator bool and comparison need a valid one.
+/// A handle stays valid while its prim exists, also when the prim is composed again. It becomes
+/// invalid when the prim or its stage is removed; a prim that is created later at the same path
+/// needs a new handle.
+///
+/// Call only isValid(), operator bool and comparison on an invalid prim. Threads: see Stage.
 class Prim {
 public:
     Prim() = default;
@@ -102,7 +109,8 @@ public:
     [[nodiscard]] Stage& stage() const;
     [[nodiscard]] pxr::SdfPath path() const;
     [[nodiscard]] pxr::TfToken name() const;
-    /// The pseudo-root, a prototype and an invalid prim have none: it is invalid.
+    /// Returns the parent. Returns an invalid prim for the pseudo-root, a prototype and an invalid
+    /// prim.
     [[nodiscard]] Prim parent() const;
 
     [[nodiscard]] std::uint16_t flags() const;
@@ -110,40 +118,48 @@ public:
     [[nodiscard]] bool isInstanceProxy() const { return !proxyPath_.IsEmpty(); }
     [[nodiscard]] bool isPseudoRoot() const { return has(PrimFlag::PseudoRoot); }
     [[nodiscard]] bool isInstance() const { return has(PrimFlag::Instance); }
-    /// The prim whose children an instance shows; invalid for other prims.
+    /// Returns the prim whose children an instance shows. Returns an invalid prim if this prim is
+    /// not an instance.
     [[nodiscard]] Prim prototype() const;
 
     [[nodiscard]] pxr::SdfSpecifier specifier() const;
     [[nodiscard]] pxr::TfToken typeName() const;
     [[nodiscard]] pxr::TfToken kind() const;
-    /// API schemas as the layers list them, and with those that the schemas bring along.
+    /// Returns the API schemas that the layers list. appliedSchemas() also includes the API schemas
+    /// that these schemas and the type add.
     [[nodiscard]] const pxr::TfTokenVector& authoredSchemas() const;
     [[nodiscard]] const pxr::TfTokenVector& appliedSchemas() const;
-    /// What the schemas of the prim say. Lives as long as the stage.
+    /// Returns the properties and metadata that the prim's schemas define. The reference is valid
+    /// as long as the stage.
     [[nodiscard]] const schema::PrimDefinition& definition() const;
     [[nodiscard]] std::vector<VariantSet> variantSets() const;
 
-    /// In order. Of an instance none, unless the predicate enters instances; and none of an
-    /// instance inside an instance of the same prototype, which would have no end.
+    /// Returns the matching children in order. An instance has no children unless the predicate
+    /// enters instances. An instance inside an instance of the same prototype never has children,
+    /// so that a traversal always ends.
     [[nodiscard]] std::vector<Prim> children(
         const PrimPredicate& predicate = PrimPredicate::normal()) const;
     [[nodiscard]] Prim child(const pxr::TfToken& name) const;
+    /// Returns the child of this name, with any flags, or an invalid prim.
 
-    /// Authored ones and, unless `onlyAuthored`, those of the schemas; in order.
+    /// Returns the property names in order: the authored ones and, unless `onlyAuthored`, the ones
+    /// that the schemas define.
     [[nodiscard]] pxr::TfTokenVector propertyNames(bool onlyAuthored = false) const;
     [[nodiscard]] std::vector<Property> properties(bool onlyAuthored = false) const;
-    /// Invalid if there is no such property.
+    /// Returns an invalid property if neither a layer nor a schema has it.
     [[nodiscard]] Property property(const pxr::TfToken& name) const;
 
-    /// One field, composed; empty: no layer has it. The pseudo-root has the stage's metadata.
+    /// Returns one composed field. Returns an empty value if no layer has it. The pseudo-root has
+    /// the metadata of the stage.
     [[nodiscard]] pxr::VtValue metadata(const pxr::TfToken& field,
                                         AssetPaths assetPaths = AssetPaths::Resolved) const;
-    /// All fields that the layers have. A field that composes to nothing has an empty value.
+    /// Returns all composed fields that the layers have. If a field composes to nothing, its value
+    /// is empty.
     [[nodiscard]] Metadata authoredMetadata(AssetPaths assetPaths = AssetPaths::Resolved) const;
 
-    /// How the prim is composed: of an instance proxy, how the prim of its prototype is. Valid
-    /// until the stage changes. A prototype's own has no opinions: its properties belong to the
-    /// instances.
+    /// Returns the prim index, which describes how the prim is composed. For an instance proxy it
+    /// is the index of the prototype's prim. A prototype itself returns an empty index, because its
+    /// properties belong to the instances. The reference is valid until the stage changes.
     [[nodiscard]] const pxr::PcpPrimIndex& primIndex() const;
 
     bool operator==(const Prim&) const = default;
@@ -161,7 +177,7 @@ private:
     [[nodiscard]] std::vector<std::pair<pxr::SdfPath, pxr::SdfPath>> sources() const;
 
     pxr::TfDelegatedCountPtr<PrimNode> node_;
-    pxr::SdfPath proxyPath_;  // of an instance proxy: where it is seen
+    pxr::SdfPath proxyPath_;  // the path of an instance proxy; otherwise empty
 };
 
 }  // namespace usdlive::stage

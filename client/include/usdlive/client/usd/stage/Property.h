@@ -1,3 +1,4 @@
+// Declares Property, a handle of one attribute or relationship of a Prim.
 #pragma once
 
 #include <pxr/base/vt/value.h>
@@ -12,7 +13,10 @@
 
 namespace usdlive::stage {
 
-/// An attribute or a relationship of a prim. A handle, as Prim is one.
+/// A handle of one attribute or relationship. It is cheap to copy, and valid while its prim is
+/// valid and a layer or a schema has the property.
+///
+/// Call only isValid() and operator bool on an invalid property. Threads: see Stage.
 class Property {
 public:
     Property() = default;
@@ -25,29 +29,39 @@ public:
     [[nodiscard]] pxr::SdfPath path() const { return prim_.path().AppendProperty(name_); }
     [[nodiscard]] bool isAttribute() const;
     [[nodiscard]] bool isRelationship() const { return !isAttribute(); }
-    /// Whether any layer has it; else only schemas do.
+    /// Returns true if a layer has the property, and false if only schemas define it.
     [[nodiscard]] bool isAuthored() const;
+    /// Returns true if a layer declares the property as custom. A property that schemas define is
+    /// never custom.
     [[nodiscard]] bool isCustom() const;
-    /// What schemas say; null: it is not built in.
+    /// Returns the definition from the schemas, or null if they do not define the property. Valid
+    /// as long as the stage.
     [[nodiscard]] const schema::PropertyDefinition* definition() const;
 
-    /// Of an attribute.
+    /// Returns the value type of an attribute, for example "point3f[]".
     [[nodiscard]] pxr::TfToken typeName() const;
     [[nodiscard]] pxr::SdfVariability variability() const;
-    /// Of an attribute, for reading at many times. Valid until the stage changes.
+    /// Returns a query that reads the attribute quickly at many times. Valid until the stage
+    /// changes.
     [[nodiscard]] AttributeQuery query(AssetPaths assetPaths = AssetPaths::Resolved) const;
-    /// Of an attribute: at the default time, or at a time of the stage. Empty: it has none there.
+    /// Returns the value of an attribute at a time of the stage, or at the default time if `time`
+    /// is empty. Returns an empty value if the attribute has none at that time.
     [[nodiscard]] pxr::VtValue value(std::optional<double> time = {}) const;
-    /// The same, of query().
+    /// Does the same with a query that this property returned.
     [[nodiscard]] pxr::VtValue value(const AttributeQuery& query,
                                      std::optional<double> time = {}) const;
 
-    /// Targets of a relationship, connections of an attribute: composed, and as paths of the stage.
+    /// Returns the composed targets of a relationship or the connections of an attribute, as paths
+    /// of the stage.
     [[nodiscard]] pxr::SdfPathVector targets() const;
+    /// Returns true if a layer lists targets or connections, even an empty list.
     [[nodiscard]] bool hasAuthoredTargets() const;
 
+    /// Returns one composed field, or an empty value if no layer has it.
     [[nodiscard]] pxr::VtValue metadata(const pxr::TfToken& field,
                                         AssetPaths assetPaths = AssetPaths::Resolved) const;
+    /// Returns all composed fields that the layers have, and always the type, variability and
+    /// custom flag.
     [[nodiscard]] Metadata authoredMetadata(AssetPaths assetPaths = AssetPaths::Resolved) const;
 
     bool operator==(const Property&) const = default;

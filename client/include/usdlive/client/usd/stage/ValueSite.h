@@ -1,3 +1,5 @@
+// Declares ValueSite, the spec that a composed value comes from, and the mapping of its values to
+// the stage.
 #pragma once
 
 #include <pxr/base/vt/value.h>
@@ -11,26 +13,27 @@
 
 namespace usdlive::stage {
 
-/// A place that a composed value comes from: a spec in one layer of the layer stack of a node.
+/// The source of a composed value: a spec in one layer of a node's layer stack. Valid until the
+/// prim index changes.
 struct ValueSite {
     pxr::PcpNodeRef node;
-    std::size_t layerIndex = 0;  ///< in the node's layer stack
-    pxr::SdfPath path;           ///< of the spec in its layer
+    std::size_t layerIndex = 0;  ///< the index in the node's layer stack
+    pxr::SdfPath path;           ///< the path of the spec in its layer
 
     [[nodiscard]] const pxr::SdfLayerRefPtr& layer() const;
-    /// From times of the layer to those of the stage: the offset of the layer in its layer stack,
-    /// then those of all arcs on the way to the root.
+    /// Returns the offset that maps times of the layer to times of the stage. It combines the
+    /// layer's offset in its layer stack with the offsets of all arcs up to the root.
     [[nodiscard]] pxr::SdfLayerOffset layerToStage() const;
 };
 
-/// How paths of files read on the stage: with the file that they were resolved to, or, to be
-/// written into another layer, as identifiers that do not depend on the layer.
+/// The form of asset paths in returned values. Resolved adds the resolved file path. Anchored
+/// returns identifiers that do not depend on the layer, so that they can be written into another
+/// layer.
 enum class AssetPaths : std::uint8_t { Resolved, Anchored };
 
-/// A value of a layer as it reads on the stage: time codes are offset, asset paths are resolved
-/// relative to the layer with variable expressions evaluated, paths in path expressions are those
-/// of the stage. The same for each part of an array or a dictionary; other values are returned as
-/// they are.
+/// Maps a layer's value to the stage. Applies the layer offset to time codes, evaluates expressions
+/// in asset paths and resolves them relative to the layer, and maps paths in path expressions. Maps
+/// the elements of arrays and dictionaries in the same way. Returns other values unchanged.
 [[nodiscard]] pxr::VtValue toStage(const pxr::VtValue& value, const ValueSite& site,
                                    AssetPaths assetPaths = AssetPaths::Resolved);
 
