@@ -24,7 +24,6 @@ TRAILING = re.compile(
 EXCEPTED_OPENINGS = [
     "client/src/usd/namespace",
     "client/src/usd/schema",
-    "client/src/usd/stage",
     "tests/integration/flatten_test.py",
     "tests/integration/namespace_test.py",
     "tests/integration/stage_oracle_test.py",
@@ -33,7 +32,6 @@ EXCEPTED_OPENINGS = [
 EXCEPTED_FIRST = [
     "client/src/usd/namespace",
     "client/src/usd/schema",
-    "client/src/usd/stage",
     "tests/unit/client/usd/schema",
     "tests/unit/client/usd/stage",
 ]

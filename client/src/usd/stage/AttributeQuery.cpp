@@ -1,5 +1,6 @@
-// Value resolution as UsdStage does it: nodes of the prim index strong to weak, in each the layers
-// strong to weak, in each time samples, then a spline, then a default.
+// Resolves attribute values in the order of UsdStage: nodes of the prim index from strong to weak;
+// in each node the layers from strong to weak; in each layer time samples, then a spline, then a
+// default.
 #include "usdlive/client/usd/stage/AttributeQuery.h"
 
 #include <pxr/base/gf/math.h>
@@ -24,7 +25,7 @@ using pxr::VtValue;
 
 namespace {
 
-// Two samples that are closer are one.
+// Times that are closer than this are one time.
 constexpr double kSameTime = 1e-6;
 
 struct Bracket {
@@ -46,7 +47,7 @@ bool canCompose(const VtValue& value) {
     return !value.IsEmpty() && pxr::VtValueCanComposeOver(value);
 }
 
-// Edits of an array may stand among samples that are whole arrays.
+// Among samples that are whole arrays there may be array edits, so all samples are checked.
 bool showsWeaker(const VtValue& value, const VtValue& samples) {
     if (!samples.IsHolding<SdfTimeSampleMap>()) return canCompose(value);
     for (const auto& [time, sample] : samples.UncheckedGet<SdfTimeSampleMap>()) {
@@ -56,8 +57,8 @@ bool showsWeaker(const VtValue& value, const VtValue& samples) {
     return false;
 }
 
-// Whether weaker opinions show through samples that stay on disk: only their types are looked at.
-// Arrays may be edits, and all path expressions may refer to weaker ones.
+// Returns true if weaker opinions show through samples that stay on disk. Only the types are read:
+// arrays may be edits, and every path expression may refer to a weaker one.
 bool samplesCompose(const pxr::SdfLayer& layer, const pxr::SdfPath& path) {
     const auto type = layer.GetFieldAs<pxr::TfToken>(path, SdfFieldKeys->TypeName);
     if (!type.GetString().ends_with("[]") &&
@@ -73,13 +74,15 @@ bool samplesCompose(const pxr::SdfLayer& layer, const pxr::SdfPath& path) {
     return false;
 }
 
-// What a value that can be laid over others is laid over, down to the background below all of them.
+// Composes a value over the next weaker one. A block below ends the composition: the stronger value
+// is then composed over the background.
 VtValue over(const VtValue& stronger, const VtValue& weaker) {
     if (!canCompose(stronger)) return stronger;
     return pxr::VtValueComposeOver(stronger, isBlock(weaker) ? VtValue(pxr::VtBackground) : weaker);
 }
 
-// Opinions of one attribute that are laid over each other, strong to weak: a constant, or samples.
+// Opinions of one attribute that are composed over each other, from strong to weak. The result is a
+// constant or samples.
 class Layered {
 public:
     Layered(VtValue value, SdfTimeSampleMap samples)
@@ -88,7 +91,7 @@ public:
     [[nodiscard]] const VtValue& value() const { return value_; }
     [[nodiscard]] const SdfTimeSampleMap& samples() const { return samples_; }
 
-    /// Whether weaker opinions still show.
+    /// Returns true if weaker opinions can still change the result.
     [[nodiscard]] bool isOpen() const {
         if (samples_.empty()) return canCompose(value_);
         return std::ranges::any_of(samples_,
@@ -155,7 +158,7 @@ AttributeQuery::Source AttributeQuery::fallback(bool blocked) const {
     return found;
 }
 
-// The strongest source from the cursor on, which is moved behind it.
+// Returns the strongest source at or after the cursor, and moves the cursor behind it.
 AttributeQuery::Source AttributeQuery::next(Cursor& cursor, bool withTimes) const {
     const auto end = prim_->GetNodeRange().second;
     for (; cursor.node != end; ++cursor.node, cursor.layerIndex = 0) {
@@ -214,8 +217,8 @@ const AttributeQuery::Source& AttributeQuery::timed() const {
     return *timed_;
 }
 
-// A block says that there is no value, not even the fallback; unless a stronger animation block is
-// over it, as in UsdStage.
+// A block means that there is no value, not even the fallback. An exception is a block below a
+// stronger animation block: UsdStage then returns the fallback.
 VtValue AttributeQuery::getDefault() const {
     Cursor cursor = begin();
     Source found = next(cursor, false);
@@ -223,8 +226,8 @@ VtValue AttributeQuery::getDefault() const {
     return composeWeaker(found, cursor, false) ? found.value : VtValue();
 }
 
-// Edits of arrays and path expressions that refer to weaker ones are laid over what is below,
-// sample by sample.
+// Composes array edits and path expressions over the weaker opinions, sample by sample. Returns
+// false if a block hides the value.
 bool AttributeQuery::composeWeaker(Source& strongest, Cursor& cursor, bool withTimes) const {
     if (!showsWeaker(strongest.value, strongest.samples)) return true;
     bool blocked = false;

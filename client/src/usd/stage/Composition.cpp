@@ -1,4 +1,4 @@
-// A PcpCache that follows the changes of its layers, as the one of a UsdStage does.
+// Keeps a PcpCache up to date with its layers, like the PcpCache of a UsdStage.
 #include "usd/stage/Composition.h"
 
 #include <pxr/usd/ar/resolver.h>
@@ -15,7 +15,7 @@ using pxr::SdfPath;
 
 namespace {
 
-// As UsdStage binds it.
+// Returns the same resolver context that UsdStage binds.
 pxr::ArResolverContext contextOf(const pxr::SdfLayerHandle& root) {
     if (root->IsAnonymous()) return pxr::ArGetResolver().CreateDefaultContext();
     return pxr::ArGetResolver().CreateDefaultContextForAsset(root->GetIdentifier());
@@ -83,7 +83,8 @@ const pxr::PcpPrimIndex* Composition::primIndex(const SdfPath& prim) {
     return index->IsValid() ? index : nullptr;
 }
 
-// Parents first: Pcp would compose them also, but uncounted and without their payloads.
+// Composes parents first. Pcp would compose them too, but without counting them and without their
+// payloads.
 const pxr::PcpPrimIndex* Composition::compose(const SdfPath& prim) {
     if (prim != SdfPath::AbsoluteRootPath()) (void)primIndex(prim.GetParentPath());
     pxr::PcpErrorVector errors;

@@ -1,3 +1,4 @@
+// Declares Composition, a PcpCache of a root layer and a session layer that follows their changes.
 #pragma once
 
 #include <pxr/usd/pcp/cache.h>
@@ -15,23 +16,27 @@
 
 namespace usdlive::stage {
 
-/// A root layer and a session layer, composed by Pcp and kept up to date while their layers change:
-/// an edit of a value composes nothing again, an edit of an arc only the prims that it reaches.
+/// A root layer and a session layer, composed by Pcp and kept up to date while the layers change.
+/// An edit of a value composes no prim again. An edit of an arc composes only the prims that it
+/// reaches.
 ///
-/// One thread, the one that owns the layers. The layers are kept in memory as long as this lives.
+/// Use it on one thread, the one that owns the layers. It keeps the root and session layers in
+/// memory.
 class Composition {
 public:
-    /// Which payloads prims are composed with.
+    /// Selects the payloads that are composed.
     enum class Payloads { None, All };
-    /// Which prims are composed when all are. Both functions are called by several threads at once.
+    /// Selects the prims that are composed in parallel. Several threads call both functions at
+    /// once.
     struct Scope {
-        /// Whether the children of a prim are composed; `names` may be filled with the only ones.
+        /// Returns true if the children of a prim are composed. To compose only some children, it
+        /// writes their names to `names`.
         std::function<bool(const pxr::PcpPrimIndex&, pxr::TfTokenVector* names)> children;
-        /// Whether the payloads of the prim at a path are.
+        /// Returns true if the payloads of the prim at a path are composed.
         std::function<bool(const pxr::SdfPath&)> payloads;
     };
 
-    /// `session` may be null. `muted`: identifiers of layers that are left out.
+    /// `session` may be null. `muted` lists the identifiers of layers that are left out.
     Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                 const std::vector<std::string>& muted, Payloads payloads);
     Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
@@ -39,34 +44,36 @@ public:
     Composition(const Composition&) = delete;
     Composition& operator=(const Composition&) = delete;
 
-    /// Called by the owner for each SdfNotice::LayersDidChange of its thread.
+    /// Updates the composition. The owner calls it for each SdfNotice::LayersDidChange on its
+    /// thread.
     void follow(const pxr::SdfLayerChangeListVec& changes);
-    /// Leaves out these layers and no others.
+    /// Mutes these layers, and unmutes all others.
     void setMuted(const std::vector<std::string>& muted);
-    /// Does the same, and adds what changes to `changes`, which the caller applies.
+    /// Does the same, and adds the resulting changes to `changes`. The caller then calls apply().
     void setMuted(const std::vector<std::string>& muted, pxr::PcpChanges& changes);
-    /// Called by an owner that works out changes of the cache itself, instead of follow().
+    /// Applies changes that the owner computed itself. It is an alternative to follow().
     void apply(const pxr::PcpChanges& changes);
-    /// Composes the prims at `roots` and below, as far as the scope goes, on all cores.
+    /// Composes the prims at and below `roots` on all cores, within the scope.
     void composeInParallel(const pxr::SdfPathVector& roots);
-    /// For what reads or plans over all that is composed.
+    /// Returns the cache, for code that reads all composed prims or plans edits of them.
     [[nodiscard]] pxr::PcpCache& cache() { return *cache_; }
     [[nodiscard]] const pxr::PcpCache& cache() const { return *cache_; }
 
     [[nodiscard]] const pxr::PcpLayerStack& localLayers() const;
-    /// Another number whenever the local layers, or their offsets, have changed.
+    /// Returns a number that changes whenever the local layers or their offsets change.
     [[nodiscard]] std::uint64_t localRevision() const { return localRevision_; }
 
-    /// Composed when it is first asked for. Null: `prim` is no path of a prim. Valid until the
-    /// layers change.
+    /// Returns the prim index at a path, and composes it first if necessary. Returns null if `prim`
+    /// is not the path of a prim. The pointer is valid until the layers change.
     [[nodiscard]] const pxr::PcpPrimIndex* primIndex(const pxr::SdfPath& prim);
-    /// Names as composed, in order; of a prim that is not there, none.
+    /// Returns the composed names in order. Returns no names if there is no such prim.
     [[nodiscard]] pxr::TfTokenVector childNames(const pxr::SdfPath& prim);
     [[nodiscard]] pxr::TfTokenVector propertyNames(const pxr::SdfPath& prim);
-    /// All layers that contribute. Composes all prims that are not composed yet.
+    /// Returns all layers that contribute. Composes all prims that are not composed yet.
     [[nodiscard]] pxr::SdfLayerHandleSet usedLayers();
 
-    /// The number of prims composed until now, each as often as it was, for measurements and tests.
+    /// Returns how many prims were composed, each as often as it was composed. For measurements and
+    /// tests.
     [[nodiscard]] std::size_t primsComposed() const { return primsComposed_; }
 
 private:
@@ -76,7 +83,7 @@ private:
     std::unique_ptr<pxr::PcpCache> cache_;
     std::vector<std::string> muted_;
     const Scope scope_;
-    bool complete_ = false;  // all prims are composed
+    bool complete_ = false;  // true if all prims are composed
     std::uint64_t localRevision_ = 1;
     std::size_t primsComposed_ = 0;
 };

@@ -1,3 +1,4 @@
+// Maps paths and times of a stage to the layer that is edited, with the map functions of Pcp.
 #include "usdlive/client/usd/stage/EditTarget.h"
 
 #include <pxr/usd/pcp/layerStack.h>
@@ -17,7 +18,7 @@ EditTarget::EditTarget(const pxr::SdfLayerHandle& layer, const pxr::SdfLayerOffs
 
 EditTarget::EditTarget(const pxr::SdfLayerHandle& layer, const pxr::PcpNodeRef& node)
     : layer_(layer) {
-    // The functions of Pcp have no variant selections; the site of the node has them.
+    // Pcp's map functions contain no variant selections. The path of the node contains them.
     const SdfPath site = node.GetPath(), plain = site.StripAllVariantSelections();
     mapping_ = node.GetMapToRoot().Evaluate();
     const auto& stack = node.GetLayerStack();
@@ -37,7 +38,7 @@ SdfPath EditTarget::specPath(const SdfPath& stagePath) const {
     if (!layer_ || mapping_.IsNull()) return {};
     const SdfPath path = mapping_.MapTargetToSource(stagePath);
     if (!path.ContainsTargetPath()) return path;
-    // Targets are paths of composed prims: they have no variant selections.
+    // Target paths are paths of composed prims and contain no variant selections.
     const SdfPath target = path.GetTargetPath();
     return path.ReplaceTargetPath(target.StripAllVariantSelections());
 }

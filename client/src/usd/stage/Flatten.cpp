@@ -1,3 +1,4 @@
+// Writes the authored opinions of a composed stage into one layer.
 #include "usdlive/client/usd/stage/Flatten.h"
 
 #include <pxr/base/ts/spline.h>
@@ -50,14 +51,14 @@ private:
         }
     }
 
-    // The same of path expressions.
+    // Returns the value with the paths of its path expressions mapped by flat().
     [[nodiscard]] VtValue flatValue(VtValue value) const {
         if (!prototypes_.empty())
             mapPaths(value, [this](const SdfPath& path) { return flat(path); });
         return value;
     }
 
-    // A path in a prototype as it is in the flat layer.
+    // Returns the path in the flat layer of a path inside a prototype.
     [[nodiscard]] SdfPath flat(const SdfPath& path) const {
         for (const auto& [from, to] : prototypes_)
             if (path.HasPrefix(from)) return path.ReplacePrefix(from, to);
@@ -74,7 +75,7 @@ private:
         if (prim.isInstance())
             spec->GetReferenceList().Prepend(
                 pxr::SdfReference("", prototypes_.at(prim.prototype().path())));
-        // The root of a prototype is no prim of its own: its opinions are those of the instances.
+        // The root of a prototype has no opinions of its own. They belong to the instances.
         if (prim.has(PrimFlag::PrototypeRoot))
             spec->SetSpecifier(pxr::SdfSpecifierOver);
         else
@@ -86,7 +87,8 @@ private:
 
     void copyFields(const SdfPath& path, const Metadata& fields) {
         for (const auto& [field, value] : fields)
-            // The strongest spline is not always what the value comes from.
+            // The strongest spline is not always the source of the value. copyValues() writes the
+            // right one.
             if (!value.IsEmpty() && field != SdfFieldKeys->Spline)
                 layer_->SetField(path, field, flatValue(value));
     }
@@ -98,7 +100,7 @@ private:
             (void)pxr::SdfRelationshipSpec::New(prim, name, property.isCustom());
         } else {
             const auto type = pxr::SdfSchema::GetInstance().FindType(property.typeName());
-            if (!type) return;  // a spec cannot be without one
+            if (!type) return;  // an attribute spec needs a type
             (void)pxr::SdfAttributeSpec::New(prim, name, type, property.variability(),
                                              property.isCustom());
             copyValues(property, path);
@@ -146,7 +148,7 @@ private:
 
     const Stage& stage_;
     const pxr::SdfLayerRefPtr layer_;
-    std::map<SdfPath, SdfPath> prototypes_;  // to their places in the layer
+    std::map<SdfPath, SdfPath> prototypes_;  // to their paths in the layer
 };
 
 }  // namespace

@@ -1,3 +1,4 @@
+// Interpolates between two values of any type that OpenUSD interpolates.
 #include "Interpolate.h"
 
 #include <pxr/base/gf/math.h>

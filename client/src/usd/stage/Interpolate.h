@@ -1,16 +1,17 @@
+// Declares the interpolation between two time samples.
 #pragma once
 
 #include <pxr/base/vt/value.h>
 
 namespace usdlive::stage {
 
-/// Between two time samples of one type, `fraction` from 0 to 1 of the way from the lower to the
-/// upper one: linear for real numbers, vectors, matrices and time codes, and for arrays of them of
-/// one size; on the sphere for quaternions. The lower one for all others.
+/// Returns the value between two time samples of one type. `fraction` is 0 at `lower` and 1 at
+/// `upper`. Interpolates linearly for real numbers, vectors, matrices, time codes and arrays of
+/// them with equal sizes; on the sphere for quaternions. Returns `lower` for all other types.
 [[nodiscard]] pxr::VtValue interpolate(const pxr::VtValue& lower, const pxr::VtValue& upper,
                                        double fraction);
 
-/// Whether interpolate() looks at the upper one at all.
+/// Returns true if interpolate() uses the upper value for values of this type.
 [[nodiscard]] bool canInterpolate(const pxr::VtValue& value);
 
 }  // namespace usdlive::stage

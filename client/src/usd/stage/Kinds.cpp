@@ -1,3 +1,4 @@
+// Reads the kinds of models from the metadata of plug-ins.
 #include "Kinds.h"
 
 #include <pxr/base/js/value.h>
@@ -24,7 +25,7 @@ Kinds::Kinds() {
             baseOf_.try_emplace(TfToken(name), base);
         }
     }
-    // OpenUSD's own are always there; no plug-in changes what they derive from.
+    // The kinds of OpenUSD always exist. A plug-in cannot change what they derive from.
     baseOf_[model_] = TfToken();
     baseOf_[group_] = model_;
     baseOf_[component_] = model_;
@@ -33,7 +34,8 @@ Kinds::Kinds() {
 }
 
 bool Kinds::isA(TfToken kind, const TfToken& base) const {
-    // A bound for plug-ins whose kinds derive from each other.
+    // The number of steps is limited, because kinds of plug-ins may derive from each other in a
+    // cycle.
     for (std::size_t steps = 0; steps <= baseOf_.size() && !kind.IsEmpty(); ++steps) {
         const auto found = baseOf_.find(kind);
         if (found == baseOf_.end()) return false;

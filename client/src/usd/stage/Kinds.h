@@ -1,4 +1,4 @@
-// The kinds of models: those of OpenUSD, and those that plug-ins add.
+// Declares Kinds, the kinds of models that OpenUSD and its plug-ins define.
 #pragma once
 
 #include <pxr/base/tf/token.h>
@@ -9,7 +9,7 @@ namespace usdlive::stage {
 
 class Kinds {
 public:
-    /// Reads "Kinds" of all plug-ins that PlugRegistry knows.
+    /// Reads "Kinds" from the metadata of all plug-ins that PlugRegistry knows.
     Kinds();
 
     [[nodiscard]] bool isA(pxr::TfToken kind, const pxr::TfToken& base) const;

@@ -1,3 +1,4 @@
+// Selects the payloads that a stage loads, by the nearest rule at or above each path.
 #include "usdlive/client/usd/stage/LoadRules.h"
 
 #include <iterator>
@@ -8,7 +9,7 @@ using pxr::SdfPath;
 
 namespace {
 
-// Drops the rules that say what the nearest one above says.
+// Removes the rules that are equal to the nearest rule above them.
 void dropNeedless(std::map<SdfPath, LoadRules::Rule>& rules) {
     for (auto at = rules.begin(); at != rules.end();) {
         auto above = rules.end();

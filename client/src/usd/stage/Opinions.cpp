@@ -1,3 +1,4 @@
+// Composes metadata fields, specifiers and type names from the opinions of all sites.
 #include "Opinions.h"
 
 #include <pxr/base/vt/array.h>
@@ -25,7 +26,7 @@ using pxr::VtValue;
 
 namespace {
 
-// The value of type T, changed in place. False: the value is of another type.
+// Changes a value of type T in place. Returns false if the value has another type.
 template <class T, class Change>
 bool changeHeld(VtValue& value, Change&& change) {
     if (!value.IsHolding<T>()) return false;
@@ -43,7 +44,8 @@ bool changeEach(VtValue& value, Change&& change) {
            });
 }
 
-// Prims of an instance are those of its prototype's source: paths in there become the instance's.
+// The prims of an instance are composed from the source of its prototype. Paths inside the source
+// are mapped to the instance.
 SdfPathExpression mapExpression(const SdfPathExpression& expression, const PathMapper& mapPath) {
     std::vector<SdfPathExpression> stack;
     const auto combine = [&](SdfPathExpression::Op op, int argument) {
@@ -68,7 +70,7 @@ SdfPathExpression mapExpression(const SdfPathExpression& expression, const PathM
     return stack.empty() ? SdfPathExpression() : stack.back();
 }
 
-// Weaker opinions add to these.
+// Returns true for types whose weaker opinions are merged with the stronger ones.
 bool mergesWeaker(const VtValue& value) {
     return value.IsHolding<VtDictionary>() || value.IsHolding<SdfPathExpression>() ||
            value.IsHolding<VtArray<SdfPathExpression>>();
@@ -95,7 +97,7 @@ VtValue over(VtValue strong, const VtValue& weak) {
     return strong;
 }
 
-// The list operations of all sites, applied to nothing: one explicit list.
+// Applies the list operations of all sites to an empty list. The result is one explicit list.
 template <class ListOp>
 VtValue applied(const PcpPrimIndex& index, const TfToken& property, const TfToken& field) {
     std::vector<ListOp> operations;
@@ -120,7 +122,8 @@ bool applyListOps(VtValue& value, const PcpPrimIndex& index, const TfToken& prop
         ...);
 }
 
-// Whether this node is there because a prim inherits from it, at this depth of namespace.
+// Returns true if the node exists because a prim inherits from it, directly and not because of an
+// ancestor.
 bool isInherited(PcpNodeRef node) {
     for (; node; node = node.GetParentNode())
         if (pxr::PcpIsInheritArc(node.GetArcType()) && !node.IsDueToAncestor()) return true;

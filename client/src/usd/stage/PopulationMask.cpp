@@ -1,3 +1,4 @@
+// Selects the part of a stage that is composed, by the paths of prims.
 #include "usdlive/client/usd/stage/PopulationMask.h"
 
 namespace usdlive::stage {

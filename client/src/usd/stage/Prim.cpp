@@ -1,3 +1,4 @@
+// Answers queries about one prim from its node in the tree and from its prim index.
 #include "usdlive/client/usd/stage/Prim.h"
 
 #include <pxr/base/tf/stringUtils.h>
@@ -40,7 +41,7 @@ Prim Prim::parent() const {
     if (!isValid() || !node_->parent) return {};
     if (!isInstanceProxy()) return {node_->parent, SdfPath()};
     const SdfPath above = proxyPath_.GetParentPath();
-    // Above the prims of a prototype is the instance.
+    // The parent of a prototype's top prims, seen as instance proxies, is the instance.
     if (!node_->parent->parent) return node_->stage->prim(above);
     return {node_->parent, above};
 }
@@ -94,7 +95,7 @@ std::vector<VariantSet> Prim::variantSets() const {
             const SdfPath path = node.GetPath();
             if (path.IsPrimOrPrimVariantSelectionPath())
                 pxr::PcpComposeSiteVariantSetOptions(node, name, &options);
-            // What is composed in, from wherever the selection came.
+            // The selection that is composed, from whichever layer it came.
             if (set.selection.empty() && node.GetArcType() == pxr::PcpArcTypeVariant &&
                 path.GetVariantSelection().first == name)
                 set.selection = path.GetVariantSelection().second;
@@ -122,7 +123,8 @@ std::vector<Prim> Prim::children(const PrimPredicate& predicate) const {
     return prims;
 }
 
-// An arc may lead from below an instance to its own prototype: without an end, if it were followed.
+// An arc below an instance may lead to the instance's own prototype. A traversal that followed it
+// would not end.
 bool Prim::isInsideItself() const {
     for (Prim above = isInstanceProxy() ? parent() : Prim(); above; above = above.parent())
         if (above.node_->prototype == node_->prototype) return true;
@@ -148,7 +150,8 @@ pxr::TfTokenVector Prim::propertyNames(bool onlyAuthored) const {
     return ordered(std::move(names));
 }
 
-// Sorted as a dictionary; in front are those that `reorder properties` names.
+// Sorts the names in dictionary order, and moves the names that `reorder properties` lists to the
+// front.
 pxr::TfTokenVector Prim::ordered(pxr::TfTokenVector names) const {
     std::ranges::sort(names, pxr::TfDictionaryLessThan());
     pxr::TfTokenVector order;
@@ -185,8 +188,8 @@ VtValue Prim::metadata(const TfToken& field, AssetPaths assetPaths) const {
     return composeField(primIndex(), TfToken(), field, mapper(), assetPaths);
 }
 
-// The stage's metadata is that of its session layer and its root layer; other local layers have
-// none.
+// The stage's metadata comes from its session layer and its root layer only. Other local layers are
+// ignored.
 VtValue Prim::metadataOfStage(const TfToken& field, AssetPaths assetPaths) const {
     const auto& state = *node_->stage;
     const pxr::SdfLayerRefPtr session(state.unmutedSession());
@@ -230,8 +233,8 @@ PathMapper Prim::mapper() const {
     };
 }
 
-// From the sources of the prototypes around this prim to where they are seen from here. An
-// instance's own paths belong to what is around it.
+// Returns pairs of paths: the source of each prototype around this prim, and the path at which it
+// appears from here. Paths of the instance itself belong to the prims around it.
 std::vector<std::pair<SdfPath, SdfPath>> Prim::sources() const {
     std::vector<std::pair<SdfPath, SdfPath>> map;
     for (Prim at = isInstance() ? parent() : *this; at; at = at.parent()) {

@@ -1,4 +1,4 @@
-// A prim in the tree of a stage.
+// Declares PrimNode, one prim in the tree of a stage.
 #pragma once
 
 #include <pxr/base/tf/delegatedCountPtr.h>
@@ -18,8 +18,8 @@ struct Prototype;
 
 using PrimNodePtr = pxr::TfDelegatedCountPtr<PrimNode>;
 
-/// Owned by its parent, the stage (root, prototypes) and the handles of it. It leaves the tree for
-/// good: a prim that comes back later is another one.
+/// Owned by its parent, by the stage (for the root and prototypes) and by its handles. A node that
+/// was removed from the tree never returns; a prim that is created later gets a new node.
 class PrimNode {
 public:
     PrimNode(StageState* owner, pxr::SdfPath where, PrimNode* above)
@@ -32,15 +32,15 @@ public:
         return nullptr;
     }
 
-    StageState* stage;        // null: no longer in the tree, and all but the path is void
-    const pxr::SdfPath path;  // prims of a prototype: "/__Prototype_1/child"
-    PrimNode* parent;         // null for roots
+    StageState* stage;                         // null after removal; then only the path is valid
+    const pxr::SdfPath path;                   // in a prototype: "/__Prototype_1/child"
+    PrimNode* parent;                          // null for roots
     const pxr::PcpPrimIndex* index = nullptr;  // in a prototype: of its source
     std::vector<PrimNodePtr> children;
     pxr::TfToken typeName;
-    pxr::TfTokenVector apiSchemas;  // as authored
+    pxr::TfTokenVector apiSchemas;  // the authored list
     const schema::PrimDefinition* definition = nullptr;
-    const Prototype* prototype = nullptr;  // of an instance
+    const Prototype* prototype = nullptr;  // set for an instance
     std::uint16_t flags = 0;
 
 private:

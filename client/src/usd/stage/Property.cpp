@@ -1,3 +1,4 @@
+// Answers queries about one property from its prim's index and from its schema definition.
 #include "usdlive/client/usd/stage/Property.h"
 
 #include <pxr/usd/pcp/propertyIndex.h>
@@ -56,7 +57,7 @@ TfToken Property::typeName() const {
     return type;
 }
 
-// The weakest opinion decides: what varies below stays varying.
+// The weakest opinion decides, so that an attribute that varies in a weak layer stays varying.
 pxr::SdfVariability Property::variability() const {
     if (const auto* known = definition()) return known->variability;
     auto variability = pxr::SdfVariabilityVarying;

@@ -1,3 +1,4 @@
+// Assigns prototypes to instances, and sources to prototypes.
 #include "Prototypes.h"
 
 #include <algorithm>

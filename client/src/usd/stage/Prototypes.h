@@ -1,4 +1,4 @@
-// Which prims are instances of what.
+// Declares Prototypes, which records the instances of a stage and the prototypes that they share.
 #pragma once
 
 #include <pxr/usd/pcp/instanceKey.h>
@@ -16,7 +16,7 @@
 
 namespace usdlive::stage {
 
-/// Prims that are composed alike, loaded alike and masked alike share what is below them.
+/// The key of a prototype. Prims with equal arcs, load rules and masks share the prims below them.
 struct InstanceKey {
     pxr::PcpInstanceKey arcs;
     LoadRules load;
@@ -26,35 +26,37 @@ struct InstanceKey {
 };
 
 struct Prototype {
-    pxr::SdfPath path;  // "/__Prototype_1"
+    pxr::SdfPath path;  // for example "/__Prototype_1"
     InstanceKey key;
-    pxr::SdfPath source;  // the instance whose prim indexes it shows; empty: to be chosen
-    std::set<pxr::SdfPath> instances;  // by prim index
+    pxr::SdfPath source;  // the instance whose prim indexes it shows; empty until one is chosen
+    std::set<pxr::SdfPath> instances;  // the paths of their prim indexes
     PrimNodePtr root;
 };
 
-/// Instances are found while prims are composed, by several threads; then settle() gives each its
-/// prototype. The first one found becomes the source, so that its children are composed at once.
+/// Several threads report instances while prims are composed. settle() then assigns each instance
+/// to its prototype. The first instance that is found becomes the source, so that its children are
+/// composed in the same pass.
 class Prototypes {
 public:
-    /// Notes an instance. Returns whether its children are to be composed: it is a source.
+    /// Records an instance; several threads may call it at once. Returns true if the instance is a
+    /// source, so that its children must be composed.
     bool found(const pxr::SdfPath& index, InstanceKey key);
-    /// Forgets the instances at and below a path. Prototypes that lose their source get another
-    /// one.
+    /// Removes the instances at and below a path. A prototype that loses its source gets another
+    /// one in settle().
     void forget(const pxr::SdfPath& prefix);
-    /// Gives all instances found their prototypes, and adds those that have a new source to
-    /// `changed`. Returns sources whose children are not composed yet; composing them may find more
+    /// Assigns all recorded instances to prototypes, and adds prototypes with a new source to
+    /// `changed`. Returns sources whose children are not composed yet. Composing them may find more
     /// instances.
     [[nodiscard]] pxr::SdfPathVector settle(std::set<Prototype*>& changed);
-    /// Drops prototypes without instances, and returns them.
+    /// Removes the prototypes without instances and returns them.
     [[nodiscard]] std::vector<std::unique_ptr<Prototype>> takeUnused();
 
-    /// Of the instance with this prim index; else null.
+    /// Returns the prototype of the instance with this prim index, or null.
     [[nodiscard]] Prototype* of(const pxr::SdfPath& index) const;
-    /// The prototype in which the prim of this index is: that of the nearest instance above it.
-    /// Null: no instance is above it. It shows the index only if that instance is its source.
+    /// Returns the prototype of the nearest instance above a prim index, or null if there is none.
+    /// The prototype shows that index only if the instance is its source.
     [[nodiscard]] Prototype* around(const pxr::SdfPath& index) const;
-    /// Prototypes whose sources are at or below `prefix`.
+    /// Returns the prototypes whose sources are at or below `prefix`.
     [[nodiscard]] std::vector<Prototype*> sourcedUnder(const pxr::SdfPath& prefix) const;
     [[nodiscard]] Prototype* at(const pxr::SdfPath& path) const;
     [[nodiscard]] const std::vector<std::unique_ptr<Prototype>>& all() const { return all_; }
@@ -66,12 +68,12 @@ private:
 
     std::mutex mutex_;  // guards all that found() reads and writes
     std::vector<std::pair<pxr::SdfPath, Prototype*>> found_;
-    std::set<Prototype*> changed_;  // have a new source
+    std::set<Prototype*> changed_;  // prototypes with a new source
 
     std::vector<std::unique_ptr<Prototype>> all_;  // in the order of creation
     std::unordered_multimap<pxr::PcpInstanceKey, Prototype*, pxr::PcpInstanceKey::Hash> byArcs_;
     std::map<pxr::SdfPath, Prototype*> byInstance_, bySource_;
-    std::map<Prototype*, pxr::SdfPath> sourceless_;  // with the source of before
+    std::map<Prototype*, pxr::SdfPath> sourceless_;  // with their previous source
     std::size_t created_ = 0;
 };
 

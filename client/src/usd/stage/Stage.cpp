@@ -1,3 +1,4 @@
+// Implements the public functions of Stage on top of StageState.
 #include "usdlive/client/usd/stage/Stage.h"
 
 #include <pxr/base/tf/enum.h>
@@ -23,7 +24,7 @@ std::shared_ptr<const schema::SchemaRegistry> schemasOfProcess() {
     return schemas;
 }
 
-// As UsdStage names it.
+// Names the session layer like UsdStage.
 pxr::SdfLayerRefPtr createSession(const pxr::SdfLayerRefPtr& root) {
     const std::string name = pxr::SdfLayer::GetDisplayNameFromIdentifier(root->GetIdentifier());
     return pxr::SdfLayer::CreateAnonymous(name.substr(0, name.rfind('.')) + "-session.usda");
@@ -34,8 +35,8 @@ StageOptions complete(StageOptions options) {
     return options;
 }
 
-// The session layer's, even if it is muted, else the root layer's. `old`: what files of long ago
-// call it.
+// Returns the time of the session layer, even if it is muted, else that of the root layer. `old` is
+// the field's name in files of early versions.
 double timeOf(const StageState& state, const TfToken& field, const TfToken& old) {
     for (const auto& layer : {state.sessionLayer, state.rootLayer})
         for (const auto& name : {field, old})

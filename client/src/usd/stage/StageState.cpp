@@ -1,4 +1,4 @@
-// How the prims of a stage are composed.
+// Composes the tree of a stage's prims.
 #include "StageState.h"
 
 #include <pxr/base/work/loops.h>
@@ -23,7 +23,7 @@ using pxr::TfToken;
 
 namespace {
 
-// From so many children on they are composed by several threads.
+// A prim with at least so many children composes them on several threads.
 constexpr std::size_t kParallelChildren = 8;
 
 bool isActive(const PcpPrimIndex& index) {
@@ -86,7 +86,8 @@ PrimNode* StageState::find(const SdfPath& path) const {
 Prim StageState::prim(const SdfPath& path) const {
     if (!path.IsAbsoluteRootOrPrimPath()) return {};
     if (auto* node = find(path)) return {node, SdfPath()};
-    // Inside an instance, perhaps inside several: enter from the nearest prim of the tree.
+    // The path is inside an instance, perhaps inside several. Start at the nearest prim of the
+    // tree.
     pxr::SdfPathVector names;
     SdfPath above = path;
     PrimNode* node = nullptr;
@@ -123,7 +124,7 @@ bool StageState::composesChildren(const PcpPrimIndex& index, pxr::TfTokenVector*
     return mask.isAll() || mask.includedChildren(path, names);
 }
 
-// Again for the instances that take over from a source that is gone.
+// Repeats the composition for instances that replace a lost source.
 void StageState::composeIndexes(pxr::SdfPathVector roots, std::set<Prototype*>& changed) {
     const pxr::ArResolverScopedCache resolved;
     const pxr::ArResolverContextBinder binder(
@@ -224,8 +225,9 @@ pxr::TfTokenVector StageState::childNames(const PrimNode& node) const {
     return names;
 }
 
-// Prims that were there before stay the same ones. `only`: index paths of children to compose;
-// others that are not new are kept as they are. Null: all.
+// Keeps the nodes of prims that existed before. `only` lists the index paths of children to
+// compose; other children are kept as they are unless they are new. If `only` is null, all children
+// are composed.
 void StageState::composeChildren(PrimNode& node, const Paths* only) {
     const auto names = childNames(node);
     const bool same =
@@ -264,7 +266,7 @@ void StageState::composeChildren(PrimNode& node, const Paths* only) {
             for (std::size_t i = begin; i < end; ++i) composeOne(i);
         });
     }
-    // Pcp has no index where it could not compose one.
+    // Pcp has no index for a prim that it could not compose.
     std::erase_if(node.children, [&](PrimNodePtr& child) {
         if (child->index) return false;
         retire(child);

@@ -1,4 +1,5 @@
-// What a stage is made of: composition, prim tree, prototypes, and how they follow the layers.
+// Declares StageState, the parts of a stage: composition, prim tree and prototypes, and the
+// functions that update them.
 #pragma once
 
 #include <pxr/base/tf/notice.h>
@@ -22,17 +23,19 @@ namespace usdlive::stage {
 
 class StageState final : public pxr::TfWeakBase {
 public:
-    /// Arcs may lead deeper and deeper: below this nothing is composed, and errors() says so.
+    /// The depth at which composition stops, because arcs may lead deeper without end. errors()
+    /// reports it.
     static constexpr std::size_t kDeepest = 512;
 
     StageState(Stage& owner, pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr session,
                StageOptions options);
     ~StageState();
 
-    /// Of a prim of the stage or of a prototype; null: none, or an instance proxy.
+    /// Returns the node of a prim of the stage or of a prototype. Returns null if there is none,
+    /// and for instance proxies.
     [[nodiscard]] PrimNode* find(const pxr::SdfPath& path) const;
     [[nodiscard]] Prim prim(const pxr::SdfPath& path) const;
-    /// Null: the stage leaves it out.
+    /// Returns null if the session layer is muted.
     [[nodiscard]] pxr::SdfLayerHandle unmutedSession() const;
 
     void setLoadRules(const LoadRules& rules);
@@ -70,7 +73,7 @@ private:
     void enter(PrimNode& node);
     void readFallbackTypes();
 
-    // Following (StageUpdates.cpp)
+    // Following changes (StageUpdates.cpp)
     struct Gathered;
     void onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice);
     void gather(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,

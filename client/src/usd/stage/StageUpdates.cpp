@@ -1,4 +1,4 @@
-// How a stage follows changes of its layers, of what it loads, and of what it leaves out.
+// Updates a stage after changes of its layers, its load rules, its mask and its muted layers.
 #include <pxr/usd/ar/resolverScopedCache.h>
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/dependency.h>
@@ -20,7 +20,7 @@ using Paths = std::set<SdfPath>;
 
 namespace {
 
-// What has the path of one of `prefixes`, or one below.
+// Returns true if `path` is one of `prefixes` or is below one of them.
 bool isBelowAny(const Paths& prefixes, const SdfPath& path) {
     if (prefixes.empty()) return false;
     for (SdfPath at = path; !at.IsEmpty(); at = at.GetParentPath())
@@ -39,7 +39,8 @@ bool isClipField(const TfToken& field) {
     return field == SdfFieldKeys->Clips || field == SdfFieldKeys->ClipSets;
 }
 
-// The paths of the stage that a spec contributes to. Variants contribute where they are selected.
+// Calls `add` for each path of the stage that a spec contributes to. Specs in a variant contribute
+// only if the variant is selected.
 template <class Add>
 void forAffected(const pxr::PcpCache& cache, const pxr::SdfLayerHandle& layer, const SdfPath& path,
                  Add&& add) {
@@ -52,7 +53,7 @@ void forAffected(const pxr::PcpCache& cache, const pxr::SdfLayerHandle& layer, c
     for (const auto& dependency : dependencies) add(dependency.indexPath);
 }
 
-// Specs below inactive prims, or outside of the mask, contribute to no prim.
+// Removes specs below inactive prims or outside of the mask. They contribute to no prim.
 template <class Gathered>
 void dropHidden(const StageState& state, Gathered& gathered) {
     const auto isHidden = [&](const SdfPath& path) {
@@ -68,11 +69,12 @@ void dropHidden(const StageState& state, Gathered& gathered) {
 struct StageState::Gathered {
     Paths recompose;             // whole subtrees
     Paths types;                 // only type and API schemas
-    Paths properties;            // came or went
-    Paths assets;                // asset paths below may resolve to something else
-    std::set<SdfPath> activity;  // Pcp does not look at "active"
+    Paths properties;            // added or removed
+    Paths assets;                // asset paths below may resolve to other files
+    std::set<SdfPath> activity;  // changes of "active", which Pcp ignores
     std::map<SdfPath, StageChanges::Fields> info;
-    Paths parents;  // of specs that came or went: their children may have another order
+    Paths parents;  // parents of specs that were added or removed: their children may have a new
+                    // order
 };
 
 void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) {
@@ -181,8 +183,8 @@ void StageState::follow(const pxr::PcpChanges& changes, Gathered& gathered) {
     if (!told.isEmpty()) notify(told);
 }
 
-// A spec that comes at the end of an arc can make a prim an instance, or one of another prototype.
-// For Pcp that changes specs only, but what is below an instance is composed in another way.
+// A new spec at the end of an arc can make a prim an instance, or an instance of another prototype.
+// Pcp reports only a change of specs, but the prims below an instance must be composed differently.
 void StageState::becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose) {
     pxr::PcpChanges changes;
     for (const auto& path : withOtherSpecs) {
@@ -213,12 +215,12 @@ PrimNode* StageState::shownBy(const SdfPath& index) const {
     return find(index.ReplacePrefix(around->source, around->path));
 }
 
-// `resynced`: paths of prim indexes. Afterwards also those of prims of prototypes that were
-// composed again.
+// `resynced` contains paths of prim indexes. Adds the paths of prototypes' prims that were composed
+// again.
 void StageState::recompose(Paths& resynced) {
     if (resynced.empty()) return;
     dropDescendants(resynced);
-    Paths hidden;  // were not there, and may still not be
+    Paths hidden;  // had no prim before, and may still have none
     for (const auto& path : resynced)
         if (!shownBy(path)) hidden.insert(path);
     pxr::SdfPathVector roots;
@@ -229,12 +231,12 @@ void StageState::recompose(Paths& resynced) {
         for (auto* prototype : prototypes.sourcedUnder(path)) changed.insert(prototype);
         prototypes.forget(path);
     }
-    // Without roots too: settle() must give new sources.
+    // This is needed without roots too, because settle() must assign new sources.
     composeIndexes(roots, changed);
     const auto unused = prototypes.takeUnused();
     for (const auto& prototype : unused) changed.erase(prototype.get());
 
-    // Siblings together, so that their parent's children are listed once.
+    // Siblings are composed together, so that the children of their parent are listed once.
     std::map<PrimNode*, Paths> below;
     for (const auto& path : roots) {
         if (path == SdfPath::AbsoluteRootPath()) {
@@ -243,7 +245,7 @@ void StageState::recompose(Paths& resynced) {
         } else if (changed.contains(prototypes.around(path))) {
             continue;  // the whole prototype is composed again below
         } else if (auto* parent = shownBy(path.GetParentPath()); parent) {
-            // An instance's own children are not its; its prototype's are.
+            // The children of an instance belong to its prototype.
             if (parent->has(PrimFlag::Instance)) {
                 if (!parent->prototype || parent->prototype->source != path.GetParentPath())
                     continue;
@@ -278,7 +280,7 @@ void StageState::recompose(Paths& resynced) {
     dropDescendants(resynced);
 }
 
-// A spec without arcs and content composes nothing again, but its place among its siblings counts.
+// A spec without arcs and content composes no prim again, but it may change the order of siblings.
 void StageState::reorder(Gathered& gathered) {
     for (const auto& path : gathered.parents) {
         if (isBelowAny(gathered.recompose, path)) continue;
@@ -302,7 +304,7 @@ void StageState::reorder(Gathered& gathered) {
     for (const auto& node : std::exchange(retired_, {})) bury(*node);
 }
 
-// What is inside an instance is not there: the prims of its prototype are.
+// Replaces paths inside instances by those of the prototype's prims.
 void StageState::moveToPrototypes(Gathered& gathered) const {
     if (prototypes.all().empty()) return;
     const auto moved = [this](const SdfPath& path) -> std::optional<SdfPath> {
@@ -339,7 +341,7 @@ void StageState::setLoadRules(const LoadRules& rules) {
     pxr::PcpChanges changes;
     cache.RequestPayloads(include, exclude, &changes);
     Gathered gathered;
-    // Which prims may share a prototype depends on the rules.
+    // Load rules decide which prims may share a prototype.
     for (const auto& prototype : prototypes.all())
         for (const auto& instance : prototype->instances)
             if (!(prototype->key.load == load.below(instance))) gathered.recompose.insert(instance);
@@ -370,7 +372,7 @@ Stage::Subscription StageState::subscribe(Stage::Listener listener) {
 }
 
 void StageState::notify(const StageChanges& changes) {
-    // A listener may subscribe others, which hear of the next change.
+    // A listener may subscribe another listener. The new one is first called after the next change.
     for (const auto& listener : std::vector(listeners_))
         if (const auto kept = listener.lock()) (*kept)(changes);
 }

@@ -1,4 +1,4 @@
-// Values of a layer as the stage has them.
+// Maps the values of a layer to the stage: layer offsets, asset paths and path expressions.
 #include "usdlive/client/usd/stage/ValueSite.h"
 
 #include <pxr/base/vt/array.h>
@@ -26,7 +26,8 @@ using pxr::VtValue;
 
 namespace {
 
-// Identifiers that the layer changes nothing about are absolute, or of a resolver that is not here.
+// An identifier that the layer does not change is absolute, or belongs to a resolver that is not
+// loaded here.
 void anchor(pxr::TfSpan<SdfAssetPath> paths, const ValueSite& site,
             const pxr::VtDictionary& variables) {
     std::vector<std::string> errors;
