@@ -22,16 +22,12 @@ TRAILING = re.compile(
 
 # Folders and files whose comments still begin in another way. An entry without a finding fails.
 EXCEPTED_OPENINGS = [
-    "client/src/usd/namespace",
-    "client/src/usd/schema",
     "tests/integration/flatten_test.py",
     "tests/integration/namespace_test.py",
     "tests/integration/stage_oracle_test.py",
 ]
 # Folders that have source files without a first comment. An entry without a finding fails.
 EXCEPTED_FIRST = [
-    "client/src/usd/namespace",
-    "client/src/usd/schema",
     "tests/unit/client/usd/schema",
     "tests/unit/client/usd/stage",
 ]

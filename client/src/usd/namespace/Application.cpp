@@ -1,3 +1,4 @@
+// Collects the changes of a batch for each layer and applies them in one change block.
 #include "Application.h"
 
 #include <pxr/base/tf/errorMark.h>
@@ -21,8 +22,8 @@ using pxr::VtValue;
 
 namespace {
 
-// Where what is found at or below `path` now was before `moves`, as far as the layers can tell. May
-// name more than there is.
+// Returns the paths before `moves` of the objects now at or below `path`. May return more paths
+// than exist.
 std::set<SdfPath> pathsBefore(const PathMoves& moves, std::size_t count, const SdfPath& path) {
     std::set<SdfPath> paths{path};
     for (std::size_t i = count; i-- > 0;) {
@@ -50,7 +51,8 @@ Application::Application(const std::vector<Plan>& plans, PathIndex& index) {
     checkPermissions();
 }
 
-// Arcs and relocates: of each field the last value. The plans name specs as they are at that time.
+// Collects arcs and relocates with the last value of each field. A plan names specs by their paths
+// at the time of its edit.
 void Application::collectPlan(const std::vector<Plan>& plans) {
     std::map<SdfLayerHandle, std::map<std::pair<SdfPath, TfToken>, VtValue>> values;
     for (const auto& plan : plans)

@@ -1,4 +1,5 @@
-// Writes the plans of a batch into the layers, and keeps what is needed to take them back.
+// Declares Application, which writes the plans of a batch into the layers and records how to undo
+// them.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -17,7 +18,8 @@ namespace usdlive::naming {
 /// All changes of a batch, in the order of its edits, as they are made in the layers.
 class Application {
 public:
-    /// A field with a new value, its spec named as before and after all moves.
+    /// A field with a new value. `before` is its spec's path before all moves, and `path` the path
+    /// after them.
     struct FieldEdit {
         pxr::SdfPath before, path;
         pxr::TfToken field;
@@ -29,13 +31,14 @@ public:
     };
     using Layers = std::map<pxr::SdfLayerRefPtr, LayerEdits>;
 
-    /// Finds all that is going to change; changes nothing.
+    /// Collects all changes without making them.
     Application(const std::vector<Plan>& plans, PathIndex& index);
 
-    /// Not empty: it must not be applied.
+    /// If there are errors, the batch must not be applied.
     [[nodiscard]] const std::vector<std::string>& errors() const { return errors_; }
     [[nodiscard]] pxr::SdfLayerHandleVector layers() const;
-    /// All of it within one change block. What Sdf refuses is an error, and nothing is changed.
+    /// Makes all changes within one change block. If Sdf refuses a change, returns an error and
+    /// changes nothing.
     [[nodiscard]] Result<NamespaceRecord> apply() const;
 
 private:

@@ -1,4 +1,4 @@
-// The prims of a stage, from a PcpCache that follows its layers.
+// Composes the prims of a stage with a PcpCache that follows its layers.
 #include "ComposedStage.h"
 
 #include <pxr/usd/ar/resolver.h>
@@ -14,7 +14,8 @@ namespace usdlive {
 
 using pxr::SdfPath;
 
-// As UsdStageLoadRules: the nearest rule above decides, and a prim is loaded with what is below it.
+// Follows UsdStageLoadRules: the nearest rule above decides, and a prim is loaded if a prim below
+// it is.
 bool StageView::isLoaded(const SdfPath& prim) const {
     if (loadRules.empty()) return true;
     for (SdfPath at = prim; !at.IsEmpty(); at = at.GetParentPath()) {
@@ -112,7 +113,7 @@ pxr::PcpLayerStackRefPtr ComposedStage::localLayers() {
 }
 
 void ComposedStage::compose() {
-    // Both are called by several threads at once.
+    // Several threads call both functions at once.
     const auto children = [this](const PcpPrimIndex& prim, pxr::TfTokenVector* names) {
         if (!isActive(prim)) return false;
         if (prim.IsInstanceable() && !opened_.contains(prim.GetPath())) return false;
@@ -134,8 +135,8 @@ void ComposedStage::compose() {
     complete_ = true;
 }
 
-// The instances whose children are to be composed next: of each prototype that has none yet, the
-// first one.
+// Returns the instances whose children are composed next: the first instance of each prototype that
+// has no source yet.
 pxr::SdfPathVector ComposedStage::newSources() {
     std::unordered_map<pxr::PcpInstanceKey, SdfPath, pxr::PcpInstanceKey::Hash> first;
     cache_->ForEachPrimIndex([&](const PcpPrimIndex& prim) {

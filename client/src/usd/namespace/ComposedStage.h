@@ -1,3 +1,4 @@
+// Declares ComposedStage, the composition that namespace edits are planned on.
 #pragma once
 
 #include <pxr/base/tf/notice.h>
@@ -19,13 +20,16 @@
 
 namespace usdlive::naming {
 
-/// The prims of a stage as UsdStage has them, composed by Pcp and kept up to date while the layers
-/// change. Of instances that share a prototype, the children of one alone are composed.
+/// The prims of a stage as UsdStage composes them, kept up to date while the layers change. Only
+/// one instance of each prototype has its children composed.
+///
+/// Use it on one thread. After a change on another thread, the next query composes everything
+/// again.
 class ComposedStage : public pxr::TfWeakBase {
 public:
     ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                   const StageView& view);
-    /// Over copies of a stage's layers, with its context of paths.
+    /// Composes copies of a stage's layers with the stage's resolver context.
     ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                   const StageView& view, const pxr::ArResolverContext& context);
     ~ComposedStage();
@@ -33,11 +37,12 @@ public:
     ComposedStage& operator=(const ComposedStage&) = delete;
 
     [[nodiscard]] const StageView& view() const { return view_; }
-    /// With all prims composed.
+    /// Returns the cache, with all prims composed.
     [[nodiscard]] pxr::PcpCache& composed();
     [[nodiscard]] pxr::PcpLayerStackRefPtr localLayers();
 
-    /// The prim at `path`, also below an instance; null: there is none. Valid until layers change.
+    /// Returns the prim at `path`, also below an instance, or null if there is none. Valid until
+    /// the layers change.
     [[nodiscard]] const pxr::PcpPrimIndex* prim(const pxr::SdfPath& path);
     [[nodiscard]] bool isInstance(const pxr::SdfPath& path);
     [[nodiscard]] bool isInstanceProxy(const pxr::SdfPath& path);
@@ -59,8 +64,8 @@ private:
     const std::thread::id thread_ = std::this_thread::get_id();
     std::unique_ptr<pxr::PcpCache> cache_;
     bool complete_ = false;
-    std::atomic<bool> stale_ = false;  // another thread has changed a layer
-    // Of each prototype the instance whose children are composed.
+    std::atomic<bool> stale_ = false;  // set when another thread changed a layer
+    // For each prototype, the instance whose children are composed.
     std::unordered_map<pxr::PcpInstanceKey, pxr::SdfPath, pxr::PcpInstanceKey::Hash> sources_;
     std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> opened_;
     pxr::TfNotice::Key changedKey_;

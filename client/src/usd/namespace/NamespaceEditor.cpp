@@ -1,4 +1,4 @@
-// The batch of edits: adds, validates and applies them.
+// Collects, validates and applies the batch of a NamespaceEditor.
 #include "usdlive/client/usd/namespace/NamespaceEditor.h"
 
 #include <pxr/base/tf/stringUtils.h>
@@ -35,18 +35,18 @@ bool isPropertyEditPath(const SdfPath& path) {
            !path.ContainsPrimVariantSelection();
 }
 
-/// A stage with what is composed of it.
+/// A stage and its composition.
 struct OpenStage {
     std::unique_ptr<EditedStage> host;
     std::unique_ptr<ComposedStage> composed;
     pxr::SdfLayerRefPtr root, session;
 
-    /// Null: the stage is gone.
+    /// Returns null if the stage no longer exists.
     ComposedStage* open() {
         const auto rootNow = host->rootLayer(), sessionNow = host->sessionLayer();
         if (!rootNow) return nullptr;
         const auto view = host->view();
-        // Of a pointer and a handle the comparison would call itself.
+        // Both sides are handles, because comparing a pointer with a handle would recurse.
         if (!composed || pxr::SdfLayerHandle(root) != rootNow ||
             pxr::SdfLayerHandle(session) != sessionNow || composed->view() != view) {
             root = rootNow;
@@ -138,7 +138,8 @@ public:
     NamespaceRecord record_;
 
 private:
-    // Null: the edited stage is gone. Dependents that are gone are left out.
+    // Returns nothing if the edited stage no longer exists. Leaves out dependent stages that no
+    // longer exist.
     std::optional<naming::Stages> openStages() {
         naming::Stages stages;
         stages.edited = stage_.open();
@@ -169,7 +170,8 @@ private:
         return application;
     }
 
-    // Of a batch, all plans are made on copies: each edit sees the ones before.
+    // Makes the plans of several edits on copies of the layers, so that each edit sees the edits
+    // before it.
     std::vector<Plan> planAll(const naming::Stages& stages, CanApplyResult& result) {
         std::vector<Plan> plans;
         if (edits_.size() == 1) {

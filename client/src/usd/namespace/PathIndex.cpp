@@ -1,4 +1,4 @@
-// An index of the fields that lead to paths, so that an edit does not read the whole stage.
+// Keeps an index of the fields that refer to paths, so that an edit does not read the whole stage.
 #include "PathIndex.h"
 
 #include <pxr/usd/sdf/changeList.h>
@@ -12,9 +12,9 @@ using pxr::SdfPath;
 
 namespace {
 
-// With more renames, reading the layer anew costs less than following them.
+// After more renames, reading the layer again costs less than following them.
 constexpr std::size_t kMaxMoves = 64;
-// Entries of earlier values are removed by reading the layer anew.
+// Entries of earlier values stay in the index. After this many, the layer is read again.
 constexpr std::size_t kMaxStale = 100'000;
 
 bool isNew(const pxr::SdfChangeList::Entry& entry) {
@@ -55,7 +55,7 @@ void LayerPaths::readSpec(const SdfPath& spec) {
 void LayerPaths::follow(const pxr::SdfChangeList& changes) {
     if (!isRead_) return;
     const auto& entries = changes.GetEntryList();
-    // Several renames at once may be a swap, which no order of single moves tells.
+    // Several renames in one notice may be a swap. Single moves in any order cannot express a swap.
     const auto renames = std::ranges::count_if(
         entries, [](const auto& entry) { return entry.second.flags.didRename; });
     if (renames > 1 || moves_.size() == kMaxMoves) return forget();

@@ -1,3 +1,5 @@
+// Declares PathIndex, which finds the specs that refer to a path without reading the whole stage
+// again.
 #pragma once
 
 #include <pxr/base/tf/notice.h>
@@ -18,17 +20,18 @@
 
 namespace usdlive::naming {
 
-/// Finds the specs of a layer whose fields lead to a path or below it. A layer is read once; later
-/// only the specs that change. May name specs too many, whose fields have changed since.
+/// Finds the specs of one layer whose fields refer to a path or to paths below it. The layer is
+/// read once; later only changed specs are read. The result may contain specs that no longer refer
+/// to the path.
 class LayerPaths {
 public:
     explicit LayerPaths(pxr::SdfLayerHandle layer) : layer_(std::move(layer)) {}
 
-    /// Called for each change of the layer.
+    /// Updates the index. Called for each change of the layer.
     void follow(const pxr::SdfChangeList& changes);
-    /// Reads the layer anew when it is next asked for.
+    /// Discards the index. The layer is read again at the next query.
     void forget() { isRead_ = false; }
-    /// Reads the layer, if that is still to be done.
+    /// Reads the layer unless the index is up to date.
     void read();
     void specsWithPathsTo(const pxr::SdfPath& path, pxr::SdfPathSet& specs);
 
@@ -48,7 +51,8 @@ private:
     PathMoves moves_;  // renames since the layer was read; entries keep the older paths
 };
 
-/// The LayerPaths of all layers that were asked for.
+/// The LayerPaths of all layers that were queried. Use it on one thread; after a change on another
+/// thread all layers are read again.
 class PathIndex : public pxr::TfWeakBase {
 public:
     PathIndex();
@@ -57,14 +61,14 @@ public:
     PathIndex& operator=(const PathIndex&) = delete;
 
     [[nodiscard]] LayerPaths& of(const pxr::SdfLayerHandle& layer);
-    /// Forgets all other layers.
+    /// Discards the indexes of all other layers.
     void keepOnly(const std::set<pxr::SdfLayerHandle>& layers);
 
 private:
     void onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice);
 
     const std::thread::id thread_ = std::this_thread::get_id();
-    std::atomic<bool> stale_ = false;  // another thread has changed a layer
+    std::atomic<bool> stale_ = false;  // set when another thread changed a layer
     std::map<pxr::SdfLayerHandle, LayerPaths> layers_;
     pxr::TfNotice::Key changedKey_;
 };

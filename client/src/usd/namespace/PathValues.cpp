@@ -1,3 +1,4 @@
+// Finds and replaces paths in field values, with the value transforms of Vt.
 #include "PathValues.h"
 
 #include <pxr/base/vt/array.h>
@@ -65,7 +66,7 @@ SdfPathExpression collectExpression(const SdfPathExpression& expression, const C
     return expression;
 }
 
-// Vt itself goes through dictionaries and samples.
+// Vt applies these functions to the values inside dictionaries and time samples.
 void registerTransforms() {
     [[maybe_unused]] static const bool registered = [] {
         pxr::VtRegisterTransform(movedPath);
@@ -107,7 +108,7 @@ bool collectPaths(const VtValue& value, pxr::SdfPathSet& paths) {
     return !pxr::VtValueTryTransform(value, Collect{paths}).IsEmpty();
 }
 
-// Decided by types, so that no value has to be read from a file for it.
+// Decides by types, so that no value is read from a file.
 bool canHavePaths(const pxr::SdfLayerHandle& layer, const SdfPath& spec, const TfToken& field) {
     const auto& keys = pxr::SdfFieldKeys;
     const auto& type = layer->GetFieldTypeid(spec, field);

@@ -1,4 +1,5 @@
-// Paths within the values of fields: in list ops, expressions, arrays, dictionaries and samples.
+// Declares functions that find and replace paths in field values: list operations, expressions,
+// arrays, dictionaries and time samples.
 #pragma once
 
 #include <pxr/base/vt/value.h>
@@ -10,23 +11,23 @@
 
 namespace usdlive::naming {
 
-/// From where to where; to the empty path: deleted.
+/// One move of an object. If `to` is empty, the object is deleted.
 struct PathMove {
     pxr::SdfPath from, to;
     bool operator==(const PathMove&) const = default;
 };
 using PathMoves = std::vector<PathMove>;
 
-/// Where `path` leads after all moves; empty: it is deleted.
+/// Returns `path` after all moves, or an empty path if it is deleted.
 [[nodiscard]] pxr::SdfPath followed(const PathMoves& moves, pxr::SdfPath path);
 
-/// The value with its paths moved; empty: it has none that move.
+/// Returns the value with its paths moved, or an empty value if no path moves.
 [[nodiscard]] pxr::VtValue movedValue(const pxr::VtValue& value, const PathMove& move);
-/// Adds the paths within the value. False: a value of its type has none.
+/// Adds the paths in the value to `paths`. Returns false if values of this type contain no paths.
 bool collectPaths(const pxr::VtValue& value, pxr::SdfPathSet& paths);
 
-/// Calls `visit(field, value)` for the fields of a spec whose values can have paths within them,
-/// except arcs, which Pcp keeps.
+/// Calls `visit(field, value)` for each field of a spec whose value can contain paths. Leaves out
+/// arcs, which Pcp updates.
 template <class Visit>
 void visitPathFields(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& spec,
                      const Visit& visit);

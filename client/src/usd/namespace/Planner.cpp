@@ -1,3 +1,4 @@
+// Plans one namespace edit with Pcp, and adds the cases that Pcp leaves out.
 #include "Planner.h"
 
 #include <pxr/base/tf/errorMark.h>
@@ -24,7 +25,7 @@ std::string at(const SdfLayerHandle& layer, const SdfPath& path) {
     return "@" + layer->GetIdentifier() + "@<" + path.GetString() + ">";
 }
 
-/// Checks one edit in the order of UsdNamespaceEditor and with its words, and makes the plan.
+/// Validates one edit in the order and with the messages of UsdNamespaceEditor, and makes its plan.
 class Planner {
 public:
     Planner(const Stages& stages, const Edit& edit, const NamespaceEditOptions& options)
@@ -110,7 +111,8 @@ private:
         return {};
     }
 
-    // A name that a relocate has taken away, except for the prim that it took.
+    // Returns an error if a relocate prohibits the new name. The prim that this relocate moved may
+    // return to it.
     [[nodiscard]] std::string prohibitedError() const {
         const auto* parent = stage_.prim(edit_.to.GetParentPath());
         if (!parent) return "The new parent prim is not a valid prim";
@@ -139,15 +141,15 @@ private:
         return !isProperty_ || hasProperty(*index, path.GetNameToken());
     }
 
-    // Reached from the prim's own node by variants of the local layers alone?
+    // Returns true if only variants of the local layers lead from the prim's own node to `node`.
     [[nodiscard]] static bool isLocalVariant(const PcpNodeRef& node) {
         for (auto up = node; up.GetArcType() != pxr::PcpArcTypeRoot; up = up.GetParentNode())
             if (up.GetArcType() != pxr::PcpArcTypeVariant) return false;
         return true;
     }
 
-    // Opinions that stay at the old path whatever happens in the local layers. A direct arc moves
-    // with the prim; an ancestor's does not.
+    // Looks for opinions that stay at the old path whatever changes in the local layers. A direct
+    // arc moves with the prim; an arc of an ancestor does not.
     void checkRelocates() {
         const auto* prim = stage_.prim(edit_.from.GetPrimPath());
         bool needed =
@@ -185,7 +187,8 @@ private:
             plan_.hasRelocates = true;
     }
 
-    // Two relocates that each have their source below the other's target compose to nothing.
+    // If `path` is at or below the target of a relocate out of this prim, returns that target. Two
+    // relocates whose sources are below each other's targets compose to nothing.
     [[nodiscard]] SdfPath movedOutAbove(const SdfPath& path) {
         for (const auto& [source, target] :
              stage_.localLayers()->GetIncrementalRelocatesSourceToTarget())
@@ -220,7 +223,7 @@ private:
         return isLocal;
     }
 
-    // The same edit within each variant of the local layers that has opinions of its own.
+    // Returns the same edit for each variant of the local layers that contains opinions.
     [[nodiscard]] std::vector<VariantMove> variantMoves() {
         std::vector<VariantMove> moves;
         for (const auto& layer : stage_.localLayers()->GetLayers())
@@ -247,7 +250,7 @@ private:
         const auto stack = plan_.hasRelocates ? stage_.localLayers() : pxr::PcpLayerStackRefPtr();
         const auto edits = pxr::PcpGatherDependentNamespaceEdits(from, to, layers, stack,
                                                                  stages_.editTarget, caches);
-        // Among prims whose arcs form cycles Pcp may not find all that depend on the edit.
+        // If arcs form cycles, Pcp may not find all prims that depend on the edit.
         if (!mark.IsClean())
             plan_.errors.push_back("What depends on <" + from.GetString() +
                                    "> cannot be found: " + mark.begin()->GetCommentary());
@@ -283,7 +286,8 @@ private:
         for (const auto& [layer, relocates] : builder.GetEdits()) addNewRelocate(layer, relocates);
     }
 
-    // Pcp drops the new relocate where others exist below its source; its builder does not.
+    // Pcp drops the new relocate if other relocates exist below its source. The relocates builder
+    // keeps it.
     void addNewRelocate(const SdfLayerHandle& layer, const pxr::SdfRelocates& wanted) {
         const auto present = layer->GetRelocates();
         auto& planned = plan_.layers[layer].relocates;
@@ -306,14 +310,14 @@ private:
         for (auto* dependent : stages_.dependents) note(*dependent);
     }
 
-    // Pcp does not see the moves within variants.
+    // Pcp does not report moves inside variants.
     void noteObject() {
         const PathMove object{edit_.from, edit_.to};
         if (std::ranges::find(plan_.objects.front(), object) == plan_.objects.front().end())
             plan_.objects.front().push_back(object);
     }
 
-    // Those of the edit itself are checked already.
+    // Checks the layers that the plan changes. Pcp has checked those of the edit itself.
     void checkPermissions() {
         for (const auto& [layer, changes] : plan_.layers) {
             if (layer->PermissionToEdit()) continue;

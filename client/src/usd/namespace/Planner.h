@@ -1,4 +1,5 @@
-// What one edit changes in all layers, or why it cannot be done. Changes nothing.
+// Declares planEdit(), which plans the changes of one edit in all layers, or returns the reasons to
+// refuse it.
 #pragma once
 
 #include <pxr/base/tf/token.h>
@@ -17,7 +18,7 @@
 
 namespace usdlive::naming {
 
-/// A field of arcs, with its new value. The path is that of the spec before it moves.
+/// A field of arcs with its new value. The path is the path of the spec before it moves.
 struct ArcEdit {
     pxr::SdfPath path;
     pxr::TfToken field;
@@ -30,13 +31,14 @@ struct LayerPlan {
     std::optional<pxr::SdfRelocates> relocates;
 };
 
-/// The order is: arcs, moves, relocates, then the other fields that lead to what has moved.
+/// The changes of one edit. They are made in this order: arcs, moves, relocates, then other fields
+/// that refer to moved objects.
 struct Plan {
     std::map<pxr::SdfLayerHandle, LayerPlan> layers;
-    /// Of each stage (the edited one, then its dependents), the composed objects that move.
+    /// For each stage (the edited one, then its dependents), the composed objects that move.
     std::vector<PathMoves> objects;
     std::vector<pxr::SdfLayerHandleVector> localLayers;
-    bool hasRelocates = false;  // relocates move what comes over arcs as well
+    bool hasRelocates = false;  // true if relocates also move the opinions over arcs
     std::vector<std::string> errors, warnings;
 };
 
@@ -44,7 +46,7 @@ struct Stages {
     ComposedStage* edited = nullptr;
     std::vector<ComposedStage*> dependents;
     const EditedStage* host = nullptr;
-    pxr::SdfLayerHandle editTarget;  // null: the root layer
+    pxr::SdfLayerHandle editTarget;  // null for the root layer
     bool targetMapsPaths = false;
 };
 

@@ -1,4 +1,4 @@
-// Undo of namespace edits: specs move back, so that what others have written in them since stays.
+// Undoes namespace edits by moving specs back, so that later changes of other editors are kept.
 #include "RecordContent.h"
 
 #include <pxr/usd/sdf/changeBlock.h>
@@ -54,7 +54,8 @@ void NamespaceRecord::Content::keepDeleted(const pxr::SdfLayerRefPtr& layer, con
     deleted_.push_back({layer, path, std::move(copy)});
 }
 
-// What moved out of it comes back by itself.
+// Removes specs from the copies that were moved out before the delete. They return by their own
+// moves.
 void NamespaceRecord::Content::removeSurvivors(const pxr::SdfLayerRefPtr& layer,
                                                const PathMoves& moves) {
     PathMoves made;
@@ -68,8 +69,8 @@ void NamespaceRecord::Content::removeSurvivors(const pxr::SdfLayerRefPtr& layer,
     }
 }
 
-// From the last on, as an earlier one may be within a later one. First, `early`, what moves may
-// lead back into; and then only where its owner has not moved.
+// Restores the last deleted spec first, because an earlier one may have been inside a later one.
+// The early pass restores specs that moves may lead into, and only if their owner has not moved.
 void NamespaceRecord::Content::restoreDeleted(bool early, std::set<std::size_t>& restored,
                                               std::vector<Kept>& kept) const {
     const auto cameWithAnother = [&](std::size_t i) {
@@ -107,7 +108,7 @@ void NamespaceRecord::Content::finish() {
         }
 }
 
-// Also of those above, which may go when nothing is left in them.
+// Also records the prims above, which may be removed when nothing is left in them.
 void NamespaceRecord::Content::keepOrder(const pxr::SdfLayerRefPtr& layer, const SdfPath& parent) {
     for (SdfPath at = parent; !at.IsEmpty(); at = at.GetParentPath())
         if (layer->HasSpec(at)) order_[layer].try_emplace(at, content::primChildren(layer, at));
@@ -160,7 +161,8 @@ void NamespaceRecord::Content::undoFields(const SdfLayerHandle& layer, const Lay
     }
 }
 
-// What was deleted later has nothing to move back; it comes back where it was at first.
+// Objects that were deleted later are not moved back. restoreDeleted() restores them at their first
+// path.
 void NamespaceRecord::Content::undoMoves(const SdfLayerHandle& layer, const LayerEdits& edits,
                                          std::vector<Kept>& kept) const {
     PathMoves back;

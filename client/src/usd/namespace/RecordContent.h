@@ -1,3 +1,4 @@
+// Declares the content of a NamespaceRecord: the changes of a batch, and the specs that it deleted.
 #pragma once
 
 #include <map>
@@ -10,11 +11,11 @@
 
 namespace usdlive {
 
-/// What a batch has written in each layer. Made before it is applied.
+/// The changes that a batch made in each layer. Created before the batch is applied.
 class NamespaceRecord::Content {
 public:
     explicit Content(naming::Application::Layers layers);
-    /// Called when the batch is applied.
+    /// Called after the batch was applied.
     void finish();
 
     [[nodiscard]] std::vector<pxr::SdfLayerHandle> layers() const;
@@ -35,17 +36,17 @@ private:
     void arrangeChildren(const pxr::SdfLayerHandle& layer) const;
 
     naming::Application::Layers layers_;
-    /// What was deleted, in a layer of its own.
+    /// A deleted spec, copied into a layer of its own.
     struct Deleted {
         pxr::SdfLayerRefPtr layer;
         pxr::SdfPath path;
         pxr::SdfLayerRefPtr copy;
     };
     std::vector<Deleted> deleted_;
-    // What something moved away from, with the order of its children before.
+    // Prims that something moved away from, with the previous order of their children.
     std::map<pxr::SdfLayerRefPtr, std::map<pxr::SdfPath, pxr::TfTokenVector>> order_;
     std::vector<std::pair<pxr::SdfLayerRefPtr, pxr::SdfPath>> madeOvers_;
-    std::vector<std::pair<pxr::SdfLayerRefPtr, pxr::SdfPath>> cleanedUp_;  // overs, now empty
+    std::vector<std::pair<pxr::SdfLayerRefPtr, pxr::SdfPath>> cleanedUp_;  // emptied overs
 };
 
 }  // namespace usdlive

@@ -1,5 +1,5 @@
-// Tries the edits of a batch on copies, so that each one is validated by a real composition and no
-// layer of a stage changes before all are valid.
+// Tries the edits of a batch on copies. A real composition validates each edit, and no layer of a
+// stage changes before all edits are valid.
 #include "ScratchStages.h"
 
 #include <pxr/base/tf/stringUtils.h>
@@ -40,7 +40,7 @@ VtValue withAssets(const VtValue& value, const Rename& rename) {
     return VtValue::Take(arcs);
 }
 
-// References and payloads; other values stay as they are.
+// Renames the assets of references and payloads. Returns other values unchanged.
 VtValue withRenamedAssets(const VtValue& value, const Rename& rename) {
     if (value.IsHolding<pxr::SdfReferenceListOp>())
         return withAssets<pxr::SdfReference>(value, rename);
@@ -135,7 +135,7 @@ void ScratchStages::redirect(const std::vector<ComposedStage*>& stages) {
     }
 }
 
-// Copies are anonymous layers, to which no path is relative.
+// Copies are anonymous layers, and no path is relative to an anonymous layer.
 std::string ScratchStages::redirected(const SdfLayerHandle& layer, const std::string& path,
                                       const pxr::VtDictionary& variables) const {
     const auto own = evaluated(path, variables);

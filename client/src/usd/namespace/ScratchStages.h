@@ -1,3 +1,4 @@
+// Declares ScratchStages, copies of stages on which the edits of a batch are tried.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -12,8 +13,8 @@
 
 namespace usdlive::naming {
 
-/// Copies of stages, on which the edits of a batch are tried one after another. Copied are the
-/// local layers and those that lead to them; all others are used as they are.
+/// Copies of stages on which the edits of a batch are tried one after another. It copies the local
+/// layers and the layers that lead to them. All other layers are used directly.
 class ScratchStages {
 public:
     explicit ScratchStages(const Stages& stages);
@@ -21,15 +22,15 @@ public:
     ScratchStages& operator=(const ScratchStages&) = delete;
 
     [[nodiscard]] const Stages& stages() const { return scratch_; }
-    /// Makes what the plan says in the copies.
+    /// Makes the changes of a plan in the copies.
     void apply(const Plan& plan) const;
-    /// The plan in terms of the layers themselves.
+    /// Returns the plan with the copies replaced by the original layers.
     [[nodiscard]] Plan toReal(Plan plan) const;
 
 private:
     struct Copy {
         pxr::SdfLayerRefPtr layer;
-        std::map<std::string, std::string> written;  ///< asset paths of the copy to the layer's own
+        std::map<std::string, std::string> written;  ///< by asset path of the copy
     };
     using Composed = std::vector<std::unique_ptr<ComposedStage>>;
 

@@ -1,3 +1,4 @@
+// Moves specs within one layer in as few batches as possible.
 #include "SpecMoves.h"
 
 #include <pxr/usd/sdf/cleanupEnabler.h>
@@ -21,8 +22,8 @@ bool isReparent(const PathMove& move) {
     return !move.to.IsEmpty() && move.from.GetParentPath() != move.to.GetParentPath();
 }
 
-// The parents that the layer lacks, named as before all moves, so that one batch can follow.
-// Nothing: a name is taken by what moves away later.
+// Returns the parents that the layer lacks, by their paths before all moves, so that one batch can
+// make the moves. Returns nothing if an object that moves away later occupies the path of a parent.
 std::optional<std::vector<SdfPath>> missingParents(const SdfLayerHandle& layer,
                                                    const PathMoves& moves) {
     std::vector<SdfPath> missing;
@@ -38,7 +39,7 @@ std::optional<std::vector<SdfPath>> missingParents(const SdfLayerHandle& layer,
     return missing;
 }
 
-// The place among siblings stays when only the name changes.
+// Keeps the place among the siblings if only the name changes.
 pxr::SdfBatchNamespaceEdit batchOf(const PathMoves& moves) {
     pxr::SdfBatchNamespaceEdit batch;
     for (const auto& [from, to] : moves) batch.Add(from, to, pxr::SdfNamespaceEdit::Same);
@@ -68,8 +69,8 @@ bool moveAndCleanUp(const SdfLayerHandle& layer, const PathMoves& moves) {
     return applyAll(layer, moves);
 }
 
-// What is deleted in the end, to be deleted at once from where it is, and the other moves. A delete
-// alone leaves overs in which nothing remains. Nothing: the ones lead through the others.
+// Splits the moves into deletes at the original paths and other moves. A delete alone would leave
+// empty overs. Returns nothing if other moves lead through a deleted object.
 std::optional<std::pair<PathMoves, PathMoves>> splitDeletes(const SdfLayerHandle& layer,
                                                             const PathMoves& moves) {
     PathMoves others, deletes;
@@ -83,7 +84,7 @@ std::optional<std::pair<PathMoves, PathMoves>> splitDeletes(const SdfLayerHandle
             others.push_back(moves[i]);
             continue;
         }
-        // A later move may take the name of what is deleted here.
+        // A later move may reuse the path of an object that is deleted here.
         const std::size_t end = moves[i].to.IsEmpty() ? i : moves.size();
         for (std::size_t other = 0; other < end; ++other)
             if (!isDeletedBy(moves, other) && leadsThrough(moves[other], moves[i]))
@@ -93,7 +94,7 @@ std::optional<std::pair<PathMoves, PathMoves>> splitDeletes(const SdfLayerHandle
         const bool isKnown = std::ranges::any_of(
             deletes, [&](const PathMove& one) { return origin.HasPrefix(one.from); });
         if (origin.IsEmpty()) return std::nullopt;
-        // An over that a move would have made for its new parent is not there at all.
+        // Skips an object that the layer lacks: an over that a move would have created.
         if (!isKnown && layer->HasSpec(origin)) deletes.push_back({origin, {}});
     }
     return std::pair(deletes, others);

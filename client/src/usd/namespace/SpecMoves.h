@@ -1,4 +1,4 @@
-// Moves of specs within one layer.
+// Declares functions that move specs within one layer.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -10,18 +10,19 @@
 
 namespace usdlive::naming {
 
-/// Makes the moves in their order, as few as lead to the same. Parents that the layer lacks are
-/// made as overs, and overs that nothing is left in are removed. False: Sdf refused one; the layer
-/// may be changed in part.
+/// Makes the moves in their order, with as few operations as possible. Creates missing parents as
+/// overs, and removes overs that become empty. Returns false if Sdf refuses a move; the layer may
+/// then be partly changed.
 [[nodiscard]] bool moveSpecs(const pxr::SdfLayerHandle& layer, const PathMoves& moves);
 
-/// Would Sdf make these moves? Parents that are missing are made first.
+/// Returns true if Sdf would make these moves. Returns false if a parent is missing.
 [[nodiscard]] bool canMoveSpecs(const pxr::SdfLayerHandle& layer, const PathMoves& moves);
 
-/// The path before `moves` of what is at `path` after them; empty: nothing can be there.
+/// Returns the path before `moves` of the object at `path` after them, or an empty path if no
+/// object can be there.
 [[nodiscard]] pxr::SdfPath pathBefore(const PathMoves& moves, pxr::SdfPath path);
 
-/// Is what `moves[i]` moves deleted, by it or by a later one?
+/// Returns true if the object that `moves[i]` moves is deleted by this move or by a later one.
 [[nodiscard]] bool isDeletedBy(const PathMoves& moves, std::size_t i);
 
 }  // namespace usdlive::naming

@@ -1,3 +1,4 @@
+// Finds the specs of an object inside all variants of a layer.
 #include "VariantSites.h"
 
 #include <pxr/usd/sdf/primSpec.h>
@@ -16,7 +17,7 @@ using pxr::SdfPath;
 
 namespace {
 
-// Adds `site` and all variants within it, at any depth.
+// Adds `site` and all variants inside it, at any depth.
 void addWithVariants(const SdfLayerHandle& layer, const SdfPath& site,
                      std::vector<SdfPath>& sites) {
     if (!layer->HasSpec(site)) return;

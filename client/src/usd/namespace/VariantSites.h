@@ -1,4 +1,5 @@
-// Opinions about a prim or property within variants of the prims above it.
+// Declares functions that find opinions about a prim or property inside variants of the prims above
+// it.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -15,11 +16,12 @@ struct VariantMove {
     PathMove move;
 };
 
-/// The paths of all specs of `layer` that say something of `object` within a variant, selected or
-/// not: </Set{look=a}Chair> for </Set/Chair>.
+/// Returns the paths of all specs of `layer` for `object` inside variants, selected or not. For
+/// </Set/Chair> this may be </Set{look=a}Chair>.
 [[nodiscard]] std::vector<pxr::SdfPath> variantSites(const pxr::SdfLayerHandle& layer,
                                                      const pxr::SdfPath& object);
-/// `to` within the innermost variant of `site`. Empty: it is outside of it, or `to` is empty.
+/// Returns `to` inside the innermost variant of `site`. Returns an empty path if `to` is empty or
+/// outside of the variant's prim.
 [[nodiscard]] pxr::SdfPath withinVariant(const pxr::SdfPath& site, const pxr::SdfPath& to);
 
 }  // namespace usdlive::naming

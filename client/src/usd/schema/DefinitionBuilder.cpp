@@ -1,3 +1,4 @@
+// Builds prim definitions from the classes of generatedSchema.usda and from applied API schemas.
 #include "DefinitionBuilder.h"
 
 #include <pxr/base/tf/getenv.h>
@@ -18,8 +19,8 @@ using pxr::VtValue;
 
 namespace {
 
-// Fields without a fallback: composition and population do not look at schemas, and custom data is
-// for the generator.
+// These fields have no fallback: composition and population ignore schemas, and custom data is only
+// for the schema generator.
 bool isWithoutFallback(const TfToken& field) {
     static const auto fields = [] {
         const auto& keys = *pxr::SdfFieldKeys;
@@ -49,7 +50,7 @@ T valueOf(const Fields& fields, const TfToken& name, T otherwise) {
     return found == fields.end() ? otherwise : found->second.GetWithDefault<T>(otherwise);
 }
 
-// The members repeat what the fields say, for those who read them often.
+// Copies frequently read fields into the members.
 void readMembers(PropertyDefinition& property) {
     const auto& keys = *pxr::SdfFieldKeys;
     property.typeName = valueOf(property.fields, keys.TypeName, TfToken());
@@ -67,7 +68,7 @@ std::shared_ptr<PropertyDefinition> readProperty(const SdfLayerHandle& layer, co
     return property;
 }
 
-// Dictionaries are merged. Documentation belongs to the schema that has it.
+// Merges dictionaries. Documentation is not inherited, because it describes one schema.
 void addFields(Fields& stronger, const Fields& weaker) {
     for (const auto& [field, value] : weaker) {
         if (field == pxr::SdfFieldKeys->Documentation) continue;
@@ -125,8 +126,8 @@ Definitions DefinitionBuilder::buildAll() {
     return std::move(done_);
 }
 
-// To each type and all that derive from it. The later one in a dictionary is the stronger one, so
-// that a newer version comes before an older one.
+// Finds the schemas that are applied to a type and to all types that derive from it. The later name
+// in dictionary order is the stronger one, so that a newer version comes before an older one.
 void DefinitionBuilder::findAutoApplied() {
     if (pxr::TfGetenvBool("USD_DISABLE_AUTO_APPLY_API_SCHEMAS", false)) return;
     std::map<TfToken, TfTokenVector> targets = plugins_.autoApply;
@@ -167,7 +168,7 @@ std::unique_ptr<PrimDefinition> DefinitionBuilder::readClass(const SchemaInfo& i
     const auto layer = layerOf(info);
     const SdfPath path = classPath(info.identifier);
     if (!layer || !layer->HasSpec(path)) {
-        // The base of all types has no class, and those of API schemas neither.
+        // The base of all types and the bases of API schemas have no class.
         if (layer && info.kind != SchemaKind::AbstractBase)
             problems_.push_back("schema '" + info.identifier.GetString() +
                                 "': generatedSchema.usda of plug-in '" + info.plugin +
@@ -194,7 +195,7 @@ TfTokenVector DefinitionBuilder::builtInSchemas(const SchemaInfo& info) {
     if (automatic != autoApplied_.end())
         names.insert(names.end(), automatic->second.begin(), automatic->second.end());
 
-    // Templates include templates only, and all others include no template.
+    // A template may include templates only, and any other schema may include no template.
     const bool isTemplate = info.kind == SchemaKind::MultipleApplyApi;
     std::erase_if(names, [&](const TfToken& name) {
         if (isNameTemplate(name) == isTemplate) return false;
@@ -206,8 +207,8 @@ TfTokenVector DefinitionBuilder::builtInSchemas(const SchemaInfo& info) {
     return names;
 }
 
-// False: a cycle was cut, so that the result depends on where building began, and has to be built
-// anew when it begins elsewhere.
+// Returns false if a cycle was cut. The result then depends on the schema at which building began,
+// and must be built again for another first schema.
 bool DefinitionBuilder::buildApi(const SchemaInfo& info) {
     auto& progress = progress_[info.identifier];
     if (progress == Progress::Done) return true;
@@ -271,7 +272,7 @@ void DefinitionBuilder::applyOverrides(const SchemaInfo& info, const TfTokenVect
         const auto& keys = *pxr::SdfFieldKeys;
         const auto& defined = found->second->fields;
         property->fields.insert(defined.begin(), defined.end());
-        // An override cannot change this.
+        // An override cannot change the variability.
         if (const auto varies = defined.find(keys.Variability); varies != defined.end())
             property->fields[keys.Variability] = varies->second;
         readMembers(*property);
@@ -318,7 +319,7 @@ bool DefinitionBuilder::addWeaker(const SchemaIndex& index, PrimDefinition& targ
     return true;
 }
 
-// All or, if one of them is there in another version, none.
+// Adds all schemas, or none if one of them is already there in another version.
 bool DefinitionBuilder::addSchemaNames(const SchemaIndex& index, PrimDefinition& target,
                                        const TfTokenVector& names, Versions& versions) {
     Versions all = versions;
@@ -335,7 +336,8 @@ bool DefinitionBuilder::addSchemaNames(const SchemaIndex& index, PrimDefinition&
     return true;
 }
 
-// What the stronger one says nothing of, except its documentation, is as the weaker one says.
+// Adds the weaker definition's fields that the stronger definition does not have, except the
+// documentation.
 void DefinitionBuilder::addProperty(PrimDefinition& target, const TfToken& name,
                                     const PrimDefinition::Property& weaker) {
     const auto [entry, isNew] = target.properties_.emplace(name, weaker);

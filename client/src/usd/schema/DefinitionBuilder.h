@@ -1,3 +1,4 @@
+// Declares DefinitionBuilder, which builds the prim definitions of a SchemaRegistry.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -17,29 +18,30 @@ namespace usdlive::schema {
 using Definitions =
     std::unordered_map<pxr::TfToken, std::unique_ptr<PrimDefinition>, pxr::TfToken::HashFunctor>;
 using SchemaIndex = std::unordered_map<pxr::TfToken, const SchemaInfo*, pxr::TfToken::HashFunctor>;
-/// By the path of its file's plug-in.
+/// The layers of generatedSchema.usda files, by the name of their plug-in.
 using SchemaLayers = std::map<std::string, pxr::SdfLayerRefPtr>;
 
-/// Builds the definitions of schemas from the classes of generatedSchema.usda, and of prims from
-/// these.
+/// Builds the definitions of schemas from the classes of generatedSchema.usda, and the definitions
+/// of prims from these.
 ///
-/// A class has the properties of its bases already. What comes in from built-in and applied API
-/// schemas is weaker, except properties that the class marks as overrides of built-in ones.
+/// A class already contains the properties of its bases. Properties of built-in and applied API
+/// schemas are weaker, except those that the class marks as overrides of built-in properties.
 class DefinitionBuilder {
 public:
     DefinitionBuilder(const SchemaPlugins& plugins, const SchemaIndex& index,
                       const SchemaLayers& layers, std::vector<std::string>& problems);
 
-    /// The definition of each schema that has one, by its identifier.
+    /// Returns the definitions of all schemas that have one, by identifier.
     [[nodiscard]] Definitions buildAll();
 
-    /// `type` may be null.
+    /// Returns the definition of a prim. `type` may be null. Ignores API schemas that are unknown
+    /// or applied in a wrong form.
     [[nodiscard]] static std::unique_ptr<PrimDefinition> compose(
         const SchemaIndex& index, const Definitions& schemas, const PrimDefinition* type,
         const pxr::TfTokenVector& appliedSchemas);
 
 private:
-    // Of an API schema and its instance: a prim has only one version of it.
+    // The version of each API schema family and instance name. A prim has only one version of each.
     using Versions = std::map<std::pair<pxr::TfToken, pxr::TfToken>, unsigned>;
     enum class Progress { None, Building, Done };
 
@@ -68,8 +70,8 @@ private:
     std::vector<std::string>& problems_;
     std::map<pxr::TfType, pxr::TfTokenVector> autoApplied_;
     std::map<pxr::TfToken, Progress> progress_;
-    // API schemas, each as it was built last. In a cycle that depends on where building began, and
-    // what counts is the one that began with the schema itself.
+    // The latest definition of each API schema. In a cycle it depends on the schema at which
+    // building began; the valid definition is the one that began with the schema itself.
     Definitions built_;
     Definitions done_;
 };

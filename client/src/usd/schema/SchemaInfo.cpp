@@ -1,3 +1,4 @@
+// Parses the names of schemas: versions, instance names and templates.
 #include "usdlive/client/usd/schema/SchemaInfo.h"
 
 #include <algorithm>
@@ -12,7 +13,7 @@ namespace {
 
 constexpr std::string_view kPlaceholder = "__INSTANCE_NAME__";
 
-// Where the placeholder is a whole part of a name with colons; npos: nowhere.
+// Returns the position of the placeholder as a whole part of a name with colons, or npos.
 std::size_t placeholderIn(const std::string& name) {
     for (auto at = name.find(kPlaceholder); at != std::string::npos;
          at = name.find(kPlaceholder, at + 1)) {

@@ -1,5 +1,5 @@
-// Reads what plugInfo.json files say of schemas. Metadata that is malformed is passed over and
-// reported, so that one broken plug-in does not take the others along.
+// Reads the descriptions of schemas in plugInfo.json files. Malformed metadata is ignored and
+// reported, so that one broken plug-in does not affect the others.
 #include "SchemaPlugins.h"
 
 #include <pxr/base/js/value.h>
@@ -65,7 +65,7 @@ private:
     TfTokenVector names(const JsObject& object, const std::string& key, const std::string& where) {
         const JsValue* value = entryOf(object, key);
         if (!value) return {};
-        // An empty list has no type of its elements.
+        // An empty list has no element type.
         if (value->IsArray() && value->GetJsArray().empty()) return {};
         if (!value->IsArrayOf<std::string>()) {
             report(where, "'" + key + "' is no list of strings");
@@ -74,7 +74,8 @@ private:
         return pxr::TfToTokenVector(value->GetArrayOf<std::string>());
     }
 
-    // The name in files: plugInfo says it twice, and old ones only as the alias of the type.
+    // Returns the name in files. Older plugInfo.json files contain it only as the alias of the
+    // type.
     std::string identifierOf(const TfType& base, const TfType& type, const JsObject& metadata,
                              const std::string& where) {
         if (const JsValue* value = entryOf(metadata, "schemaIdentifier")) {
@@ -92,7 +93,7 @@ private:
         const std::string where =
             "plug-in '" + plugin->GetName() + "', type '" + type.GetTypeName() + "'";
         const JsValue* kindName = entryOf(metadata, "schemaKind");
-        if (!kindName) return;  // no schema of its own, such as a class that a library derives
+        if (!kindName) return;  // a class without a schema, derived in a library
         const auto kind = kindName->IsString() ? kindNamed(kindName->GetString()) : std::nullopt;
         if (!kind) return report(where, "'schemaKind' is none of the kinds of schemas");
         const std::string identifier = identifierOf(base, type, metadata, where);
@@ -129,7 +130,7 @@ private:
         }
     }
 
-    // "AutoApplyAPISchemas": {"LabelAPI": {"apiSchemaAutoApplyTo": ["Mesh"]}}
+    // Reads entries such as "AutoApplyAPISchemas": {"LabelAPI": {"apiSchemaAutoApplyTo": ["Mesh"]}}
     void readAutoApply(pxr::PlugPlugin& plugin) {
         const JsObject metadata = plugin.GetMetadata();
         const JsValue* schemas = entryOf(metadata, "AutoApplyAPISchemas");
@@ -147,7 +148,8 @@ private:
         }
     }
 
-    // Which of two libraries comes first does not depend on the order they were registered in.
+    // Keeps one schema of each identifier. The choice does not depend on the order in which
+    // libraries were registered.
     void keepOneOfEachIdentifier() {
         const auto order = [](const SchemaInfo& info) {
             return std::tuple(info.identifier.GetString(), info.plugin, info.type.GetTypeName());

@@ -1,3 +1,4 @@
+// Reads the schemas of all plug-ins and keeps the definitions that were requested.
 #include "usdlive/client/usd/schema/SchemaRegistry.h"
 
 #include <pxr/base/tf/hash.h>
@@ -20,7 +21,7 @@ using pxr::TfTokenVector;
 
 namespace {
 
-// A type and its applied API schemas.
+// The key of a composed definition: a type and its applied API schemas.
 struct DefinitionKey {
     TfToken type;
     TfTokenVector schemas;
@@ -62,7 +63,7 @@ struct SchemaRegistry::State {
     pxr::VtDictionary fallbackPrimTypes;
     const PrimDefinition empty;
 
-    std::shared_mutex mutex;  // of `composed`
+    std::shared_mutex mutex;  // guards `composed`
     std::unordered_map<DefinitionKey, std::unique_ptr<PrimDefinition>, DefinitionKeyHash> composed;
 
     State() : plugins(readSchemaPlugins(problems)) {
@@ -86,7 +87,8 @@ struct SchemaRegistry::State {
         });
     }
 
-    // A list of types has names in files, and authors of schemas sometimes write the C++ ones.
+    // Reports unknown names. Such lists contain names in files, but authors of schemas sometimes
+    // write C++ names.
     void checkTypeNames() {
         for (const auto& info : plugins.schemas)
             for (const auto& name : info.canOnlyApplyTo)
