@@ -1,4 +1,4 @@
-"""`usdlive flatten`: the flat layer shows in pxr.Usd what the stage shows that it was made from."""
+"""Tests `usdlive flatten`: in pxr.Usd the flat layer shows the same as the stage that it was made from."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ PRIMS = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
 
 
 class ArcStage(RandomStage):
-    """With instances, also within instances, and with what is not a value."""
+    """Adds instances, also inside instances, and relationships, connections and metadata."""
 
     def prim(self, layer, path, kind):
         prim = super().prim(layer, path, kind)
@@ -70,7 +70,7 @@ def attribute(one):
 
 
 def everything(stage):
-    """What each prim and property shows, by its path."""
+    """Returns the facts that each prim and property shows, by its path."""
     found = {}
     for prim in Usd.PrimRange(stage.GetPseudoRoot(), PRIMS):
         if str(prim.GetPath()).startswith("/Flattened_Prototype_"):

@@ -1,4 +1,4 @@
-"""`usdlive.NamespaceEditor` beside Usd.NamespaceEditor, and what it does that the other does not."""
+"""Compares `usdlive.NamespaceEditor` with Usd.NamespaceEditor, and tests the functions that only it has."""
 
 import os
 import random
@@ -24,11 +24,12 @@ def body(layer: Sdf.Layer) -> str:
     return layer.ExportToString()
 
 
-# --- beside Usd.NamespaceEditor ---
+# --- comparison with Usd.NamespaceEditor ---
 
 def test_random_edits_come_to_the_same(tmp_path):
-    """Verdicts with their reasons, always. Layers, but for one in a hundred: Usd takes one of several instances,
-    whichever it composes first, for the source of a prototype. USDLIVE_NAMESPACE_SEEDS plays more than 200 edits."""
+    """All results and their messages are equal. One comparison of layers in a hundred may differ, because Usd uses
+    the instance that it composes first as the source of a prototype. USDLIVE_NAMESPACE_SEEDS sets the number of
+    seeds."""
     compared = applied = 0
     verdicts, layers = [], []
     for seed in range(SEEDS):
@@ -153,7 +154,7 @@ def test_edits_made_by_hand_come_to_the_same(tmp_path, name):
 
 
 def test_two_edits_in_a_row_come_to_the_same(tmp_path):
-    """The second edit sees the composition that the first one has changed."""
+    """The second edit is validated against the composition after the first one."""
     for number, edits in enumerate([
             [("move", "/A/Part", "/A/Piece"), ("move", "/A/Piece", "/A/Part")],
             [("move", "/A/Part", "/A/Piece"), ("move", "/A/Piece/Deep", "/Deep")],
@@ -173,10 +174,10 @@ def test_two_edits_in_a_row_come_to_the_same(tmp_path):
         assert pair[0].texts() == pair[1].texts()
 
 
-# --- more than Usd.NamespaceEditor ---
+# --- functions that Usd.NamespaceEditor does not have ---
 
 def test_a_batch_comes_to_what_its_edits_do_one_by_one(tmp_path):
-    """Also for stages with arcs; and undo brings everything back."""
+    """The stages also have arcs. Undo restores all layers."""
     played = 0
     for seed in range(max(12, SEEDS // 4)):
         scene = scenes.random_scene(seed)
@@ -238,7 +239,7 @@ def test_moves_of_a_batch_are_one_move():
 
 
 def test_a_new_relocate_keeps_those_below_it(tmp_path):
-    """Usd.NamespaceEditor loses the new one and says that it succeeded."""
+    """Usd.NamespaceEditor drops the new relocate and reports success."""
     scene = scenes.Scene({
         "root.usda": scenes.usda('def "A" ( prepend references = @./asset.usda@</Asset> ) {}',
                                  "relocates = { </A/Part/Deep>: </A/Part/Low> }"),
@@ -287,16 +288,16 @@ def test_edits_within_variants():
     assert stage.GetPrimAtPath("/Set/Chair")
 
 
-# --- the documentation of Usd.NamespaceEditor, by its snippets ---
+# --- snippets from the documentation of Usd.NamespaceEditor ---
 
 def run_snippet(code: str, **names) -> dict:
-    """With ours in the place of Usd.NamespaceEditor."""
+    """Runs the code with usdlive.NamespaceEditor in place of Usd.NamespaceEditor."""
     class Ours:
         Stage = Usd.Stage
         NamespaceEditor = usdlive.NamespaceEditor
 
     names["Usd"] = Ours
-    exec(compile(code, "snippet", "exec"), names)  # noqa: S102 - the text is the test's own
+    exec(compile(code, "snippet", "exec"), names)  # noqa: S102 - the text belongs to the test
     return names
 
 
@@ -444,7 +445,7 @@ def test_a_stage_with_broken_arcs_and_cycles_can_be_edited(tmp_path):
         assert editor.ApplyEdits(), editor.GetResult().whyNot
         assert opened.stage.GetRelationshipAtPath("/U.r").GetTargets() == [Sdf.Path("/F/E")]
         editor.MovePrimAtPath("/A/B", "/A/X")
-        editor.CanApplyEdits()  # whatever it says
+        editor.CanApplyEdits()  # must not crash
 
 
 # --- several editors of a live project ---

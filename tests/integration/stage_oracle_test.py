@@ -1,6 +1,6 @@
-"""A composed stage of ours shows what pxr.Usd shows: every arc with every kind of opinion, stages from seeds, stages of packages.
+"""Compares composed stages with pxr.Usd: every arc with every kind of opinion, stages from seeds, stages of packages.
 
-Both sides compose with one thread: which of several alike instances a prototype shows depends on the threads, in pxr.Usd too.
+Both sides compose with one thread. With several threads, the instance that a prototype shows may differ, in pxr.Usd too.
 """
 
 import importlib.util
@@ -20,7 +20,7 @@ FIRST = int(os.environ.get("USDLIVE_SEED", "0"))
 AT_ONCE = 100
 ONE_THREAD = {**os.environ, "PXR_WORK_THREAD_LIMIT": "1"}
 
-# What a prim can say: metadata and content of the weaker opinion, and of the stronger one.
+# For each kind of opinion: metadata and content of the weaker opinion, then of the stronger one.
 OPINIONS = {
     "nothing": ("", "", "", ""),
     "value": ("", "custom double v = 1", "", "double v = 2"),
@@ -102,7 +102,7 @@ def spec(word, name, metadata, content):
 
 
 def enumerated():
-    """(name, files) of each arc with each kind of opinion, alone and with a stronger opinion."""
+    """Yields (name, files) for each arc with each kind of opinion, alone and with a stronger opinion."""
     for (arc, clause), (what, (facts, content, over_facts, over)) in itertools.product(ARCS.items(), OPINIONS.items()):
         for stronger in (False, True):
             if stronger and not (over_facts or over):
@@ -159,7 +159,7 @@ def listed(lines, path):
 
 
 def compared(path, *seeds, timeout=300):
-    """Has both sides write the dumps of a list; returns how many stages were compared, and what differs."""
+    """Writes the dumps of a list on both sides. Returns the number of compared stages and their differences."""
     subprocess.run([sys.executable, HERE / "stage_dump.py", path, *map(str, seeds)], env=ONE_THREAD, check=True, timeout=timeout,
                    stderr=subprocess.DEVNULL)
     lines = [line.split("\t") for line in path.read_text().splitlines()]

@@ -21,16 +21,9 @@ TRAILING = re.compile(
     r"""^((?:[^"'/]|(?<=\d)'(?=\d)|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'|/(?!/))+)//[/!]?<?\s?(.*)$""")
 
 # Folders and files whose comments still begin in another way. An entry without a finding fails.
-EXCEPTED_OPENINGS = [
-    "tests/integration/flatten_test.py",
-    "tests/integration/namespace_test.py",
-    "tests/integration/stage_oracle_test.py",
-]
+EXCEPTED_OPENINGS = []
 # Folders that have source files without a first comment. An entry without a finding fails.
-EXCEPTED_FIRST = [
-    "tests/unit/client/usd/schema",
-    "tests/unit/client/usd/stage",
-]
+EXCEPTED_FIRST = []
 
 
 def source_files(suffixes):

@@ -45,8 +45,8 @@ void writeDefinition(const schema::PrimDefinition& definition, const pxr::SdfLay
     }
 }
 
-// Each line of the input is a type, or "-", and API schemas. The prim of line 3 is "_3". A line
-// "=NAME" queries the schema NAME itself.
+// Reads one type, or "-", and API schemas from each line of the input. The prim of line 3 is "_3".
+// A line "=NAME" queries the schema NAME itself.
 int definitions(const std::string& output) {
     const schema::SchemaRegistry registry;
     for (const auto& problem : registry.problems()) std::cout << problem << '\n';
@@ -71,7 +71,7 @@ int definitions(const std::string& output) {
     return layer->Save() ? 0 : 1;
 }
 
-// Each line of the input is an API schema and a type. Prints yes or no.
+// Reads an API schema and a type from each line of the input. Prints yes or no.
 int applying() {
     const schema::SchemaRegistry registry;
     std::string name, type;
@@ -124,9 +124,9 @@ void writeValues(const stage::AttributeQuery& query, const pxr::SdfLayerHandle& 
     for (const auto& [time, value] : samples) layer->SetTimeSample(path, time, value);
 }
 
-// Each line of the input is a prim, an attribute, a type or "-", and API schemas. The values of
-// line 3 are those of /_3.value. Prints the source, whether the value is blocked, whether it might
-// vary, and the times of its samples.
+// Reads a prim, an attribute, a type or "-", and API schemas from each line of the input. The
+// values of line 3 are those of /_3.value. Prints the source, whether the value is blocked, whether
+// it might vary, and the times of its samples.
 int values(const std::string& root, const std::string& output, const std::vector<double>& times) {
     const schema::SchemaRegistry registry;
     const auto rootLayer = pxr::SdfLayer::FindOrOpen(root);

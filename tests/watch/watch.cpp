@@ -1,5 +1,5 @@
-// A library of C functions over Stage, which Python loads with ctypes beside pxr.Usd. Both then
-// work on the same layers, in one process.
+// A library of C functions over Stage. Python loads it with ctypes beside pxr.Usd, so that both
+// work on the same layers in one process.
 #include <pxr/base/tf/errorMark.h>
 #include <pxr/usd/sdf/layer.h>
 
@@ -25,8 +25,8 @@ struct Watched {
             [this](const stage::StageChanges& changes) { rounds.push_back(record(changes)); });
     }
 
-    // Paths inside prototypes are listed as they are seen from the instances: other programs number
-    // prototypes differently.
+    // Lists paths inside prototypes as they are seen from the instances, because other programs
+    // number prototypes differently.
     [[nodiscard]] json record(const stage::StageChanges& changes) const {
         json resynced = json::array(), info = json::object(), assets = json::array();
         for (const auto& path : changes.resynced)
@@ -72,7 +72,8 @@ const char* answered(Watched& stage, const json& answer) {
 
 #define WATCH_EXPORT extern "C" __attribute__((visibility("default")))
 
-// The layers are open already. `session` may be empty.
+// Opens a stage over layers that are already open. `session` may be empty. The caller closes the
+// stage with watch_close().
 WATCH_EXPORT void* watch_open(const char* root, const char* session) {
     pxr::TfErrorMark mark;
     pxr::SdfLayerRefPtr ofSession;
@@ -83,11 +84,12 @@ WATCH_EXPORT void* watch_open(const char* root, const char* session) {
 }
 WATCH_EXPORT void watch_close(void* stage) { delete &watched(stage); }
 
-// Everything that the stage shows, as `usdlive dump --composed` prints it.
+// Returns the whole stage as `usdlive dump --composed` prints it. A returned text is valid until
+// the next call for the same stage.
 WATCH_EXPORT const char* watch_dump(void* stage, const char* base) {
     return answered(watched(stage), cli::dumpStage(watched(stage).stage, {.base = base}));
 }
-// The changes since the last call, one entry for each notice.
+// Returns the changes since the last call, with one entry for each notice.
 WATCH_EXPORT const char* watch_changes(void* stage) {
     return answered(watched(stage), std::exchange(watched(stage).rounds, json::array()));
 }
@@ -95,7 +97,7 @@ WATCH_EXPORT void watch_load(void* stage, const char* prim, int loads) {
     const auto rule = loads ? stage::LoadRules::Rule::All : stage::LoadRules::Rule::None;
     watched(stage).stage.load(pxr::SdfPath(prim), rule);
 }
-// Identifiers of layers, one on each line.
+// Mutes the listed layers. `identifiers` contains one identifier on each line.
 WATCH_EXPORT void watch_mute(void* stage, const char* identifiers) {
     std::istringstream lines(identifiers);
     std::vector<std::string> muted;
@@ -105,7 +107,7 @@ WATCH_EXPORT void watch_mute(void* stage, const char* identifiers) {
 
 // --- for bench/compose.py ---
 
-// How many prims a traversal visits.
+// Returns the number of prims that a traversal visits.
 WATCH_EXPORT std::size_t watch_traverse(void* stage) {
     std::size_t prims = 0;
     watched(stage).stage.traverse(stage::PrimPredicate::normal(), [&](const stage::Prim&) {
@@ -114,7 +116,7 @@ WATCH_EXPORT std::size_t watch_traverse(void* stage) {
     });
     return prims;
 }
-// Keeps all attributes for watch_resolve(). Returns how many there are.
+// Keeps all attributes for watch_resolve(). Returns their number.
 WATCH_EXPORT std::size_t watch_gather(void* stage) {
     auto& attributes = watched(stage).attributes;
     attributes.clear();
@@ -123,8 +125,8 @@ WATCH_EXPORT std::size_t watch_gather(void* stage) {
             if (property.isAttribute()) attributes.push_back(property);
     return attributes.size();
 }
-// Resolves all attributes that are kept; without a time at the default time. Returns how many have
-// a value.
+// Resolves all kept attributes at `time`, or at the default time if `time` is null. Returns how
+// many have a value.
 WATCH_EXPORT std::size_t watch_resolve(void* stage, const double* time) {
     const auto at = time ? std::optional(*time) : std::nullopt;
     std::size_t values = 0;

@@ -1,5 +1,5 @@
-// Namespace edits of layer stacks, alone and among several who edit at once. What they come to
-// beside Usd.NamespaceEditor is compared in tests/integration/namespace_test.py.
+// Tests namespace edits of layer stacks, by one editor and by several editors at once.
+// tests/integration/namespace_test.py compares the results with Usd.NamespaceEditor.
 #include "usdlive/client/usd/namespace/NamespaceEditor.h"
 
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ using pxr::SdfLayerRefPtr;
 using pxr::SdfPath;
 using tests::MemoryServer;
 
-/// A root layer with nothing that a schema brings.
+/// A stage with a root layer whose schemas define nothing.
 class PlainStage final : public EditedStage {
 public:
     explicit PlainStage(SdfLayerRefPtr root) : root_(std::move(root)) {}
@@ -109,7 +109,7 @@ TEST(NamespaceEditor, ABatchIsRefusedAsAWhole) {
     const auto before = layerText(root);
     const auto editor = editorOf(root);
     editor->MovePrimAtPath(SdfPath("/A"), SdfPath("/T"));
-    editor->MovePrimAtPath(SdfPath("/A/X"), SdfPath("/T/Y"));  // no longer there
+    editor->MovePrimAtPath(SdfPath("/A/X"), SdfPath("/T/Y"));  // no longer exists
     const auto result = editor->ApplyEdits();
     EXPECT_EQ(result.whyNot(),
               "Edit 2 of 2, </A/X> to </T/Y>: The prim to edit is not a valid prim");
@@ -296,7 +296,8 @@ LayerDoc docOfText(const std::string& text) {
     return *usd::readLayer(layerOfText(text), none);
 }
 
-// Renames against edits, renames, deletes and batches of the others, with lost connections.
+// Mixes renames with edits, renames, deletes and batches of other editors, while connections are
+// lost.
 TEST(NamespaceEditor, EditorsWhoEditTheNamespaceAtOnceConverge) {
     const char* const wanted = std::getenv("USDLIVE_NAMESPACE_SEEDS");
     const unsigned seeds = wanted ? unsigned(std::atoi(wanted)) : seedsOf(60);

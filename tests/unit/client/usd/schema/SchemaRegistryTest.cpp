@@ -1,3 +1,4 @@
+// Tests the names of schemas and the definitions that SchemaRegistry returns.
 #include "usdlive/client/usd/schema/SchemaRegistry.h"
 
 #include <gtest/gtest.h>
@@ -11,7 +12,7 @@ namespace {
 using pxr::TfToken;
 
 const SchemaRegistry& schemaRegistry() {
-    static const SchemaRegistry registry;  // reading all schemas takes a moment
+    static const SchemaRegistry registry;  // shared, because reading all schemas takes a moment
     return registry;
 }
 

@@ -1,3 +1,5 @@
+// Tests the values of attributes from a weak and a strong layer: order of strength, offsets and
+// interpolation.
 #include "usdlive/client/usd/stage/AttributeQuery.h"
 
 #include <gtest/gtest.h>
@@ -17,7 +19,7 @@ using pxr::TfToken;
 using pxr::VtValue;
 using Times = std::vector<double>;
 
-// A weak layer below a strong one, with an offset of 10 and a scale of 2.
+// A strong layer above a weak layer that has an offset of 10 and a scale of 2.
 class AttributeQueryTest : public testing::Test {
 protected:
     void SetUp() override {

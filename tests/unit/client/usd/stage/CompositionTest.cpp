@@ -1,4 +1,5 @@
-// Tests that a composition is kept while values change, and follows changes of arcs and sublayers.
+// Tests that a composition keeps its prims while values change, and follows changes of arcs and
+// sublayers.
 #include "usd/stage/Composition.h"
 
 #include <gtest/gtest.h>

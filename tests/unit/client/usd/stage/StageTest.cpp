@@ -1,3 +1,4 @@
+// Tests Stage: its tree of prims, its updates after edits, and its notices to subscribers.
 #include "usdlive/client/usd/stage/Stage.h"
 
 #include <gmock/gmock.h>
@@ -27,7 +28,8 @@ using testing::IsEmpty;
 
 namespace {
 
-// The text may have prims on one line, which .usda does not allow.
+// Creates a layer from a text. The text may have several prims on one line, which .usda does not
+// allow.
 SdfLayerRefPtr layerOf(const std::string& text) {
     std::string lines = "#usda 1.0\n";
     for (const char one : text)
@@ -49,7 +51,7 @@ std::vector<std::string> pathsOf(const std::set<SdfPath>& all) {
     return paths;
 }
 
-// All that a tree keeps of each prim, to compare a stage that followed edits with a new one.
+// Writes all facts that the tree keeps of each prim, to compare an edited stage with a new one.
 std::string described(const Stage& stage) {
     std::ostringstream text;
     stage.traverse(PrimPredicate::all().throughInstances(), [&](const Prim& prim) {
@@ -245,7 +247,7 @@ TEST(Stage, PrimsThatAreTooDeepAreLeftOut) {
 
 namespace {
 
-// Edits layers at random: prims, arcs, facts and properties that come and go, and instances.
+// Edits layers at random: prims, arcs, metadata, properties and instances.
 class RandomEdits {
 public:
     RandomEdits(unsigned seed, std::vector<SdfLayerRefPtr> layers)
@@ -303,11 +305,11 @@ private:
         return path;
     }
 
-    // The class /E has no arcs. With arcs in circles, what instances show depends on which of them
-    // the prototype shows.
+    // The class /E has no arcs. If arcs formed cycles, the prims inside instances would depend on
+    // the instance that the prototype shows.
     static bool isOfClass(const SdfPath& path) { return path.HasPrefix(SdfPath("/E")); }
 
-    // From earlier names to later ones, so that nothing goes in a circle.
+    // Adds arcs from earlier names to later names only, so that they form no cycle.
     void refer(const pxr::SdfPrimSpecHandle& prim) {
         const auto& other = layers_.back();
         const bool outside = prim->GetLayer() != pxr::SdfLayerHandle(other);
@@ -327,7 +329,8 @@ private:
             pxr::SdfAttributeSpec::New(prim, "v", pxr::SdfValueTypeNames->Double);
     }
 
-    // The targets of references stay: Pcp does not see one come that was not there.
+    // Keeps the targets of references, because Pcp does not notice a target that did not exist
+    // before.
     void remove(const SdfLayerRefPtr& layer, const SdfPath& path) {
         if (path.IsRootPrimPath()) return;
         if (const auto prim = layer->GetPrimAtPath(path))
