@@ -37,17 +37,17 @@ std::optional<std::string> decoded(std::string_view text) {
 /// Encodes what would be read as something else. All other characters are kept, because OpenUSD and
 /// people recognize file names and patterns such as <UDIM> by them.
 std::string encodedPath(std::string_view path) {
-    // A last part such as `name@12` would be read as a file with a pin.
-    const std::size_t at = path.rfind('@'), slash = path.rfind('/');
-    const bool isInLast =
-        at != std::string_view::npos && (slash == std::string_view::npos || at > slash);
-    const bool looksPinned =
-        isInLast && path.find('.', at) == std::string_view::npos && at + 1 < path.size();
+    // A last part such as `name@12` would be read as a file with a pin: no dot follows the `@`.
+    const std::size_t slash = path.rfind('/'), dot = path.rfind('.');
+    const auto looksLikePin = [&](std::size_t at) {
+        return (slash == std::string_view::npos || at > slash) &&
+               (dot == std::string_view::npos || at > dot);
+    };
     std::string result;
     for (std::size_t i = 0; i < path.size(); ++i) {
         if (path[i] == '%')
             result += "%25";
-        else if (path[i] == '@' && (i == 0 || (looksPinned && i == at)))
+        else if (path[i] == '@' && (i == 0 || looksLikePin(i)))
             result += "%40";
         else
             result += path[i];

@@ -83,6 +83,14 @@ TEST(Url, RelativePathsAreFilesAsTheyAreWritten) {
               "usdlive://h:7447/seq/a.png");
 }
 
+TEST(Url, APathWithSeveralAtSignsIsTheSameAddressWhenItIsReadAgain) {
+    for (const char* path : {"@x@y", "a@b@c", "a@", "@@", "a@b.c@d", "a.b@c@d"}) {
+        const auto url = anchored(*parseUrl("usdlive://h/dir/shot.usda"), path);
+        EXPECT_EQ(parseUrl(url.identifier()), url) << path;
+        EXPECT_EQ(parseUrl(url.resolvedPath()), url) << path;
+    }
+}
+
 TEST(Url, APathMayLeadOutAndSaysSo) {
     EXPECT_TRUE(parseUrl("usdlive://h/../a.usda")->leadsOut());
     EXPECT_TRUE(parseUrl("usdlive://h/a/%2E%2E/..")->leadsOut());
