@@ -53,6 +53,7 @@ EDGES = {
         "tests/simulation",
         "tests/demo",
         "tests/probe",
+        "tests/watch",
         "tests/schemas",
         "tests/fuzz",
         "bench",

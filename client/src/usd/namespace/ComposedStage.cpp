@@ -4,11 +4,15 @@
 #include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/node.h>
+#include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
+#include <map>
 #include <ranges>
+#include <set>
+#include <utility>
 
 namespace usdlive {
 
@@ -61,6 +65,15 @@ void visitOpinions(const PcpPrimIndex& prim, const Visit& visit) {
     }
 }
 
+// Pcp does not look at "active".
+bool changesActive(const pxr::SdfLayerChangeListVec& changes) {
+    for (const auto& [layer, list] : changes)
+        for (const auto& [path, entry] : list.GetEntryList())
+            for (const auto& [field, values] : entry.infoChanged)
+                if (field == pxr::SdfFieldKeys->Active) return true;
+    return false;
+}
+
 }  // namespace
 
 ComposedStage::ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
@@ -83,7 +96,8 @@ void ComposedStage::makeCache() {
     cache_->RequestLayerMuting(view_.muted, {});
     pxr::PcpErrorVector errors;
     (void)cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
-    complete_ = false;
+    uncomposed_ = {SdfPath::AbsoluteRootPath()};
+    hasInstances_ = false;
     sources_.clear();
     opened_.clear();
 }
@@ -96,14 +110,28 @@ void ComposedStage::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&
     if (stale_) return;
     pxr::PcpChanges changes;
     changes.DidChange(cache_.get(), notice.GetChangeListVec());
+    if (changesActive(notice.GetChangeListVec())) uncomposed_ = {SdfPath::AbsoluteRootPath()};
     if (changes.IsEmpty()) return;
-    complete_ = false;
+    noteChanges(changes);
     changes.Apply();
+}
+
+// Only what Pcp has dropped is composed again; with instances everything is visited, because any of
+// them may be another's source now.
+void ComposedStage::noteChanges(const pxr::PcpChanges& changes) {
+    for (const auto& [cache, change] : changes.GetCacheChanges()) {
+        if (cache != cache_.get()) continue;
+        for (const auto* paths :
+             {&change.didChangeSignificantly, &change.didChangePrims, &change.didChangeSpecs})
+            for (const SdfPath& path : *paths) uncomposed_.insert(path.GetAbsoluteRootOrPrimPath());
+    }
+    if (hasInstances_ || !changes.GetLayerStackChanges().empty())
+        uncomposed_ = {SdfPath::AbsoluteRootPath()};
 }
 
 pxr::PcpCache& ComposedStage::composed() {
     if (stale_.exchange(false)) makeCache();
-    if (!complete_) compose();
+    if (!uncomposed_.empty()) compose();
     return *cache_;
 }
 
@@ -115,6 +143,7 @@ void ComposedStage::compose() {
     // Both are called by several threads at once.
     const auto children = [this](const PcpPrimIndex& prim, pxr::TfTokenVector* names) {
         if (!isActive(prim)) return false;
+        if (prim.IsInstanceable()) hasInstances_ = true;
         if (prim.IsInstanceable() && !opened_.contains(prim.GetPath())) return false;
         if (view_.mask.empty()) return true;
         pxr::PcpTokenSet prohibited;
@@ -125,13 +154,35 @@ void ComposedStage::compose() {
         return !names->empty();
     };
     const auto payloads = [this](const SdfPath& path) { return view_.isLoaded(path); };
-    pxr::SdfPathVector roots{SdfPath::AbsoluteRootPath()};
+    pxr::SdfPathVector roots = reachable(std::exchange(uncomposed_, {}));
     while (!roots.empty()) {
         pxr::PcpErrorVector errors;
         cache_->ComputePrimIndexesInParallel(roots, &errors, children, payloads);
-        roots = newSources();
+        roots = hasInstances_ ? newSources() : pxr::SdfPathVector();
     }
-    complete_ = true;
+}
+
+// Those that have an active parent and are its children; without those below others.
+pxr::SdfPathVector ComposedStage::reachable(const pxr::SdfPathSet& paths) const {
+    std::map<SdfPath, std::set<pxr::TfToken>> children;
+    const auto isChild = [&](const SdfPath& path) {
+        const SdfPath parent = path.GetParentPath();
+        const auto [known, isNew] = children.try_emplace(parent);
+        const auto* index = isNew ? cache_->FindPrimIndex(parent) : nullptr;
+        if (index && isActive(*index)) {
+            pxr::TfTokenVector names;
+            pxr::PcpTokenSet prohibited;
+            index->ComputePrimChildNames(&names, &prohibited);
+            known->second.insert(names.begin(), names.end());
+        }
+        return known->second.contains(path.GetNameToken());
+    };
+    pxr::SdfPathVector roots(paths.begin(), paths.end());
+    SdfPath::RemoveDescendentPaths(&roots);
+    std::erase_if(roots, [&](const SdfPath& path) {
+        return path != SdfPath::AbsoluteRootPath() && !isChild(path);
+    });
+    return roots;
 }
 
 // The instances whose children are to be composed next: of each prototype that has none yet, the

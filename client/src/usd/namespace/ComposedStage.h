@@ -4,6 +4,7 @@
 #include <pxr/base/tf/weakBase.h>
 #include <pxr/usd/ar/resolverContext.h>
 #include <pxr/usd/pcp/cache.h>
+#include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/instanceKey.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/primIndex.h>
@@ -50,6 +51,8 @@ public:
 private:
     void compose();
     void makeCache();
+    void noteChanges(const pxr::PcpChanges& changes);
+    [[nodiscard]] pxr::SdfPathVector reachable(const pxr::SdfPathSet& paths) const;
     [[nodiscard]] pxr::SdfPathVector newSources();
     void onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice);
 
@@ -58,8 +61,9 @@ private:
     const pxr::ArResolverContext context_;
     const std::thread::id thread_ = std::this_thread::get_id();
     std::unique_ptr<pxr::PcpCache> cache_;
-    bool complete_ = false;
+    pxr::SdfPathSet uncomposed_;       // what is at and below these paths
     std::atomic<bool> stale_ = false;  // another thread has changed a layer
+    std::atomic<bool> hasInstances_ = false;
     // Of each prototype the instance whose children are composed.
     std::unordered_map<pxr::PcpInstanceKey, pxr::SdfPath, pxr::PcpInstanceKey::Hash> sources_;
     std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> opened_;

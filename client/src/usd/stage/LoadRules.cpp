@@ -1,5 +1,7 @@
 #include "usdlive/client/usd/stage/LoadRules.h"
 
+#include <iterator>
+
 namespace usdlive::stage {
 
 using pxr::SdfPath;
@@ -31,11 +33,23 @@ LoadRules::Rule LoadRules::ruleOf(const SdfPath& prim) const {
 LoadRules LoadRules::below(const SdfPath& prim) const {
     LoadRules rules;
     const auto& root = SdfPath::AbsoluteRootPath();
-    for (auto at = rules_.lower_bound(prim); at != rules_.end() && at->first.HasPrefix(prim); ++at)
+    rules.rules_.emplace(root, ruleOf(prim));
+    for (auto at = rules_.upper_bound(prim); at != rules_.end() && at->first.HasPrefix(prim); ++at)
         rules.rules_.emplace(at->first.ReplacePrefix(prim, root), at->second);
-    if (!rules.rules_.contains(root) && ruleOf(prim) != Rule::All)
-        rules.rules_.emplace(root, Rule::None);
+    rules.dropNeedless();
     return rules;
+}
+
+// Those that say what the nearest one above says.
+void LoadRules::dropNeedless() {
+    for (auto at = rules_.begin(); at != rules_.end();) {
+        auto above = rules_.end();
+        for (SdfPath up = at->first.GetParentPath(); above == rules_.end() && !up.IsEmpty();
+             up = up.GetParentPath())
+            above = rules_.find(up);
+        const Rule inherited = above == rules_.end() ? Rule::All : above->second;
+        at = at->second == inherited ? rules_.erase(at) : std::next(at);
+    }
 }
 
 }  // namespace usdlive::stage

@@ -34,12 +34,13 @@ StageOptions complete(StageOptions options) {
     return options;
 }
 
-// `old`: what files of long ago call it.
-double timeOf(const Prim& pseudoRoot, const TfToken& field, const TfToken& old) {
-    for (const auto& name : {field, old}) {
-        const auto value = pseudoRoot.metadata(name);
-        if (value.IsHolding<double>()) return value.UncheckedGet<double>();
-    }
+// The session layer's, even if it is muted, else the root layer's. `old`: what files of long ago
+// call it.
+double timeOf(const StageState& state, const TfToken& field, const TfToken& old) {
+    for (const auto& layer : {state.sessionLayer, state.rootLayer})
+        for (const auto& name : {field, old})
+            if (double time = 0; layer->HasField(SdfPath::AbsoluteRootPath(), name, &time))
+                return time;
     return 0;
 }
 
@@ -150,11 +151,11 @@ bool Stage::hasTimeRange() const {
 }
 
 double Stage::startTime() const {
-    return timeOf(pseudoRoot(), pxr::SdfFieldKeys->StartTimeCode, pxr::SdfFieldKeys->StartFrame);
+    return timeOf(*state_, pxr::SdfFieldKeys->StartTimeCode, pxr::SdfFieldKeys->StartFrame);
 }
 
 double Stage::endTime() const {
-    return timeOf(pseudoRoot(), pxr::SdfFieldKeys->EndTimeCode, pxr::SdfFieldKeys->EndFrame);
+    return timeOf(*state_, pxr::SdfFieldKeys->EndTimeCode, pxr::SdfFieldKeys->EndFrame);
 }
 
 std::vector<CompositionError> Stage::errors() const {

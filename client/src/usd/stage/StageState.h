@@ -82,6 +82,7 @@ private:
     [[nodiscard]] PrimNode* shownBy(const pxr::SdfPath& index) const;
     void reorder(Gathered& gathered);
     void moveToPrototypes(Gathered& gathered) const;
+    void dropHidden(Gathered& gathered) const;
     void notify(const StageChanges& changes);
 
     const std::thread::id thread_ = std::this_thread::get_id();

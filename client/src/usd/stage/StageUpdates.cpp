@@ -35,15 +35,17 @@ void dropDescendants(Paths& paths) {
     }
 }
 
+const TfToken kVariants = pxr::SdfChildrenKeys->VariantChildren;
+
 bool isClipField(const TfToken& field) {
     return field == SdfFieldKeys->Clips || field == SdfFieldKeys->ClipSets;
 }
 
-// The paths of the stage that a spec contributes to.
+// The paths of the stage that a spec contributes to. Variants contribute where they are selected.
 template <class Add>
 void forAffected(const pxr::PcpCache& cache, const pxr::SdfLayerHandle& layer, const SdfPath& path,
                  Add&& add) {
-    if (cache.GetLayerStack()->HasLayer(layer)) add(path.StripAllVariantSelections());
+    if (!path.ContainsPrimVariantSelection() && cache.GetLayerStack()->HasLayer(layer)) add(path);
     const auto dependencies = cache.FindSiteDependencies(
         layer, path,
         pxr::PcpDependencyTypeDirect | pxr::PcpDependencyTypeAncestral |
@@ -102,10 +104,14 @@ void StageState::gather(const pxr::SdfLayerHandle& layer, const SdfPath& path,
     };
     static const TfToken schemas("apiSchemas"), fallbacks("fallbackPrimTypes");
     const auto& flags = entry.flags;
-    if (path.IsPrimPath() && (flags.didAddInertPrim || flags.didAddNonInertPrim ||
-                              flags.didRemoveInertPrim || flags.didRemoveNonInertPrim))
+    const bool cameOrWent = flags.didAddInertPrim || flags.didAddNonInertPrim ||
+                            flags.didRemoveInertPrim || flags.didRemoveNonInertPrim;
+    if (path.IsPrimPath() && cameOrWent)
         forAffected(cache, layer, path,
                     [&](const SdfPath& one) { into.parents.insert(one.GetParentPath()); });
+    if (path.IsPrimVariantSelectionPath() && cameOrWent)
+        forAffected(cache, layer, path.GetParentPath(),
+                    [&](const SdfPath& one) { into.info[one].insert(kVariants); });
     if (path == SdfPath::AbsoluteRootPath() || path.IsPrimOrPrimVariantSelectionPath()) {
         const bool activity = changed(SdfFieldKeys->Active);
         const pxr::SdfLayerRefPtr kept(layer);
@@ -146,6 +152,7 @@ void StageState::follow(const pxr::PcpChanges& changes, Gathered& gathered) {
     recompose(gathered.recompose);
     reorder(gathered);
     moveToPrototypes(gathered);
+    dropHidden(gathered);
 
     StageChanges told;
     std::erase_if(gathered.types,
@@ -164,15 +171,18 @@ void StageState::follow(const pxr::PcpChanges& changes, Gathered& gathered) {
     if (!told.isEmpty()) notify(told);
 }
 
-// A spec that comes at the end of an arc can make a prim an instance, and when it goes the prim is
-// none. For Pcp that changes specs only, but what is below an instance is composed in another way.
+// A spec that comes at the end of an arc can make a prim an instance, or one of another prototype.
+// For Pcp that changes specs only, but what is below an instance is composed in another way.
 void StageState::becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose) {
     pxr::PcpChanges changes;
     for (const auto& path : withOtherSpecs) {
         const auto* node = path.IsPrimPath() ? shownBy(path) : nullptr;
-        if (!node || !node->index || isBelowAny(recompose, path)) continue;
-        const bool instance = node->has(PrimFlag::Active) && node->index->IsInstanceable();
-        if (instance == node->has(PrimFlag::Instance)) continue;
+        const auto* index = node ? composition.cache().FindPrimIndex(path) : nullptr;
+        if (!index || isBelowAny(recompose, path)) continue;
+        const bool instance = node->has(PrimFlag::Active) && index->IsInstanceable();
+        const auto* prototype = prototypes.of(path);
+        if (instance ? prototype && prototype->key.arcs == pxr::PcpInstanceKey(*index) : !prototype)
+            continue;
         changes.DidChangeSignificantly(&composition.cache(), path);
         recompose.insert(path);
     }
@@ -198,6 +208,9 @@ PrimNode* StageState::shownBy(const SdfPath& index) const {
 void StageState::recompose(Paths& resynced) {
     if (resynced.empty()) return;
     dropDescendants(resynced);
+    Paths hidden;  // were not there, and may still not be
+    for (const auto& path : resynced)
+        if (!shownBy(path)) hidden.insert(path);
     pxr::SdfPathVector roots;
     std::set<Prototype*> changed;
     for (const auto& path : resynced)
@@ -250,6 +263,8 @@ void StageState::recompose(Paths& resynced) {
         if (prototype->root) bury(*prototype->root);
     }
     for (const auto& node : std::exchange(retired_, {})) bury(*node);
+    for (const auto& path : hidden)
+        if (!shownBy(path)) resynced.erase(path);
     dropDescendants(resynced);
 }
 
@@ -298,6 +313,16 @@ void StageState::moveToPrototypes(Gathered& gathered) const {
     for (auto& [path, fields] : gathered.info)
         if (const auto at = moved(path)) info[*at].merge(fields);
     gathered.info = std::move(info);
+}
+
+// Specs below inactive prims, or outside of the mask, contribute to no prim.
+void StageState::dropHidden(Gathered& gathered) const {
+    const auto isHidden = [this](const SdfPath& path) {
+        return !find(path.GetAbsoluteRootOrPrimPath());
+    };
+    for (auto* paths : {&gathered.types, &gathered.properties, &gathered.assets})
+        std::erase_if(*paths, isHidden);
+    std::erase_if(gathered.info, [&](const auto& one) { return isHidden(one.first); });
 }
 
 void StageState::setLoadRules(const LoadRules& rules) {

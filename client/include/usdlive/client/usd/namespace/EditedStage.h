@@ -6,10 +6,15 @@
 #include <pxr/usd/sdf/path.h>
 
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
 namespace usdlive {
+
+namespace stage {
+class Stage;
+}
 
 /// Which parts of its layers a stage composes.
 struct StageView {
@@ -52,5 +57,8 @@ public:
     /// Is there a prim at `path` that belongs to the prototype of instances?
     [[nodiscard]] virtual bool isInPrototype(const pxr::SdfPath&) const { return false; }
 };
+
+/// A composed stage of this library. It may be closed before.
+[[nodiscard]] std::unique_ptr<EditedStage> editedStage(stage::Stage& stage);
 
 }  // namespace usdlive

@@ -62,6 +62,8 @@ public:
     using Options = NamespaceEditOptions;
 
     explicit NamespaceEditor(std::unique_ptr<EditedStage> stage, Options options = {});
+    /// The same as with editedStage(stage).
+    explicit NamespaceEditor(stage::Stage& stage, Options options = {});
     ~NamespaceEditor();
     NamespaceEditor(const NamespaceEditor&) = delete;
     NamespaceEditor& operator=(const NamespaceEditor&) = delete;
@@ -94,6 +96,7 @@ public:
     /// Stages that use the layers of this one, and whose own layers are corrected also. Returned is
     /// a number to remove the stage with.
     std::size_t AddDependentStage(std::unique_ptr<EditedStage> stage);
+    std::size_t AddDependentStage(stage::Stage& stage);
     void RemoveDependentStage(std::size_t stage);
 
     [[nodiscard]] CanApplyResult CanApplyEdits();

@@ -30,9 +30,13 @@ public:
     /// alike.
     [[nodiscard]] LoadRules below(const pxr::SdfPath& prim) const;
 
+    [[nodiscard]] const std::map<pxr::SdfPath, Rule>& rules() const { return rules_; }
+
     bool operator==(const LoadRules&) const = default;
 
 private:
+    void dropNeedless();
+
     std::map<pxr::SdfPath, Rule> rules_;  // no rule at or above a path: All
 };
 

@@ -15,6 +15,8 @@ public:
     explicit PopulationMask(const pxr::SdfPathVector& paths);
 
     [[nodiscard]] bool isAll() const { return !paths_; }
+    /// None of them is above another.
+    [[nodiscard]] pxr::SdfPathVector paths() const;
     [[nodiscard]] bool includes(const pxr::SdfPath& prim) const;
     [[nodiscard]] bool includesSubtree(const pxr::SdfPath& prim) const;
     /// Whether any child of `prim` is included. `names` is filled when only some are.

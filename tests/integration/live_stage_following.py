@@ -1,0 +1,74 @@
+"""A stage of ours over the live layers of one client follows what another client edits at random, beside pxr.Usd on the same layers.
+
+    live_stage_following.py SEED URL
+
+The server at URL serves the stage of the seed from stage_seeds. Prints what differs; in the last line how many steps were compared. Ends with 1 if anything differs.
+"""
+
+import itertools
+import sys
+import time
+
+import usdlive
+from pxr import Sdf, Usd
+from stage_dump import Dump, everything
+from stage_edits import Editor
+from stage_following import BIGGEST, SLOWEST, compared, in_a_child
+from stage_watch import PxrChanges, WatchedStage
+
+STEPS = 16
+
+
+class LiveEditor(Editor):
+    def layers(self):
+        return [layer for layer in super().layers() if not layer.anonymous]
+
+
+class Follower:
+    def __init__(self, live):
+        self.live, self.base = live, live.cache_folder
+        self.stage = live.open_stage("root.usda")
+        self.ours = WatchedStage(self.stage.GetRootLayer(), self.stage.GetSessionLayer())
+        self.theirs = PxrChanges(self.stage)
+
+    def is_small(self):
+        return sum(1 for _ in itertools.islice(everything(self.stage), BIGGEST + 1)) <= BIGGEST
+
+    def anew(self):
+        return Dump(Usd.Stage.Open(self.stage.GetRootLayer(), self.stage.GetSessionLayer()), self.base).all()
+
+
+def follow_live(seed, url):
+    """(steps that were compared, what differs)."""
+    author, follower = (usdlive.connect(url, user=user, application="test") for user in ("Ada", "Bo"))
+    editor = LiveEditor(seed, "", author.open_stage("root.usda"), None)
+    following = Follower(follower)
+    before = following.ours.dump(following.base)
+    for number in range(STEPS):
+        editor.made.clear()
+        begin = time.process_time()
+        with Sdf.ChangeBlock():
+            for _ in range(editor.r.randint(1, 3)):
+                editor.edit()
+        assert author.flush(20), "not committed"
+        assert follower.wait(lambda: follower.revision >= author.revision, 20), "did not arrive"
+        follower.tick()
+        if time.process_time() - begin > 2 * SLOWEST or not following.is_small():
+            return number, []
+        after = following.ours.dump(following.base)
+        found = compared(following, before, after)
+        if found:
+            return number, ["seed %d, step %d (%s): %s" % (seed, number, "; ".join(editor.made), what) for what in found[:5]]
+        before = after
+    return STEPS, []
+
+
+def main():
+    seed, url = int(sys.argv[1]), sys.argv[2]
+    count, found = in_a_child(follow_live, seed, url)
+    print("\n".join([*found, "%d steps compared" % count]))
+    sys.exit(bool(found))
+
+
+if __name__ == "__main__":
+    main()
