@@ -70,7 +70,7 @@ def creations(url: str) -> dict[str, int]:
     return counts
 
 
-@pytest.mark.alone  # what is older than a second has to be kept
+@pytest.mark.alone  # edits older than a second must be kept
 def test_an_editor_that_is_killed_loses_nothing(project, serve):
     chance = random.Random(int(os.environ.get("USDLIVE_SEED", "1")))
     (project / "shot.usda").write_text(ROOT)
