@@ -43,10 +43,11 @@ void OpenLayers::setOfProject(std::vector<LayerId> layers) {
     std::ranges::sort(layers);
     std::vector<LayerId> added;
     std::ranges::set_difference(layers, ofProject_, std::back_inserter(added));
+    // The project may have the failed layers now, and layers that others use.
+    failed_.clear();
+    if (!added.empty()) used_.clear();
     with_.places.add(std::move(added), ofProject_.empty() ? kFirstFindableMs : kFindableMs);
     ofProject_ = std::move(layers);
-    // The project may have the failed layers now.
-    failed_.clear();
     std::erase_if(guessed_, [this](const LayerId& id) { return isOfProject(id); });
 }
 
@@ -118,9 +119,11 @@ std::vector<std::pair<std::string, LayerId>> OpenLayers::usedBy(const LiveLayer&
 }
 
 bool OpenLayers::hasUsed(const LayerId& id, LoadSet load) const {
+    if (load == LoadSet::NoPayloads) return true;
     const auto found = used_.find(id);
-    return load == LoadSet::NoPayloads ||
-           (found != used_.end() && found->second.load == LoadSet::All);
+    const LiveLayer* live = find(id);
+    return found != used_.end() && found->second.load == LoadSet::All && live &&
+           !live->usesChanged();
 }
 
 void OpenLayers::failed(const LayerId& id) {
@@ -187,7 +190,11 @@ void OpenLayers::close(const LayerId& id) {
 void OpenLayers::adoptLoaded(double budgetMs) {
     const Stopwatch watch;
     bool just = false;
-    for (LiveLayer* live : live_.active()) just = live->takeUsesChanged() || just;
+    for (LiveLayer* live : live_.active()) {
+        if (!live->takeUsesChanged()) continue;
+        just = true;
+        used_.erase(live->id());
+    }
     if (!with_.session.welcome()) return;
     loaded_.look(just, live_.known(), with_.background);
     for (std::size_t looked = 0; looked < kLookedAtPerTick; ++looked) {

@@ -6,6 +6,7 @@
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/notice.h>
 #include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/reference.h>
 
 #include <algorithm>
 #include <chrono>
@@ -119,6 +120,20 @@ TEST_F(OpeningTest, WithoutPayloadsTheirLayersAreLeftOut) {
 }
 
 // The work is spread over ticks, each of which ends soon after its budget.
+TEST_F(OpeningTest, ALayerThatNamesAnotherLaterIsOpenedWithIt) {
+    ada->requestOpenLayer(kProp);
+    tickUntilEnded(1);
+    const auto prim = ada->layer(kProp)->GetPrimAtPath(SdfPath("/Prop"));
+    prim->GetReferenceList().Add(pxr::SdfReference("./many/layer0.usda", SdfPath("/P0")));
+    for (int i = 0; i < 3; ++i) ada->tick();  // nothing is being opened meanwhile
+    ada->requestOpenLayer(kProp);
+    tickUntilEnded(2);
+    EXPECT_TRUE(ada->layer(manyth(0)));
+    prim->GetReferenceList().Add(pxr::SdfReference("./many/layer1.usda", SdfPath("/P1")));
+    ASSERT_TRUE(ada->openLayer(kProp));  // in the same frame
+    EXPECT_TRUE(ada->layer(manyth(1)));
+}
+
 TEST_F(OpeningTest, ManyLayersOpenInManyTicks) {
     constexpr double kBudgetMs = 0.2;  // far less than all of them take
     for (std::size_t i = 0; i < kMany; ++i) ada->requestOpenLayer(manyth(i));
