@@ -1,8 +1,6 @@
 // The implementation of Session.
 #pragma once
 
-// The inside of a session.
-
 #include <deque>
 #include <map>
 #include <memory>
@@ -185,7 +183,8 @@ private:
     void readMissed(const Missed& missed);
     void protocolFault(Error error);
     void report(Error error, ErrorMessage about = {});
-    void sendControl(const ControlMessage& message);
+    void sendControl(const ControlMessage& message) { sendJson(encodeControl(message)); }
+    void sendJson(std::string control);
     void sendAll();
     void sendTransactions();
     [[nodiscard]] bool sendParts();

@@ -21,7 +21,8 @@ std::uint64_t Session::Impl::sendRequest(Request& request) {
     request.request = requests_.nextNumber();
     auto refused = whyNot(request.request, Request::kType, featureOf<Request>());
     // The server would end the session over a request that it cannot read.
-    if (const auto read = decodeControl(encodeControl(request)); !read && !refused)
+    std::string control = encodeControl(request);
+    if (const auto read = decodeControl(control); !read && !refused)
         refused = PendingRequests::errorOf(request.request, read.error().code,
                                            "the request '" + std::string(Request::kType) +
                                                "' is not valid: " + read.error().message);
@@ -35,7 +36,7 @@ std::uint64_t Session::Impl::sendRequest(Request& request) {
         else
             events_.push_back(event::ServerError{std::move(outcome.error())});
     });
-    sendControl(request);
+    sendJson(std::move(control));
     return request.request;
 }
 

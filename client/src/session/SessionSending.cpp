@@ -30,8 +30,8 @@ Error valueLargerThan(std::uint64_t most, std::uint64_t size) {
 
 }  // namespace
 
-void Session::Impl::sendControl(const ControlMessage& message) {
-    host_.send(std::make_shared<const Bytes>(encodeFrame(ControlFrame{encodeControl(message)})));
+void Session::Impl::sendJson(std::string control) {
+    host_.send(std::make_shared<const Bytes>(encodeFrame(ControlFrame{std::move(control)})));
 }
 
 void Session::Impl::sendAll() {

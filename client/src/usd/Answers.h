@@ -16,6 +16,7 @@ namespace usdlive::client {
 class Answers {
 public:
     void await(std::uint64_t request) { awaited_[request] = std::nullopt; }
+    [[nodiscard]] bool isAwaited(std::uint64_t request) const { return awaited_.contains(request); }
     [[nodiscard]] bool isThere(std::uint64_t request) const {
         return awaited_.at(request).has_value();
     }

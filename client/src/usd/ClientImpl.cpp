@@ -203,7 +203,8 @@ bool Client::Impl::note(client::Event& one) {
     std::visit(
         [&](const auto& each) {
             if constexpr (requires { each.answer.request; })
-                answers_.add(each.answer.request, client::Event(each));
+                if (answers_.isAwaited(each.answer.request))
+                    answers_.add(each.answer.request, client::Event(each));
         },
         one);
     if (const auto* connected = std::get_if<event::Connected>(&one)) {
