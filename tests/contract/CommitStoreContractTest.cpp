@@ -4,7 +4,6 @@
 
 #include "unit/Seeds.h"
 #include "unit/server/storage/TestCommits.h"
-#include "usdlive/server/project/LayerVersions.h"
 #include "usdlive/server/storage/MemoryCommitStore.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
 
@@ -314,21 +313,21 @@ void expectFromBase(RandomHistory<Where>& history, std::vector<LayerDocs>& conte
             ASSERT_TRUE(found) << found.error().message;
             ASSERT_EQ((*found)->dump(), contents[std::max(at, first[layer])][layer].dump())
                 << layer.value << " at " << at << ", base " << base.revision;
-            const auto version = versionAt(store, layer, at);
+            const auto version = store.versionAt(layer, at);
             ASSERT_TRUE(version) << version.error().message;
             ASSERT_LE((*version)->revision, std::max(at, first[layer]));
             ASSERT_EQ((*version)->hash, *store.hashAt((*version)->revision));
             ASSERT_EQ((*found)->dump(),
                       contents[std::max((*version)->revision, first[layer])][layer].dump())
                 << layer.value << " at " << at << ", version " << (*version)->revision;
-            ASSERT_EQ(*versionAt(store, layer, (*version)->revision), *version);
+            ASSERT_EQ(*store.versionAt(layer, (*version)->revision), *version);
         }
-    EXPECT_FALSE(*versionAt(store, {"unknown.usda"}, newest));
+    EXPECT_FALSE(*store.versionAt({"unknown.usda"}, newest));
     if (base.revision == 0) return;
     const Revision older = base.revision - 1;
     EXPECT_EQ(store.hashAt(older).error().code, ErrorCode::HistoryReplaced);
     EXPECT_EQ(store.layerAt(kLayer, older).error().code, ErrorCode::HistoryReplaced);
-    EXPECT_EQ(versionAt(store, kLayer, older).error().code, ErrorCode::HistoryReplaced);
+    EXPECT_EQ(store.versionAt(kLayer, older).error().code, ErrorCode::HistoryReplaced);
     EXPECT_EQ(store.read(base.revision, newest + 1, [](const auto&) { return true; }).error().code,
               ErrorCode::HistoryReplaced);
 }

@@ -179,7 +179,7 @@ HttpReply ServedAssets::list(const FileRequest& request) {
         const auto stored = store.layers();
         if (!stored) return tl::unexpected(stored.error());
         for (const LayerId& layer : *stored) {
-            const auto version = versionAt(store, layer, at->revision);
+            const auto version = store.versionAt(layer, at->revision);
             if (!version) return tl::unexpected(version.error());
             if (*version)
                 all[layer.value] = {{"path", layer.value}, {"version", nameOf(**version)}};
@@ -205,7 +205,7 @@ HttpReply ServedAssets::file(const FileRequest& request) {
         const auto at = moment(request);
         if (!at) return problem(at.error());
         const auto version =
-            store_.use([&](CommitStore& store) { return versionAt(store, *id, at->revision); });
+            store_.use([&](CommitStore& store) { return store.versionAt(*id, at->revision); });
         if (!version) return problem(version.error());
         if (*version) return layer(*id, **version);
     }
@@ -238,15 +238,18 @@ HttpReply ServedAssets::layer(const LayerId& layer, const LayerVersion& version)
 Result<ServedAssets::Rendered> ServedAssets::rendered(const LayerId& layer,
                                                       const LayerVersion& version) {
     const std::string name = nameOf(version);
-    {
-        const std::lock_guard lock(mutex_);
+    // Precondition: mutex_ is locked.
+    const auto kept = [&]() -> const Rendered* {
         const auto found = std::ranges::find_if(rendered_, [&](const auto& one) {
             return one.first == layer && one.second.version == name;
         });
-        if (found != rendered_.end()) {
-            rendered_.splice(rendered_.begin(), rendered_, found);
-            return found->second;
-        }
+        if (found == rendered_.end()) return nullptr;
+        rendered_.splice(rendered_.begin(), rendered_, found);
+        return &found->second;
+    };
+    {
+        const std::lock_guard lock(mutex_);
+        if (const Rendered* found = kept()) return *found;
     }
     const auto doc =
         store_.use([&](CommitStore& store) { return store.layerAt(layer, version.revision); });
@@ -257,6 +260,7 @@ Result<ServedAssets::Rendered> ServedAssets::rendered(const LayerId& layer,
     const std::string hash = sha256(*bytes).hex();
     const Rendered made{name, std::make_shared<const Bytes>(std::move(*bytes)), hash};
     const std::lock_guard lock(mutex_);
+    if (const Rendered* found = kept()) return *found;  // another request made it meanwhile
     rendered_.emplace_front(layer, made);
     std::size_t size = 0;
     auto last = rendered_.begin();

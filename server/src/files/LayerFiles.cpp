@@ -12,7 +12,6 @@
 #include <cstring>
 #include <fstream>
 #include <future>
-#include <iterator>
 #include <mutex>
 
 #include "BigArrays.h"
@@ -234,11 +233,14 @@ public:
 
 private:
     static Result<Bytes> readFile(const std::string& name) {
+        std::error_code problem;
+        const std::uintmax_t size = fs::file_size(name, problem);
+        Bytes bytes(problem ? 0 : std::size_t(size));
         std::ifstream file(name, std::ios::binary);
-        Bytes bytes{std::istreambuf_iterator<char>(file), {}};
-        if (file.bad() || bytes.empty())
-            return fail(ErrorCode::SaveFailed, name + " cannot be read: " + std::strerror(errno));
-        return bytes;
+        if (!problem &&
+            file.read(reinterpret_cast<char*>(bytes.data()), std::streamsize(bytes.size())))
+            return bytes;
+        return fail(ErrorCode::SaveFailed, "the temporary file " + name + " cannot be read");
     }
 
     static tl::unexpected<Error> unreadable(const LayerId& layer, const std::string& reason) {

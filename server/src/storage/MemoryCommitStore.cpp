@@ -8,7 +8,6 @@
 
 #include "StoreRules.h"
 #include "usdlive/server/project/CommitContent.h"
-#include "usdlive/server/project/LayerVersions.h"
 
 namespace usdlive::server {
 
@@ -41,7 +40,7 @@ public:
 
 namespace {
 
-class MemoryCommitStore final : public CommitStore, public LayerVersions {
+class MemoryCommitStore final : public CommitStore {
 public:
     explicit MemoryCommitStore(std::shared_ptr<MemoryDisk> disk) : disk_(std::move(disk)) {
         const std::lock_guard lock(disk_->mutex);

@@ -19,7 +19,6 @@
 #include "RocksTuning.h"
 #include "StoreFolder.h"
 #include "StoreRecords.h"
-#include "usdlive/server/project/LayerVersions.h"
 #include "usdlive/server/storage/RocksCommitStore.h"
 
 namespace usdlive::server {
@@ -27,7 +26,7 @@ namespace usdlive::server {
 /// A CommitStore in RocksDB. Its parts: RocksCommitStore.cpp (disk space), RocksOpening.cpp,
 /// RocksAppending.cpp (commits and snapshots), RocksReading.cpp (the log, layers and checkpoints),
 /// RocksClients.cpp (transactions of clients), RocksCompacting.cpp (the base).
-class RocksCommitStore final : public CommitStore, public LayerVersions {
+class RocksCommitStore final : public CommitStore {
 public:
     RocksCommitStore(StoreFolder folder, const RocksCommitStoreOptions& options)
         : folder_(std::move(folder)),

@@ -5,13 +5,13 @@
 
 #include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/protocol/Requests.h"
 
 namespace usdlive::server {
 
 namespace {
 
 constexpr std::size_t kMaxPathBytes = 4'096;
-constexpr std::size_t kMaxCheckpointBytes = 200;  // the longest name of a checkpoint
 
 tl::unexpected<Error> malformed(const std::string& what) {
     return fail(ErrorCode::InvalidArgument, what);
@@ -30,7 +30,7 @@ Result<void> setPart(FileRequest& request, std::string_view name, const std::str
             return malformed("revision is not a number: " + inQuotes(value));
         request.revision = revision;
     } else if (name == "checkpoint") {
-        if (value.empty() || value.size() > kMaxCheckpointBytes || !isUtf8(value))
+        if (value.empty() || value.size() > kMaxCheckpointNameBytes || !isUtf8(value))
             return malformed("checkpoint is not the name of a checkpoint: " + inQuotes(value));
         request.checkpoint = value;
     }

@@ -109,7 +109,7 @@ private:
             const HttpRoute route = hub_.router(target);
             if (const auto* refusal = std::get_if<HttpReply>(&route)) return answer(*refusal);
             if (request.method() != http::verb::get && !isHead_)
-                return answer({"text/plain", "only GET\n", kNotAllowed});
+                return answer({"text/plain", "only GET and HEAD\n", kNotAllowed});
             if (const auto* page = std::get_if<HttpPage>(&route)) return get(*page);
             session(request, *std::get<WebSocketTransport*>(route));
         } catch (const std::exception& fault) {
@@ -198,7 +198,8 @@ private:
         if (!reply.etag.empty()) response_.set(http::field::etag, quoted(reply.etag));
         // A client may keep what has an ETag, and asks each time whether it is still valid.
         response_.set(http::field::cache_control, reply.etag.empty() ? "no-store" : "no-cache");
-        if (status == http::status::method_not_allowed) response_.set(http::field::allow, "GET");
+        if (status == http::status::method_not_allowed)
+            response_.set(http::field::allow, "GET, HEAD");
         if (status == http::status::upgrade_required) {
             response_.set(http::field::upgrade, "websocket");
             response_.set(http::field::connection, "upgrade, close");

@@ -4,16 +4,18 @@
 #include <algorithm>
 #include <utility>
 
+#include "usdlive/common/protocol/Requests.h"
+
 namespace usdlive::server {
 
 namespace {
 
-constexpr std::size_t kMaxNameBytes = 200;
 constexpr std::size_t kMaxWaiting = 1'000;  // requests of all sessions that wait for their revision
 
 bool isName(const std::string& name) {
     const auto isControl = [](unsigned char byte) { return byte < 0x20 || byte == 0x7f; };
-    return !name.empty() && name.size() <= kMaxNameBytes && std::ranges::none_of(name, isControl);
+    return !name.empty() && name.size() <= kMaxCheckpointNameBytes &&
+           std::ranges::none_of(name, isControl);
 }
 
 }  // namespace
@@ -22,7 +24,7 @@ std::optional<Error> CheckpointRequests::objection(const Session& session,
                                                    const std::string& name) const {
     if (!isName(name))
         return Error{ErrorCode::InvalidArgument, "a checkpoint's name is 1 to " +
-                                                     std::to_string(kMaxNameBytes) +
+                                                     std::to_string(kMaxCheckpointNameBytes) +
                                                      " bytes without control characters"};
     if (auto denied = access_->toCheckpoint(session.subject, name)) return denied;
     if (line_->executed() == 0)

@@ -344,7 +344,7 @@ TEST_F(HttpServerTest, RefusesOtherHttp) {
     const std::string post =
         http("POST /healthz HTTP/1.1\r\nHost: x\r\nContent-Length: 4\r\n\r\nbody");
     EXPECT_THAT(post, StartsWith("HTTP/1.1 405"));
-    EXPECT_THAT(post, HasSubstr("\r\nAllow: GET\r\n"));
+    EXPECT_THAT(post, HasSubstr("\r\nAllow: GET, HEAD\r\n"));
 }
 
 TEST_F(HttpServerTest, RefusesLargeHeaders) {

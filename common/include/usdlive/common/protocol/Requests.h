@@ -1,10 +1,8 @@
-// The requests of clients and their answers.
-#pragma once
-
 // The requests of a client and their answers: each is declared here once. From the declaration
 // follow its JSON (Control.cpp), its number and its end (client/session), the calls of C++, Python
 // and the command line, and the check of the table in PROTOCOL.md. A new request needs its two
 // structs here, its place in AnyRequest, and its meaning in server/project.
+#pragma once
 
 #include <cstdint>
 #include <optional>
@@ -119,9 +117,11 @@ struct ListSkipped {
 
 // ---- checkpoints
 
+inline constexpr std::size_t kMaxCheckpointNameBytes = 200;
 /// A named revision of the project.
 struct Checkpoint {
-    std::string name;  ///< unique in the project; 1 to 200 bytes of UTF-8, no control characters
+    /// Unique in the project; 1 to kMaxCheckpointNameBytes of UTF-8, no control characters.
+    std::string name;
     Revision revision = 0;
     UserName user;             ///< its author
     std::uint64_t timeMs = 0;  ///< when the server created it, since 1970

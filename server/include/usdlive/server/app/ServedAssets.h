@@ -13,7 +13,7 @@
 #include "usdlive/server/app/WorkerLanes.h"
 #include "usdlive/server/files/AssetFiles.h"
 #include "usdlive/server/files/LayerFiles.h"
-#include "usdlive/server/project/LayerVersions.h"
+#include "usdlive/server/project/CommitStore.h"
 #include "usdlive/server/transport/FileRequest.h"
 #include "usdlive/server/transport/HttpServer.h"
 #include "usdlive/server/transport/Log.h"

@@ -147,6 +147,13 @@ struct StoreSpace {
     std::vector<Layer> layers;  ///< sorted by name
 };
 
+/// Names the content of a layer: two equal versions of a layer have the same content.
+struct LayerVersion {
+    Revision revision = 0;
+    Hash hash;  ///< chain hash at the revision
+    bool operator==(const LayerVersion&) const = default;
+};
+
 /// The durable history of one project: a log of commits, and records that belong to it.
 ///
 /// Revisions count from 1 without gaps. The content of a layer is the result of its commits in
@@ -221,6 +228,11 @@ public:
     /// before base()).
     [[nodiscard]] virtual Result<std::optional<LayerDoc>> layerAt(
         const LayerId& layer, Revision revision, Replayed* replayed = nullptr) const = 0;
+    /// Returns a revision at which layerAt() returns the same content as at `revision`: usually the
+    /// last commit that changed the layer. Nothing: no commit is for the layer. Errors: as
+    /// layerAt().
+    [[nodiscard]] virtual Result<std::optional<LayerVersion>> versionAt(
+        const LayerId& layer, Revision revision) const = 0;
     /// Returns the layer at the newest commit.
     [[nodiscard]] Result<std::optional<LayerDoc>> loadLayer(const LayerId& layer,
                                                             Replayed* replayed = nullptr) const {
