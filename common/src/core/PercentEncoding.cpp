@@ -32,17 +32,24 @@ std::optional<std::string> percentDecoded(std::string_view text) {
 }
 
 std::string percentEncoded(std::string_view text) {
+    return percentEncodedIf(text, [](char c) {
+        const auto byte = static_cast<unsigned char>(c);
+        return c == '%' || c == '?' || c == '#' || byte <= ' ' || byte == 0x7f;
+    });
+}
+
+std::string percentEncodedIf(std::string_view text, bool (*isEncoded)(char)) {
     constexpr std::string_view kDigits = "0123456789ABCDEF";
     std::string encoded;
     for (const char c : text) {
-        const auto byte = static_cast<unsigned char>(c);
-        if (c == '%' || c == '?' || c == '#' || byte <= ' ' || byte == 0x7f) {
-            encoded += '%';
-            encoded += kDigits[byte >> 4];
-            encoded += kDigits[byte & 15];
-        } else {
+        if (!isEncoded(c)) {
             encoded += c;
+            continue;
         }
+        const auto byte = static_cast<unsigned char>(c);
+        encoded += '%';
+        encoded += kDigits[byte >> 4];
+        encoded += kDigits[byte & 15];
     }
     return encoded;
 }

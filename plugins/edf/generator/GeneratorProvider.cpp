@@ -2,12 +2,13 @@
 // blocks.
 //
 // providerArgs:
-//   preset     "village" or "city": shape, size, spacing and seed in one argument; others of those
-//   arguments win shape      "grid" (default), "spiral" or "buildings" size "COLUMNSxROWSxLEVELS";
-//   or as three arguments columns, rows, levels (default 10x10x1) spacing    distance of two
-//   neighbours (default 2) seed       of the heights of buildings (default 1) prototype  an asset,
-//   relative to the payload's, that each item references as an instance; without it, each
-//              item is a Cube
+// - preset: "village" or "city", shape, size, spacing and seed in one argument; the single ones win
+// - shape: "grid" (default), "spiral" or "buildings"
+// - size: "COLUMNSxROWSxLEVELS", or as three arguments columns, rows, levels (default 10x10x1)
+// - spacing: distance of two neighbours (default 2)
+// - seed: of the heights of buildings (default 1)
+// - prototype: an asset, relative to the payload's, that each item references as an instance;
+//   without it, each item is a Cube
 #include <pxr/base/gf/vec3d.h>
 #include <pxr/base/gf/vec3f.h>
 #include <pxr/base/vt/array.h>

@@ -1,15 +1,19 @@
 // The provider `omniMet`: departments and objects of a museum's collection, from its REST service.
 //
 // providerArgs:
-//   dataLodLevel  0 (default): departments; 1: and at most lod1Count objects of each; 2: and all
-//   objects lod1Count     0 (default) means all deferredRead  "true": the objects of a department
-//   are read when they are first needed baseAddress   http://host[:port][/path]; the default is
-//   USDLIVE_EDF_MUSEUM_URL (Address.h says what is allowed)
+// - dataLodLevel: 0 (default), departments; 1, also at most lod1Count objects of each; 2, also all
+//   objects
+// - lod1Count: 0 (default) means all
+// - deferredRead: "true", the objects of a department are read when they are first needed
+// - baseAddress: http://host[:port][/path]; the default is USDLIVE_EDF_MUSEUM_URL (Address.h says
+//   which addresses are allowed)
 //
 // The service has three routes below its address: /departments, /objects?departmentIds=ID,
-// /objects/ID. Environment: USDLIVE_EDF_MUSEUM_URL, USDLIVE_EDF_ALLOWED_HOSTS, USDLIVE_EDF_CACHE (a
-// folder), USDLIVE_EDF_CACHE_MIB (256; 0 turns the cache off), USDLIVE_EDF_REQUEST_SECONDS (15, for
-// one answer).
+// /objects/ID.
+//
+// Environment: USDLIVE_EDF_MUSEUM_URL, USDLIVE_EDF_ALLOWED_HOSTS, USDLIVE_EDF_CACHE (a folder),
+// USDLIVE_EDF_CACHE_MIB (256; 0 turns the cache off), USDLIVE_EDF_REQUEST_SECONDS (15, for one
+// answer).
 #include <pxr/base/tf/getenv.h>
 #include <pxr/base/tf/stringUtils.h>
 #include <pxr/usd/sdf/listOp.h>
@@ -72,15 +76,16 @@ Options optionsOf(const EdfArguments& arguments) {
     return options;
 }
 
-// One cache for the process, because all payloads share the folder and its bound.
+// One cache for the process, because all payloads share the folder and its bound. It is never
+// destroyed: a read that nobody waits for may use it while the process exits.
 museum::DiskCache* sharedCache() {
-    static const auto cache = []() -> std::unique_ptr<museum::DiskCache> {
+    static museum::DiskCache* const cache = []() -> museum::DiskCache* {
         const int mebibytes = pxr::TfGetenvInt("USDLIVE_EDF_CACHE_MIB", 256);
         if (mebibytes <= 0) return nullptr;
-        return std::make_unique<museum::DiskCache>(museum::DiskCache::defaultFolder(),
-                                                   std::uintmax_t(mebibytes) << 20);
+        return new museum::DiskCache(museum::DiskCache::defaultFolder(), std::uintmax_t(mebibytes)
+                                                                             << 20);
     }();
-    return cache.get();
+    return cache;
 }
 
 museum::FetchLimits limitsFor(std::size_t bodyBytes) {

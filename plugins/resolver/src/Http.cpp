@@ -17,6 +17,8 @@
 #include <cerrno>
 #include <string_view>
 
+#include "usdlive/common/core/PercentEncoding.h"
+
 namespace usdlive::resolver {
 
 namespace {
@@ -191,20 +193,11 @@ Outcome<HttpAnswer> httpGet(const HttpRequest& request, const HttpTimes& times) 
 }
 
 std::string urlEncoded(const std::string& text) {
-    constexpr std::string_view kDigits = "0123456789ABCDEF", kOthers = "-._~/";
-    std::string result;
-    for (const char c : text) {
+    return percentEncodedIf(text, [](char c) {
         const bool isLetter =
             (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
-        if (isLetter || kOthers.find(c) != std::string_view::npos) {
-            result += c;
-            continue;
-        }
-        result += '%';
-        result += kDigits[std::uint8_t(c) >> 4];
-        result += kDigits[std::uint8_t(c) & 15];
-    }
-    return result;
+        return !isLetter && std::string_view("-._~/").find(c) == std::string_view::npos;
+    });
 }
 
 }  // namespace usdlive::resolver

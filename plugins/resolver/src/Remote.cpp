@@ -49,7 +49,7 @@ HttpTimes timesFromEnvironment() {
     return times;
 }
 
-/// Returns the last line of an answer that says why.
+/// Returns the first line of an answer, which says why it is an error.
 std::string sentenceOf(const HttpAnswer& answer) {
     constexpr std::size_t kMostShown = 300;
     std::string text = answer.body.substr(0, std::min(answer.body.find('\n'), kMostShown));
@@ -141,9 +141,9 @@ Outcome<SnapshotPtr> Project::at(const std::string& pin) {
     Asked* known = nullptr;
     {
         const std::lock_guard lock(mutex_);
-        if (pinned_.size() >= kMostPins && !pinned_.contains(pin)) return request(nullptr, pin);
-        known = &pinned_[pin];
+        if (pinned_.size() < kMostPins || pinned_.contains(pin)) known = &pinned_[pin];
     }
+    if (!known) return request(nullptr, pin);
     // The layers of a revision never change. The other files of the list are opened by their path
     // if they have changed.
     return ask(*known, pin, milliseconds::max());

@@ -6,33 +6,13 @@
 #include <charconv>
 #include <vector>
 
+#include "usdlive/common/core/PercentEncoding.h"
+
 namespace usdlive::resolver {
 
 namespace {
 
 constexpr std::string_view kPrefix = "usdlive://";
-
-std::optional<std::string> decoded(std::string_view text) {
-    const auto digit = [](char c) {
-        if (c >= '0' && c <= '9') return c - '0';
-        if (c >= 'a' && c <= 'f') return c - 'a' + 10;
-        if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-        return -1;
-    };
-    std::string result;
-    for (std::size_t at = 0; at < text.size(); ++at) {
-        if (text[at] != '%') {
-            result += text[at];
-            continue;
-        }
-        if (text.size() - at < 3) return std::nullopt;
-        const int high = digit(text[at + 1]), low = digit(text[at + 2]);
-        if (high < 0 || low < 0) return std::nullopt;
-        result += char(high * 16 + low);
-        at += 2;
-    }
-    return result;
-}
 
 /// Encodes what would be read as something else. All other characters are kept, because OpenUSD and
 /// people recognize file names and patterns such as <UDIM> by them.
@@ -57,18 +37,8 @@ std::string encodedPath(std::string_view path) {
 
 /// A pin never has a dot (see parseUrl), and no slash, so that it is one part of the path.
 std::string encodedPin(std::string_view pin) {
-    constexpr std::string_view kDigits = "0123456789ABCDEF";
-    std::string result;
-    for (const char c : pin) {
-        if (std::string_view("%./@~[]").find(c) == std::string_view::npos) {
-            result += c;
-            continue;
-        }
-        result += '%';
-        result += kDigits[std::uint8_t(c) >> 4];
-        result += kDigits[std::uint8_t(c) & 15];
-    }
-    return result;
+    return percentEncodedIf(
+        pin, [](char c) { return std::string_view("%./@~[]").find(c) != std::string_view::npos; });
 }
 
 /// Removes `.` and `..` and empty parts. Keeps `..` at the beginning, which leads out.
@@ -116,7 +86,7 @@ bool parseAuthority(std::string_view text, Url& url, std::string* why) {
 /// Parses `PIN~VERSION`, each of which may be missing.
 bool parseMark(std::string_view text, Url& url) {
     const std::size_t tilde = text.find('~');
-    const auto pin = decoded(text.substr(0, tilde));
+    const auto pin = percentDecoded(text.substr(0, tilde));
     if (!pin) return false;
     url.pin = *pin;
     if (tilde != std::string_view::npos) url.version = text.substr(tilde + 1);
@@ -164,12 +134,12 @@ std::optional<Url> parseUrl(std::string_view text, std::string* why) {
         at != std::string_view::npos && (slash == std::string_view::npos || at > slash);
     if (isInLast && at + 1 < text.size() && text.find('.', at) == std::string_view::npos) {
         if (!url.pin.empty()) return refuse(why, "it names two revisions");
-        const auto pin = decoded(text.substr(at + 1));
+        const auto pin = percentDecoded(text.substr(at + 1));
         if (!pin) return refuse(why, "its revision is malformed");
         url.pin = *pin;
         text = text.substr(0, at);
     }
-    const auto path = decoded(text);
+    const auto path = percentDecoded(text);
     if (!path || path->find('\0') != std::string::npos)
         return refuse(why, "a % in it is not followed by two hexadecimal digits");
     url.path = normalized(*path);

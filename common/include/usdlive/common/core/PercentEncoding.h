@@ -15,4 +15,8 @@ namespace usdlive {
 /// and #. Slashes and all other characters are kept.
 [[nodiscard]] std::string percentEncoded(std::string_view text);
 
+/// Encodes the characters for which `isEncoded` returns true, with upper-case digits. That has to
+/// be so for %, or the text cannot be decoded again.
+[[nodiscard]] std::string percentEncodedIf(std::string_view text, bool (*isEncoded)(char));
+
 }  // namespace usdlive
