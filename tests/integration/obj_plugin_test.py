@@ -296,10 +296,10 @@ def test_a_hundred_thousand_vertices_open_quickly(run, tmp_path):
     (tmp_path / "grid.obj").write_text("".join(lines))
     run(f"""
 import time
-begin = time.monotonic()
+begin = time.process_time()
 stage = Usd.Stage.Open(str(folder / "grid.obj"))
 assert len(UsdGeom.Mesh.Get(stage, "/Model/default").GetPointsAttr().Get()) == {side * side}
-assert time.monotonic() - begin < 5
+assert time.process_time() - begin < 5
 """)
 
 
@@ -354,6 +354,16 @@ def "Turned" (
         ada.tick()
         chair.write_text(CHAIR.replace("v 1 1 -1", "v 3 3 -3"))
         wait(lambda: points("/Chair") == points("/Turned") == (3, 3, -3))
+        # A second attach changes nothing; a file that the stage uses later is followed, too.
+        ada.attach(stage)
+        table = project / "table.obj"
+        table.write_text(CHAIR)
+        stage.DefinePrim("/Table").GetReferences().AddReference("./table.obj")
+        assert ada.flush() and points("/Table") == (1, 1, -1)
+        time.sleep(0.6)
+        ada.tick()
+        table.write_text(CHAIR.replace("v 1 1 -1", "v 4 4 -4"))
+        wait(lambda: points("/Table") == (4, 4, -4))
         # Unsaved edits of the file are not lost.
         (layer,) = [layer for layer in stage.GetUsedLayers()
                     if layer.identifier.endswith("chair.obj") and layer.realPath]

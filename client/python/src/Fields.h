@@ -1,8 +1,6 @@
-// Converts messages with USDLIVE_FIELDS to Python dictionaries.
-#pragma once
-
 // Protocol structs (USDLIVE_FIELDS) to Python and back. In Python the names are in snake_case, and
 // times are in seconds: `timeMs` is `time`.
+#pragma once
 
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/optional.h>

@@ -19,8 +19,10 @@ class ForeignFiles:
     def __init__(self, stage: Usd.Stage, folder: str):
         self.stage = weakref.ref(stage)
         self._folder = os.path.realpath(folder)
+        self._layers: list[tuple[Sdf.Layer, str]] | None = None  # with their files; None: to be listed again
         self._stamps: dict[str, tuple[int, int] | None] = {}
         self._next = 0.0
+        self._changes = Tf.Notice.Register(Usd.Notice.ObjectsChanged, self._on_changed, stage)
         self.update()
 
     def update(self) -> bool:
@@ -31,16 +33,23 @@ class ForeignFiles:
         now = time.monotonic()
         if now >= self._next:
             self._next = now + SECONDS
-            for layer in stage.GetUsedLayers():
-                self._follow(layer)
+            if self._layers is None:
+                self._layers = [(layer, layer.realPath) for layer in stage.GetUsedLayers() if self._is_foreign(layer)]
+            for layer, path in self._layers:
+                if layer and not layer.dirty:
+                    self._follow(layer, path)
         return True
 
-    def _follow(self, layer: Sdf.Layer) -> None:
+    def _on_changed(self, notice: Usd.Notice.ObjectsChanged, _: Usd.Stage) -> None:
+        if notice.GetResyncedPaths():
+            self._layers = None  # a stage of thousands of layers is not looked through at each look at the files
+
+    def _is_foreign(self, layer: Sdf.Layer) -> bool:
         path = layer.realPath
-        if not path or layer.GetFileFormat().primaryFileExtension in USD_EXTENSIONS or layer.dirty:
-            return
-        if os.path.commonpath([os.path.realpath(path), self._folder]) != self._folder:
-            return
+        return (bool(path) and layer.GetFileFormat().primaryFileExtension not in USD_EXTENSIONS
+                and os.path.commonpath([os.path.realpath(path), self._folder]) == self._folder)
+
+    def _follow(self, layer: Sdf.Layer, path: str) -> None:
         stamp = self._stamp(path)
         # Layers of one file with different arguments are reloaded one by one.
         before = self._stamps.setdefault(layer.identifier, stamp)

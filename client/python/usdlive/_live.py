@@ -170,6 +170,7 @@ class Live:
         as .obj, are reloaded when they change on the disk."""
         folder = os.fspath(project_folder) or self._project_folder(stage.GetRootLayer())
         attached = self._client.attach(folder)
+        self._foreign_files = [one for one in self._foreign_files if one.stage() != stage]  # attached before
         self._foreign_files.append(ForeignFiles(stage, folder))
         root = self.layer_name(stage.GetRootLayer())
         if follow_muteness and root is not None:
@@ -177,6 +178,7 @@ class Live:
         return attached
 
     def _follow(self, stage: Usd.Stage, root: str) -> None:
+        self._unfollow(stage)
         self._followed.append(_MutenessOfStage(stage, root))
         self._followed[-1].update(self._client)
 
@@ -184,7 +186,7 @@ class Live:
         """Stops updating the stage's muteness, because omni.kit.usd.layers does it by its scope."""
         self._followed = [one for one in self._followed if one.stage() != stage]
 
-    def _follow_muteness(self) -> None:
+    def _update_stages(self) -> None:
         if self._client.closed:  # by a notice handler
             return
         self._followed = [one for one in self._followed if one.update(self._client)]
@@ -232,13 +234,13 @@ class Live:
         thread and arrives in a later tick."""
         start = time.perf_counter()
         _, more, happened = self._client.tick(budget_ms)
-        self._follow_muteness()
+        self._update_stages()
         return self._notify(happened, start + budget_ms / 1000) or more
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Calls `tick()` until all own edits are committed. Returns False after `timeout` seconds."""
         done, happened = self._client.flush(timeout * 1000.0)
-        self._follow_muteness()
+        self._update_stages()
         self._notify(happened)
         return done
 

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from pxr import Sdf, Usd
 
-from . import plugins
-
-plugins.register()
-
 
 class Attribute:
     """Reads the composed value or the fallback, None if there is neither; writes at the default time, to the edit
