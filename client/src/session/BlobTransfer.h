@@ -1,7 +1,5 @@
-// Splits big values into chunks and joins received ones.
-#pragma once
-
 // Big values that a session uploads and downloads.
+#pragma once
 
 #include <cstdint>
 #include <deque>

@@ -1,7 +1,5 @@
-// An open gesture of the editor.
-#pragma once
-
 // An open gesture of this client (M11).
+#pragma once
 
 #include <cstdint>
 #include <deque>

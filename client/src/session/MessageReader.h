@@ -1,7 +1,5 @@
-// Decodes the messages of a connection.
-#pragma once
-
 // Decodes received messages, on the thread of the network.
+#pragma once
 
 #include <cstdint>
 #include <map>

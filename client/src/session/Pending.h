@@ -1,7 +1,5 @@
-// The pending transactions of a session, and the specs that they touch.
-#pragma once
-
 // An own transaction that the server has not answered.
+#pragma once
 
 #include <cstdint>
 #include <functional>

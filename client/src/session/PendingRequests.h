@@ -1,7 +1,5 @@
-// The unanswered requests of a session.
-#pragma once
-
 // The requests of one connection that the server has not answered yet.
+#pragma once
 
 #include <cstdint>
 #include <functional>

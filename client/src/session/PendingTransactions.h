@@ -1,7 +1,5 @@
-// The unanswered transactions of a session, in order.
-#pragma once
-
 // The queue of own transactions that the server has not answered.
+#pragma once
 
 #include <cstdint>
 #include <deque>

@@ -1,7 +1,5 @@
-// Predicts the content of layers with pending transactions.
-#pragma once
-
 // The predicted side of a session: own transactions and previews on the confirmed layers (M7).
+#pragma once
 
 #include <functional>
 #include <optional>

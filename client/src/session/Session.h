@@ -1,7 +1,5 @@
-// A client's session with a project: the protocol without I/O.
-#pragma once
-
 // Session: one client's side of the protocol, without network, threads and USD.
+#pragma once
 
 #include <cstdint>
 #include <functional>

@@ -1,8 +1,6 @@
 // Finds the big values (V9) that an encoded commit names.
 #pragma once
 
-// Finds the big values (V9) that an encoded commit names.
-
 #include <functional>
 
 #include "usdlive/common/core/Bytes.h"

@@ -1,9 +1,7 @@
-// The control messages of the protocol.
-#pragma once
-
 // Control messages: JSON objects with a member "type" (kType) and one member for each field.
 // Unknown members are ignored; unknown types are answered with `malformedControl`. Requests and
 // their answers are in Requests.h.
+#pragma once
 
 #include <cstdint>
 #include <optional>

@@ -1,8 +1,6 @@
-// Lists the fields of a message once.
-#pragma once
-
 // USDLIVE_FIELDS: the one list of a message's fields, from which its encoding, its decoding and its
 // row in PROTOCOL.md follow.
+#pragma once
 
 #include <array>
 #include <cstddef>

@@ -1,7 +1,5 @@
-// The frames of the protocol.
-#pragma once
-
 // Frames: the messages between client and server, to bytes and back.
+#pragma once
 
 #include <optional>
 #include <string>

@@ -1,8 +1,6 @@
-// Splits large transactions and commits into parts, and joins them.
-#pragma once
-
 // Splits transactions and commits that are too large for a frame into parts (FR8), and joins them:
 // frames of the same kind, each with some of the edits, in order.
+#pragma once
 
 #include <optional>
 

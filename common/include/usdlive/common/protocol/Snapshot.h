@@ -1,7 +1,5 @@
-// Encodes and decodes the snapshots of layers.
-#pragma once
-
 // A layer's content as snapshot frames (SN1-SN4), and back.
+#pragma once
 
 #include <cstdint>
 #include <memory>
