@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "transport/Connection.h"
+#include "unit/common/protocol/SampleStates.h"
 #include "usdlive/common/protocol/Control.h"
 #include "usdlive/common/protocol/Frame.h"
 #include "usdlive/server/transport/DdsServer.h"
@@ -21,6 +22,8 @@ using namespace usdlive;
 using namespace usdlive::server;
 using namespace std::chrono_literals;
 using client::Connection;
+using tests::presenceOf;
+using tests::stateOf;
 namespace asio = boost::asio;
 
 namespace {
@@ -257,95 +260,94 @@ TEST_P(TransportContract, BringsCommitsToAllInOrderWithTheRest) {
     }
 }
 
+namespace {
+
+/// Two sessions that have been sent the commit c1.
+struct TwoSessions {
+    [[nodiscard]] bool open(World& world) {
+        one = world.connect();
+        if (!inbox.open(*one, world)) return false;
+        other = world.connect();
+        if (!ignored.open(*other, world)) return false;
+        world.call([&] {
+            both = world.sessions;
+            world.transport().sendCommit(both, frame("c1"), 1);
+        });
+        return true;
+    }
+
+    std::unique_ptr<Connection> one, other;
+    Inbox inbox, ignored;         // frames to one, frames to other
+    std::vector<SessionId> both;  // in this order
+};
+
+}  // namespace
+
 TEST_P(TransportContract, NoCommitIsSentWhileCommitsAreHeld) {
     World world(GetParam());
-    const auto one = world.connect();
-    Inbox inbox, ignored;
-    ASSERT_TRUE(inbox.open(*one, world));
-    const SessionId first = world.call([&] { return world.sessions[0]; });
-    const auto other = world.connect();
-    ASSERT_TRUE(ignored.open(*other, world));
-    const SessionId second = world.call([&] { return world.sessions[1]; });
-    std::vector<SessionId> both{first, second}, only{second};
-    world.call([&] { world.transport().sendCommit(both, frame("c1"), 1); });
+    TwoSessions two;
+    ASSERT_TRUE(two.open(world));
+    const SessionId first = two.both[0];
+    const std::vector<SessionId> only{two.both[1]};
     world.call([&] {
         world.transport().holdCommits(first);
         world.transport().send(first, frame("begin"));
     });
     // The tested session has begun to read its log before the commit is sent.
-    ASSERT_TRUE(inbox.read(*one, 2));
+    ASSERT_TRUE(two.inbox.read(*two.one, 2));
     world.call([&] { world.transport().sendCommit(only, frame("c2"), 2); });
-    ASSERT_TRUE(ignored.read(*other, 2));
+    ASSERT_TRUE(two.ignored.read(*two.other, 2));
     world.call([&] {
         world.transport().send(first, frame("end"));
         world.transport().send(first, frame("c2 again"));
-        world.transport().sendCommit(both, frame("c3"), 3);
+        world.transport().sendCommit(two.both, frame("c3"), 3);
     });
-    ASSERT_TRUE(inbox.read(*one, 5));
-    EXPECT_EQ(inbox.texts, (std::vector<std::string>{"c1", "begin", "end", "c2 again", "c3"}));
-    ASSERT_TRUE(ignored.read(*other, 3));
-    EXPECT_EQ(ignored.texts, (std::vector<std::string>{"c1", "c2", "c3"}));
+    ASSERT_TRUE(two.inbox.read(*two.one, 5));
+    EXPECT_EQ(two.inbox.texts, (std::vector<std::string>{"c1", "begin", "end", "c2 again", "c3"}));
+    ASSERT_TRUE(two.ignored.read(*two.other, 3));
+    EXPECT_EQ(two.ignored.texts, (std::vector<std::string>{"c1", "c2", "c3"}));
 }
 
 // A preview that is sent before a hold would otherwise arrive after the commit that ends it.
 TEST_P(TransportContract, NoCommitOvertakesWhatWasSentBeforeCommitsAreHeld) {
     World world(GetParam());
-    const auto one = world.connect();
-    Inbox inbox, ignored;
-    ASSERT_TRUE(inbox.open(*one, world));
-    const SessionId first = world.call([&] { return world.sessions[0]; });
-    const auto other = world.connect();
-    ASSERT_TRUE(ignored.open(*other, world));
-    const SessionId second = world.call([&] { return world.sessions[1]; });
-    std::vector<SessionId> both{first, second}, only{second};
-    world.call([&] { world.transport().sendCommit(both, frame("c1"), 1); });
-    ASSERT_TRUE(inbox.read(*one, 1));
+    TwoSessions two;
+    ASSERT_TRUE(two.open(world));
+    const SessionId first = two.both[0];
+    const std::vector<SessionId> only{two.both[1]};
+    ASSERT_TRUE(two.inbox.read(*two.one, 1));
     // In one turn, so that the commit is sent before the frames of the session.
     world.call([&] {
         world.transport().send(first, frame("before"));
         world.transport().holdCommits(first);
         world.transport().sendCommit(only, frame("c2"), 2);
     });
-    ASSERT_TRUE(inbox.read(*one, 2));
-    EXPECT_EQ(inbox.texts[1], "before");
+    ASSERT_TRUE(two.inbox.read(*two.one, 2));
+    EXPECT_EQ(two.inbox.texts[1], "before");
 }
 
 namespace {
 
-LayerState stateOf(const std::string& layer, Revision saved) {
-    LayerState state;
-    state.layer = {layer};
-    state.saved = saved;
-    return state;
-}
-
-Presence presenceOf(const std::string& client, double time) {
-    Presence presence;
-    presence.client = {client};
-    presence.time = time;
-    return presence;
-}
-
 /// Returns the received states and presences in order, mixed with the commits: "c1 a.usda=3 ada=1
 /// -bo".
 std::string statesIn(const std::vector<std::string>& texts) {
-    std::string news;
+    std::string states;
     for (const std::string& text : texts) {
         const auto frame = decodeFrame(asBytes(text));
         const auto* control = frame ? std::get_if<ControlFrame>(&*frame) : nullptr;
         const auto message = control ? decodeControl(control->json) : ControlMessage{};
-        if (const auto* states = control ? std::get_if<LayerStates>(&*message) : nullptr) {
-            for (const LayerState& state : states->layers)
-                news += state.layer.value + "=" + std::to_string(state.saved) + " ";
+        if (const auto* layers = control ? std::get_if<LayerStates>(&*message) : nullptr) {
+            for (const LayerState& state : layers->layers)
+                states += state.layer.value + "=" + std::to_string(state.saved) + " ";
         } else if (const auto* people = control ? std::get_if<Presences>(&*message) : nullptr) {
             for (const Presence& shown : people->shown)
-                news += shown.client.value + "=" + std::to_string(int(*shown.time)) + " ";
-            for (const ClientId& gone : people->gone) news += "-" + gone.value + " ";
+                states += shown.client.value + "=" + std::to_string(int(*shown.time)) + " ";
+            for (const ClientId& gone : people->gone) states += "-" + gone.value + " ";
         } else {
-            news += text + " ";
+            states += text + " ";
         }
     }
-    return news;
+    return states;
 }
 
 }  // namespace
@@ -412,19 +414,21 @@ TEST_P(TransportContract, LS1AStateFollowsItsCommit) {
                 LayerStates{{stateOf("l" + std::to_string(index % 3) + ".usda", Revision(index))}});
         });
     ASSERT_TRUE(inbox.readUntil(*connection, [&] {
-        const std::string news = statesIn(inbox.texts);
-        return news.find("c300") != std::string::npos && news.find("=300 ") != std::string::npos &&
-               news.find("=299 ") != std::string::npos && news.find("=298 ") != std::string::npos;
+        const std::string states = statesIn(inbox.texts);
+        return states.find("c300") != std::string::npos &&
+               states.find("=300 ") != std::string::npos &&
+               states.find("=299 ") != std::string::npos &&
+               states.find("=298 ") != std::string::npos;
     }));
     Revision reached = 0;
     std::map<std::string, Revision> latest;
     for (const std::string& text : inbox.texts) {
-        const std::string news = statesIn({text});
-        if (news.starts_with("c")) {
-            reached = Revision(std::stoi(news.substr(1)));
+        const std::string states = statesIn({text});
+        if (states.starts_with("c")) {
+            reached = Revision(std::stoi(states.substr(1)));
             continue;
         }
-        std::istringstream words(news);
+        std::istringstream words(states);
         for (std::string word; words >> word;) {
             const Revision saved = Revision(std::stoi(word.substr(word.find('=') + 1)));
             ASSERT_LE(saved, reached);

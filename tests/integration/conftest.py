@@ -219,6 +219,19 @@ def cat(server: Server, layer: str, *options: str) -> str:
                           capture_output=True, text=True, check=True).stdout
 
 
+def synced(server: Server, *editors: Peer, layers: tuple[str, ...] = ("root.usda",)) -> list[str]:
+    """Waits until the editors have all commits. The layers are the same everywhere; returns their texts."""
+    revision = max(one.flush() for one in editors)
+    for one in editors:
+        one.catch_up(revision)
+    texts = []
+    for layer in layers:
+        same = {one.text(layer) for one in editors} | {cat(server, layer)}
+        assert len(same) == 1
+        texts.append(same.pop())
+    return texts
+
+
 def connect(server: Server, user: str) -> usdlive.Live:
     return usdlive.connect(server.url, user=user, application="test")
 

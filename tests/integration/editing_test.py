@@ -1,7 +1,7 @@
 """Tests how the work of several people is merged, as they see it."""
 
 import pytest
-from conftest import cat
+from conftest import cat, synced
 
 ROOT = """#usda 1.0
 
@@ -20,15 +20,6 @@ def two(project, serve, editor):
     (project / "root.usda").write_text(ROOT)
     server = serve(project)
     return server, editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
-
-
-def synced(server, *editors):
-    revision = max(e.flush() for e in editors)
-    for e in editors:
-        e.catch_up(revision)
-    texts = {e.text("root.usda") for e in editors} | {cat(server, "root.usda")}
-    assert len(texts) == 1
-    return texts.pop()
 
 
 def test_events_arrive_while_they_are_awaited(two):
@@ -52,7 +43,7 @@ def test_m3_an_edit_follows_a_rename_it_did_not_know_of(two):
             "assert e.ApplyEdits()")
     bo.run("stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Set(5.0)")
     ada.flush()  # the rename is committed before bo sends; he has not seen it
-    text = synced(server, ada, bo)
+    (text,) = synced(server, ada, bo)
     assert '"Planet"' in text and "radius = 5" in text and '"Ball"' not in text
 
 
@@ -78,7 +69,7 @@ def test_m4_an_edit_below_a_deleted_prim_comes_back_to_its_author(two):
     ada.run("stage.RemovePrim('/World/Ball')")
     bo.run("stage.GetPrimAtPath('/World/Ball').GetAttribute('radius').Set(5.0)")
     ada.flush()
-    text = synced(server, ada, bo)
+    (text,) = synced(server, ada, bo)
     assert "Ball" not in text
     lost = bo.run("lost = [e for e in happened if type(e).__name__ == 'Lost']\n"
                   "result = [(e.code, e.refused, [(x.path, x.field) for x in e.edits]) for e in lost]")
@@ -97,7 +88,7 @@ def test_m6_a_refused_transaction_is_reverted_as_a_whole(two):
            "e = Sdf.BatchNamespaceEdit(); e.Add('/World/Ball', '/World/Place'); assert root.Apply(e)")
     ada.flush()
     bo.run("live.tick(); stage.DefinePrim('/World/Later')")
-    text = synced(server, ada, bo)
+    (text,) = synced(server, ada, bo)
     assert "goes back" not in text and '"Ball"' in text and '"Later"' in text
     assert bo.run("result = [e.code for e in happened if type(e).__name__ == 'Lost' and e.refused]") == [
         "specExists"]
@@ -111,7 +102,7 @@ def test_m1_different_parts_of_one_field_are_all_kept(two):
                    f"ball.GetAttribute('radius').Set(2.0, {len(name)})\n"
                    f"ball.CreateRelationship('friends').AddTarget('/World/{name}')\n"
                    f"ball.GetReferences().AddInternalReference('/World/{name}')")
-    text = synced(server, ada, bo)
+    (text,) = synced(server, ada, bo)
     for name in ("ada", "bo"):
         assert f"int {name} = 1" in text and f"</World/{name}>" in text
     assert "2: 2" in text and "3: 2" in text
@@ -127,7 +118,7 @@ def test_m11_a_gesture_is_seen_at_once_and_committed_once(two):
     assert bo.run("result = live.revision") == before, "a preview is no commit"
     assert "radius = 1\n" in cat(server, "root.usda")
     ada.run("live.end_gesture()")
-    assert "radius = 29" in synced(server, ada, bo)
+    assert "radius = 29" in synced(server, ada, bo)[0]
     assert ada.run("result = live.revision") == before + 1
 
 

@@ -8,7 +8,7 @@ import namespace_oracle as oracle
 import namespace_scenes as scenes
 import pytest
 import usdlive
-from conftest import cat
+from conftest import synced
 from pxr import Sdf, Tf, Usd
 
 SEEDS = int(os.environ.get("USDLIVE_NAMESPACE_SEEDS", "50"))
@@ -479,26 +479,17 @@ def two(project, serve, editor):
     return server, editor(server, "ada", "root.usda"), editor(server, "bo", "root.usda")
 
 
-def synced(server, *editors):
-    revision = max(one.flush() for one in editors)
-    for one in editors:
-        one.catch_up(revision)
-    for name in ("root.usda", "sub.usda"):
-        assert len({one.text(name) for one in editors} | {cat(server, name)}) == 1
-    return cat(server, "root.usda"), cat(server, "sub.usda")
-
-
 def test_a_batch_is_one_transaction_over_all_layers(two):
     server, ada, bo = two
     before = ada.flush()
     ada.run(EDIT + "e.MovePrimAtPath('/World/Chair', '/World/Stool')\n"
             "e.MovePrimAtPath('/World/Stool', '/World/Table/Stool')\nassert e.ApplyEdits()")
     assert ada.flush() == before + 1
-    root, sub = synced(server, ada, bo)
+    root, sub = synced(server, ada, bo, layers=("root.usda", "sub.usda"))
     assert "</World/Table/Stool>" in root and '"Chair"' not in root and '"Chair"' not in sub and "y = 1" in sub
     ada.run("assert e.Undo() == []")
     assert ada.flush() == before + 2
-    root, sub = synced(server, ada, bo)
+    root, sub = synced(server, ada, bo, layers=("root.usda", "sub.usda"))
     assert "</World/Chair>" in root and '"Stool"' not in root + sub and "y = 1" in sub
 
 
@@ -508,7 +499,7 @@ def test_edits_that_did_not_know_of_a_batch_arrive_at_the_new_paths(two):
             "assert e.ApplyEdits()")
     bo.run("stage.GetPrimAtPath('/World/Chair').GetAttribute('x').Set(5.0)")
     ada.flush()
-    root, _ = synced(server, ada, bo)
+    root, _ = synced(server, ada, bo, layers=("root.usda", "sub.usda"))
     assert '"Stool"' in root and "x = 5" in root and '"Desk"' in root and "</World/Stool>" in root
 
 
@@ -525,4 +516,4 @@ def test_editors_who_did_not_know_of_each_other_end_with_the_same(two, ours, the
     for one, edits in ((ada, ours), (bo, theirs)):
         one.run(EDIT + "\n".join(edits) + "\nassert e.ApplyEdits(), e.GetResult().whyNot")
     ada.flush()
-    synced(server, ada, bo)
+    synced(server, ada, bo, layers=("root.usda", "sub.usda"))

@@ -23,6 +23,12 @@ protected:
                                   edit("/A", setText("comment", "first"))}));
         peer.connectAndJoin();
     }
+    void answerOpenLayer() {
+        const auto open = peer.takeControl<OpenLayer>();
+        ASSERT_TRUE(open);
+        peer.sendSnapshot(*open);
+        peer.advance();
+    }
     void authorComment(const std::string& path, const std::string& text) {
         peer.author({authored(path, setText("comment", text))});
         peer.advance();
@@ -220,10 +226,7 @@ TEST_F(SessionTest, JoiningShowsTheLayerAndReportsProgress) {
     peer.advance();
     EXPECT_FALSE(peer.session.isJoined(kShot));
     EXPECT_EQ(peer.session.view(kShot), nullptr);
-    const auto open = peer.takeControl<OpenLayer>();
-    ASSERT_TRUE(open);
-    peer.sendSnapshot(*open);
-    peer.advance();
+    answerOpenLayer();
     EXPECT_TRUE(peer.session.isJoined(kShot));
     EXPECT_TRUE(peer.editor.at(kShot).has("/A"));
     EXPECT_EQ(peer.eventsOf<event::Joined>().size(), 1u);
@@ -272,10 +275,7 @@ TEST_F(SessionTest, AFailedJoinThatWasNotReadIsRequestedAgain) {
     EXPECT_TRUE(peer.eventsOf<event::JoinFailed>().empty());
     peer.connect();
     peer.advance();
-    const auto again = peer.takeControl<OpenLayer>();
-    ASSERT_TRUE(again);
-    peer.sendSnapshot(*again);
-    peer.advance();
+    answerOpenLayer();
     EXPECT_TRUE(peer.session.isJoined(kShot));
 }
 
@@ -286,10 +286,7 @@ TEST_F(SessionTest, AnotherConnectionRequestsTheLayersAgain) {
     peer.connect();
     EXPECT_TRUE(peer.eventsOf<event::JoinFailed>().empty());
     peer.advance();
-    const auto again = peer.takeControl<OpenLayer>();
-    ASSERT_TRUE(again);
-    peer.sendSnapshot(*again);
-    peer.advance();
+    answerOpenLayer();
     EXPECT_TRUE(peer.session.isJoined(kShot));
 }
 

@@ -5,30 +5,20 @@
 
 #include <string>
 
+#include "unit/common/protocol/SampleStates.h"
+
 using namespace usdlive;
 using namespace std::chrono_literals;
 using client::CommitOrder;
 using client::StateOrder;
 using dds::Segment;
 using dds::TimePoint;
+using tests::presenceOf;
+using tests::stateOf;
 
 namespace {
 
 const TimePoint kNow = TimePoint{} + 1h;
-
-LayerState state(const std::string& layer, Revision saved) {
-    LayerState state;
-    state.layer = {layer};
-    state.saved = saved;
-    return state;
-}
-
-Presence presence(const std::string& client, double time) {
-    Presence presence;
-    presence.client = {client};
-    presence.time = time;
-    return presence;
-}
 
 std::string text(const LayerStates& states) {
     std::string text;
@@ -61,12 +51,12 @@ CommitOrder liveFrom(Revision next) {
 TEST(StateOrder, DD11NothingIsShownBeforeTheStreamNamesTheStart) {
     const CommitOrder commits = liveFrom(1);
     StateOrder order;
-    order.state(3, 0, state("a", 3));
-    order.state(5, 0, state("b", 5));
+    order.state(3, 0, stateOf("a", 3));
+    order.state(5, 0, stateOf("b", 5));
     EXPECT_EQ(text(order.takeStates(commits)), "");
     order.statesFrom(4);  // layer a is in the states of the stream
     EXPECT_EQ(text(order.takeStates(commits)), "b5 ");
-    order.state(2, 0, state("c", 2));
+    order.state(2, 0, stateOf("c", 2));
     EXPECT_EQ(text(order.takeStates(commits)), "");
 }
 
@@ -74,11 +64,11 @@ TEST(StateOrder, DD11TheLatestStateIsShownOnce) {
     const CommitOrder commits = liveFrom(1);
     StateOrder order;
     order.statesFrom(1);
-    order.state(1, 0, state("a", 1));
-    order.state(2, 0, state("a", 2));
-    order.state(1, 0, state("a", 1));  // too late
+    order.state(1, 0, stateOf("a", 1));
+    order.state(2, 0, stateOf("a", 2));
+    order.state(1, 0, stateOf("a", 1));  // too late
     EXPECT_EQ(text(order.takeStates(commits)), "a2 ");
-    order.state(2, 0, state("a", 2));  // DDS delivers it again to a reader that was away
+    order.state(2, 0, stateOf("a", 2));  // DDS delivers it again to a reader that was away
     EXPECT_EQ(text(order.takeStates(commits)), "");
 }
 
@@ -86,8 +76,8 @@ TEST(StateOrder, LS1AStateWaitsForItsCommit) {
     CommitOrder commits = liveFrom(7);
     StateOrder order;
     order.statesFrom(1);
-    order.state(1, 6, state("a", 1));
-    order.state(2, 8, state("b", 2));
+    order.state(1, 6, stateOf("a", 1));
+    order.state(2, 8, stateOf("b", 2));
     EXPECT_EQ(text(order.takeStates(commits)), "a1 ");
     commits.commit(7, 0, std::make_shared<const Bytes>(Bytes{1}));
     ASSERT_TRUE(commits.take(kNow));
@@ -101,20 +91,20 @@ TEST(StateOrder, LS1AStateWaitsForPastCommits) {
     const CommitOrder commits(1'000);
     StateOrder order;
     order.statesFrom(1);
-    order.state(1, 6, state("a", 1));
+    order.state(1, 6, stateOf("a", 1));
     EXPECT_EQ(text(order.takeStates(commits)), "");
     EXPECT_EQ(text(order.takeStates(liveFrom(7))), "a1 ");
 }
 
 TEST(StateOrder, DD12ShowsOthersThanTheFirstAndRemovals) {
     StateOrder order;
-    order.presence(1, presence("ada", 1), kNow);
-    order.presence(4, presence("bo", 4), kNow);
+    order.presence(1, presenceOf("ada", 1), kNow);
+    order.presence(4, presenceOf("bo", 4), kNow);
     EXPECT_EQ(text(order.takePresences(kNow)), "");
-    order.presencesFrom(3, {{presence("ada", 1), presence("cy", 2)}, {}}, kNow);
+    order.presencesFrom(3, {{presenceOf("ada", 1), presenceOf("cy", 2)}, {}}, kNow);
     EXPECT_EQ(text(order.takePresences(kNow)), "bo4 ");
-    order.presence(4, presence("bo", 4), kNow + 1s);  // repeated
-    order.presence(5, presence("ada", 5), kNow + 1s);
+    order.presence(4, presenceOf("bo", 4), kNow + 1s);  // repeated
+    order.presence(5, presenceOf("ada", 5), kNow + 1s);
     EXPECT_EQ(text(order.takePresences(kNow + 1s)), "ada5 ");
     order.gone({"bo"});
     order.gone({"bo"});
@@ -124,11 +114,11 @@ TEST(StateOrder, DD12ShowsOthersThanTheFirstAndRemovals) {
 
 TEST(StateOrder, PS2APresenceWithoutUpdatesIsRemoved) {
     StateOrder order;
-    order.presencesFrom(3, {{presence("ada", 1)}, {}}, kNow);
-    order.presence(3, presence("bo", 1), kNow);
+    order.presencesFrom(3, {{presenceOf("ada", 1)}, {}}, kNow);
+    order.presence(3, presenceOf("bo", 1), kNow);
     EXPECT_EQ(text(order.takePresences(kNow)), "bo1 ");
     EXPECT_EQ(order.deadline(), kNow + 3s);
-    order.presence(3, presence("bo", 1), kNow + 2s);
+    order.presence(3, presenceOf("bo", 1), kNow + 2s);
     EXPECT_EQ(text(order.takePresences(kNow + 2'999ms)), "");
     EXPECT_EQ(text(order.takePresences(kNow + 3s)), "-ada ");
     EXPECT_EQ(order.deadline(), kNow + 5s);
@@ -136,7 +126,7 @@ TEST(StateOrder, PS2APresenceWithoutUpdatesIsRemoved) {
 
 TEST(StateOrder, PS2AProcessThatHungRemovesNobody) {
     StateOrder order;
-    order.presencesFrom(3, {{presence("ada", 1)}, {}}, kNow);
+    order.presencesFrom(3, {{presenceOf("ada", 1)}, {}}, kNow);
     EXPECT_EQ(text(order.takePresences(kNow + 10s)), "");
     EXPECT_EQ(text(order.takePresences(kNow + 12s)), "");
     EXPECT_EQ(text(order.takePresences(kNow + 13s)), "-ada ");
@@ -148,9 +138,9 @@ TEST(StateOrder, KeptStatesAreBounded) {
     order.statesFrom(1);
     order.presencesFrom(1, {}, kNow);
     for (std::uint64_t number = 1; number <= StateOrder::kMostLayers + 10; ++number)
-        order.state(number, 0, state("l" + std::to_string(number), 1));
+        order.state(number, 0, stateOf("l" + std::to_string(number), 1));
     for (std::uint64_t number = 1; number <= StateOrder::kMostPeople + 10; ++number)
-        order.presence(number, presence("p" + std::to_string(number), 1), kNow);
+        order.presence(number, presenceOf("p" + std::to_string(number), 1), kNow);
     EXPECT_EQ(order.takeStates(commits).layers.size(), StateOrder::kMostLayers);
     EXPECT_EQ(order.takePresences(kNow).shown.size(), StateOrder::kMostPeople);
 }
