@@ -12,12 +12,10 @@
 #include <pxr/usd/sdf/types.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <csignal>
 #include <fstream>
-#include <functional>
 #include <limits>
 #include <map>
 #include <random>
@@ -140,15 +138,41 @@ protected:
     std::string message;
 };
 
-// Runs `work` in a child process, whose limits and rights it may change. Returns true if `work`
-// returns true.
-bool inChild(const std::function<bool()>& work) {
-    const pid_t child = fork();
-    if (child == 0) _exit(work() ? 0 : 1);
-    int status = 0;
-    waitpid(child, &status, 0);
-    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
-}
+// No file of this process can become longer while this exists. (A forked child with a limit of its
+// own can hang: it inherits the locks of OpenUSD's threads, but not the threads.)
+class FullDisk {
+public:
+    explicit FullDisk(rlim_t bytes) : handler_(std::signal(SIGXFSZ, SIG_IGN)) {
+        getrlimit(RLIMIT_FSIZE, &before_);
+        const rlimit limit{bytes, before_.rlim_max};
+        setrlimit(RLIMIT_FSIZE, &limit);
+    }
+    ~FullDisk() {
+        setrlimit(RLIMIT_FSIZE, &before_);
+        std::signal(SIGXFSZ, handler_);
+    }
+    FullDisk(const FullDisk&) = delete;
+    FullDisk& operator=(const FullDisk&) = delete;
+
+private:
+    rlimit before_{};
+    void (*handler_)(int);
+};
+
+// A process of root has the rights of nobody while this exists.
+class RightsOfNobody {
+public:
+    RightsOfNobody() {
+        constexpr uid_t kNobody = 65534;
+        EXPECT_TRUE(before_ != 0 || seteuid(kNobody) == 0);
+    }
+    ~RightsOfNobody() { EXPECT_EQ(seteuid(before_), 0); }
+    RightsOfNobody(const RightsOfNobody&) = delete;
+    RightsOfNobody& operator=(const RightsOfNobody&) = delete;
+
+private:
+    const uid_t before_ = geteuid();
+};
 
 }  // namespace
 
@@ -415,14 +439,11 @@ TEST_F(LayerFilesTest, AFullDiskLeavesTheFileWhole) {
         SCOPED_TRACE(name);
         ASSERT_TRUE(files->save(LayerId{name}, someDoc()));
         const std::string before = contentOf(folder / name);
-        EXPECT_TRUE(inChild([&] {
-            std::signal(SIGXFSZ, SIG_IGN);
-            const rlimit limit{100'000, 100'000};
-            setrlimit(RLIMIT_FSIZE, &limit);
-            const auto saved = files->save(LayerId{name}, doc);
-            return !saved && saved.error().code == ErrorCode::SaveFailed &&
-                   saved.error().message.size() < 2000;
-        }));
+        {
+            const FullDisk disk(100'000);
+            EXPECT_EQ(saveError(name, doc), ErrorCode::SaveFailed);
+        }
+        EXPECT_LT(message.size(), 2000U);
         EXPECT_EQ(contentOf(folder / name), before);
     }
     EXPECT_THAT(everythingIn(folder), ElementsAre("a.usda", "a.usdc", "shot"));
@@ -431,21 +452,18 @@ TEST_F(LayerFilesTest, AFullDiskLeavesTheFileWhole) {
 TEST_F(LayerFilesTest, AReadOnlyFileStaysUnchanged) {
     const auto path = put("shot/a.usda");
     fs::permissions(root, fs::perms(0755));
-    const auto refused = [&](const fs::path& guarded, fs::perms perms) {
+    const auto saveIsRefused = [&](const fs::path& guarded, fs::perms perms) {
         fs::permissions(guarded, perms);
-        const bool isRefused = inChild([&] {
-            constexpr uid_t kNobody = 65534;
-            if (geteuid() == 0 && setuid(kNobody) != 0) return false;
-            const auto saved = files->save(LayerId{"shot/a.usda"}, someDoc());
-            return !saved && saved.error().code == ErrorCode::SaveFailed;
-        });
+        {
+            const RightsOfNobody rights;
+            EXPECT_EQ(saveError("shot/a.usda", someDoc()), ErrorCode::SaveFailed);
+        }
         fs::permissions(guarded, fs::perms(0777));
-        return isRefused;
     };
     fs::permissions(folder / "shot", fs::perms(0777));
     fs::permissions(path, fs::perms(0666));
-    EXPECT_TRUE(refused(folder / "shot", fs::perms(0555)));
-    EXPECT_TRUE(refused(path, fs::perms(0444)));
+    saveIsRefused(folder / "shot", fs::perms(0555));
+    saveIsRefused(path, fs::perms(0444));
     EXPECT_EQ(contentOf(path), kText);
     EXPECT_THAT(everythingIn(folder / "shot"), ElementsAre("a.usda"));
 }
