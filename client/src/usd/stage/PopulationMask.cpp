@@ -12,6 +12,11 @@ PopulationMask::PopulationMask(const pxr::SdfPathVector& paths) : paths_(std::in
         if (path.IsAbsoluteRootOrPrimPath()) paths_->insert(path);
 }
 
+pxr::SdfPathVector PopulationMask::paths() const {
+    if (!paths_) return {SdfPath::AbsoluteRootPath()};
+    return {paths_->begin(), paths_->end()};
+}
+
 bool PopulationMask::includesSubtree(const SdfPath& prim) const {
     if (!paths_) return true;
     for (SdfPath at = prim; !at.IsEmpty(); at = at.GetParentPath())

@@ -33,6 +33,9 @@ public:
     /// rules load the same payloads.
     [[nodiscard]] LoadRules below(const pxr::SdfPath& prim) const;
 
+    /// Returns the rule of each path that has one of its own.
+    [[nodiscard]] const std::map<pxr::SdfPath, Rule>& rules() const { return rules_; }
+
     bool operator==(const LoadRules&) const = default;
 
 private:

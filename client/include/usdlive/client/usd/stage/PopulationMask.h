@@ -18,6 +18,9 @@ public:
     explicit PopulationMask(const pxr::SdfPathVector& paths);
 
     [[nodiscard]] bool isAll() const { return !paths_; }
+    /// Returns the paths of the mask, sorted. No path is above another one. Returns the root if all
+    /// prims are selected, so that `PopulationMask(mask.paths())` selects what `mask` selects.
+    [[nodiscard]] pxr::SdfPathVector paths() const;
     [[nodiscard]] bool includes(const pxr::SdfPath& prim) const;
     [[nodiscard]] bool includesSubtree(const pxr::SdfPath& prim) const;
     /// Returns true if a child of `prim` is included. If only some children are included, adds
