@@ -122,8 +122,7 @@ bool OpenLayers::hasUsed(const LayerId& id, LoadSet load) const {
     if (load == LoadSet::NoPayloads) return true;
     const auto found = used_.find(id);
     const LiveLayer* live = find(id);
-    return found != used_.end() && found->second.load == LoadSet::All && live &&
-           !live->usesChanged();
+    return found != used_.end() && found->second.load == LoadSet::All && live && live->isIdle();
 }
 
 void OpenLayers::failed(const LayerId& id) {

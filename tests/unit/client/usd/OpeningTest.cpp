@@ -119,7 +119,6 @@ TEST_F(OpeningTest, WithoutPayloadsTheirLayersAreLeftOut) {
     EXPECT_TRUE(ada->layer(kProp));
 }
 
-// The work is spread over ticks, each of which ends soon after its budget.
 TEST_F(OpeningTest, ALayerThatNamesAnotherLaterIsOpenedWithIt) {
     ada->requestOpenLayer(kProp);
     tickUntilEnded(1);
@@ -134,6 +133,7 @@ TEST_F(OpeningTest, ALayerThatNamesAnotherLaterIsOpenedWithIt) {
     EXPECT_TRUE(ada->layer(manyth(1)));
 }
 
+// The work is spread over ticks, each of which ends soon after its budget.
 TEST_F(OpeningTest, ManyLayersOpenInManyTicks) {
     constexpr double kBudgetMs = 0.2;  // far less than all of them take
     for (std::size_t i = 0; i < kMany; ++i) ada->requestOpenLayer(manyth(i));
