@@ -4,11 +4,15 @@
 #include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/node.h>
+#include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
+#include <map>
 #include <ranges>
+#include <set>
+#include <utility>
 
 namespace usdlive {
 
@@ -62,6 +66,23 @@ void visitOpinions(const PcpPrimIndex& prim, const Visit& visit) {
     }
 }
 
+// Returns true if an "active" field changed. Pcp ignores this field.
+bool changesActive(const pxr::SdfLayerChangeListVec& changes) {
+    for (const auto& [layer, list] : changes)
+        for (const auto& [path, entry] : list.GetEntryList())
+            for (const auto& [field, values] : entry.infoChanged)
+                if (field == pxr::SdfFieldKeys->Active) return true;
+    return false;
+}
+
+bool canBeInstance(const PcpPrimIndex& prim) {
+    bool instanceable = false;
+    visitOpinions(prim, [&](const auto& layer, const SdfPath& path) {
+        return layer->HasField(path, pxr::SdfFieldKeys->Instanceable, &instanceable);
+    });
+    return instanceable;
+}
+
 }  // namespace
 
 ComposedStage::ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
@@ -84,7 +105,8 @@ void ComposedStage::makeCache() {
     cache_->RequestLayerMuting(view_.muted, {});
     pxr::PcpErrorVector errors;
     (void)cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
-    complete_ = false;
+    uncomposed_ = {SdfPath::AbsoluteRootPath()};
+    hasInstances_ = false;
     sources_.clear();
     opened_.clear();
 }
@@ -97,14 +119,47 @@ void ComposedStage::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&
     if (stale_) return;
     pxr::PcpChanges changes;
     changes.DidChange(cache_.get(), notice.GetChangeListVec());
+    if (changesActive(notice.GetChangeListVec())) uncomposed_ = {SdfPath::AbsoluteRootPath()};
     if (changes.IsEmpty()) return;
-    complete_ = false;
+    noteChanges(changes);
     changes.Apply();
+    dropOldInstances(changes);
+}
+
+// Collects the prims that Pcp drops from its cache. If there are instances, all prims are visited
+// again, because another instance may now be the source of a prototype.
+void ComposedStage::noteChanges(const pxr::PcpChanges& changes) {
+    for (const auto& [cache, change] : changes.GetCacheChanges()) {
+        if (cache != cache_.get()) continue;
+        for (const auto* paths :
+             {&change.didChangeSignificantly, &change.didChangePrims, &change.didChangeSpecs})
+            for (const SdfPath& path : *paths)
+                if (path.IsAbsoluteRootOrPrimPath()) uncomposed_.insert(path);
+    }
+    if (hasInstances_ || !changes.GetLayerStackChanges().empty())
+        uncomposed_ = {SdfPath::AbsoluteRootPath()};
+}
+
+// A spec that comes or goes can make a prim an instance, or an instance of another prototype. Pcp
+// keeps the prim's index in such a case.
+void ComposedStage::dropOldInstances(const pxr::PcpChanges& changes) {
+    pxr::PcpChanges dropped;
+    for (const auto& [cache, change] : changes.GetCacheChanges()) {
+        if (cache != cache_.get()) continue;
+        for (const SdfPath& path : change.didChangeSpecs) {
+            const auto* prim = path.IsPrimPath() ? cache_->FindPrimIndex(path) : nullptr;
+            if (prim && (prim->IsInstanceable() || canBeInstance(*prim)))
+                dropped.DidChangeSignificantly(cache_.get(), path);
+        }
+    }
+    if (dropped.IsEmpty()) return;
+    noteChanges(dropped);
+    dropped.Apply();
 }
 
 pxr::PcpCache& ComposedStage::composed() {
     if (stale_.exchange(false)) makeCache();
-    if (!complete_) compose();
+    if (!uncomposed_.empty()) compose();
     return *cache_;
 }
 
@@ -116,6 +171,7 @@ void ComposedStage::compose() {
     // Several threads call both functions at once.
     const auto children = [this](const PcpPrimIndex& prim, pxr::TfTokenVector* names) {
         if (!isActive(prim)) return false;
+        if (prim.IsInstanceable()) hasInstances_ = true;
         if (prim.IsInstanceable() && !opened_.contains(prim.GetPath())) return false;
         if (view_.mask.empty()) return true;
         pxr::PcpTokenSet prohibited;
@@ -126,13 +182,35 @@ void ComposedStage::compose() {
         return !names->empty();
     };
     const auto payloads = [this](const SdfPath& path) { return view_.isLoaded(path); };
-    pxr::SdfPathVector roots{SdfPath::AbsoluteRootPath()};
+    pxr::SdfPathVector roots = reachable(std::exchange(uncomposed_, {}));
     while (!roots.empty()) {
         pxr::PcpErrorVector errors;
         cache_->ComputePrimIndexesInParallel(roots, &errors, children, payloads);
-        roots = newSources();
+        roots = hasInstances_ ? newSources() : pxr::SdfPathVector();
     }
-    complete_ = true;
+}
+
+// Returns the paths that an active, composed parent shows, without paths below other ones.
+pxr::SdfPathVector ComposedStage::reachable(const pxr::SdfPathSet& paths) const {
+    std::unordered_map<SdfPath, pxr::PcpTokenSet, SdfPath::Hash> children;
+    const auto isChild = [&](const SdfPath& path) {
+        const SdfPath parent = path.GetParentPath();
+        const auto [known, isNew] = children.try_emplace(parent);
+        const auto* index = isNew ? cache_->FindPrimIndex(parent) : nullptr;
+        if (index && isActive(*index)) {
+            pxr::TfTokenVector names;
+            pxr::PcpTokenSet prohibited;
+            index->ComputePrimChildNames(&names, &prohibited);
+            for (const auto& name : names) known->second.insert(name);
+        }
+        return known->second.count(path.GetNameToken()) > 0 && view_.includes(path);
+    };
+    pxr::SdfPathVector roots(paths.begin(), paths.end());
+    SdfPath::RemoveDescendentPaths(&roots);
+    std::erase_if(roots, [&](const SdfPath& path) {
+        return path != SdfPath::AbsoluteRootPath() && !isChild(path);
+    });
+    return roots;
 }
 
 // Returns the instances whose children are composed next: the first instance of each prototype that

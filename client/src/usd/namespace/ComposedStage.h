@@ -5,6 +5,7 @@
 #include <pxr/base/tf/weakBase.h>
 #include <pxr/usd/ar/resolverContext.h>
 #include <pxr/usd/pcp/cache.h>
+#include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/instanceKey.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/primIndex.h>
@@ -55,6 +56,9 @@ public:
 private:
     void compose();
     void makeCache();
+    void noteChanges(const pxr::PcpChanges& changes);
+    void dropOldInstances(const pxr::PcpChanges& changes);
+    [[nodiscard]] pxr::SdfPathVector reachable(const pxr::SdfPathSet& paths) const;
     [[nodiscard]] pxr::SdfPathVector newSources();
     void onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice);
 
@@ -63,8 +67,9 @@ private:
     const pxr::ArResolverContext context_;
     const std::thread::id thread_ = std::this_thread::get_id();
     std::unique_ptr<pxr::PcpCache> cache_;
-    bool complete_ = false;
+    pxr::SdfPathSet uncomposed_;       // prims that are composed again, with all prims below them
     std::atomic<bool> stale_ = false;  // set when another thread changed a layer
+    std::atomic<bool> hasInstances_ = false;
     // For each prototype, the instance whose children are composed.
     std::unordered_map<pxr::PcpInstanceKey, pxr::SdfPath, pxr::PcpInstanceKey::Hash> sources_;
     std::unordered_set<pxr::SdfPath, pxr::SdfPath::Hash> opened_;

@@ -207,6 +207,8 @@ private:
 
 NamespaceEditor::NamespaceEditor(std::unique_ptr<EditedStage> stage, Options options)
     : impl_(std::make_unique<Impl>(std::move(stage), options)) {}
+NamespaceEditor::NamespaceEditor(stage::Stage& stage, Options options)
+    : NamespaceEditor(editedStage(stage), options) {}
 NamespaceEditor::~NamespaceEditor() = default;
 
 bool NamespaceEditor::DeletePrimAtPath(const SdfPath& path) {
@@ -256,6 +258,9 @@ std::size_t NamespaceEditor::AddDependentStage(std::unique_ptr<EditedStage> stag
     impl_->check("AddDependentStage");
     impl_->dependents_[++impl_->lastDependent_] = {std::move(stage), nullptr, {}, {}};
     return impl_->lastDependent_;
+}
+std::size_t NamespaceEditor::AddDependentStage(stage::Stage& stage) {
+    return AddDependentStage(editedStage(stage));
 }
 void NamespaceEditor::RemoveDependentStage(std::size_t stage) {
     impl_->check("RemoveDependentStage");

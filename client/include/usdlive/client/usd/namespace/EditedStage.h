@@ -8,10 +8,15 @@
 #include <pxr/usd/sdf/path.h>
 
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
 namespace usdlive {
+
+namespace stage {
+class Stage;
+}
 
 /// The parts of a stage's layers that are composed. A value type.
 struct StageView {
@@ -57,5 +62,9 @@ public:
     /// Returns true if a prim at this path belongs to a prototype.
     [[nodiscard]] virtual bool isInPrototype(const pxr::SdfPath&) const { return false; }
 };
+
+/// Returns the view that an editor has of a composed stage. The stage may be destroyed first; the
+/// editor then refuses all edits.
+[[nodiscard]] std::unique_ptr<EditedStage> editedStage(stage::Stage& stage);
 
 }  // namespace usdlive

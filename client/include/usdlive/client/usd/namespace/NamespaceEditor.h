@@ -71,6 +71,8 @@ public:
     using Options = NamespaceEditOptions;
 
     explicit NamespaceEditor(std::unique_ptr<EditedStage> stage, Options options = {});
+    /// Edits a composed stage. The stage may be destroyed before the editor.
+    explicit NamespaceEditor(stage::Stage& stage, Options options = {});
     ~NamespaceEditor();
     NamespaceEditor(const NamespaceEditor&) = delete;
     NamespaceEditor& operator=(const NamespaceEditor&) = delete;
@@ -106,6 +108,7 @@ public:
     /// Adds a stage that uses layers of the edited stage. Its own local layers are updated too.
     /// Returns a number for RemoveDependentStage().
     std::size_t AddDependentStage(std::unique_ptr<EditedStage> stage);
+    std::size_t AddDependentStage(stage::Stage& stage);
     void RemoveDependentStage(std::size_t stage);
 
     /// Validates the batch without changing a layer.
