@@ -23,9 +23,12 @@ class Opened:
         self.editors = []
         self.layers = [Sdf.Layer.FindOrOpen(str(folder / name)) for name in scene.files]
         load = Usd.Stage.LoadAll if scene.load else Usd.Stage.LoadNone
-        self.stage = Usd.Stage.Open(str(folder / scene.root), load)
+        # After a change of a layer, Usd.Stage composes some prims below inactive ones, and its editor then corrects
+        # paths to them. Hence the session layer has its content before the stage is opened.
+        session = Sdf.Layer.CreateAnonymous("session.usda")
         if scene.session:
-            self.stage.GetSessionLayer().ImportFromString(scene.session)
+            session.ImportFromString(scene.session)
+        self.stage = Usd.Stage.Open(self.layers[list(scene.files).index(scene.root)], session, load)
         self.dependents = [Usd.Stage.Open(str(folder / name)) for name in scene.dependents]
 
     def editor(self, kind, options=None):
