@@ -19,6 +19,7 @@ TARGETS = [
     ["client/src/session"],
     ["client/src/transport"],
     ["client/src/usd"],
+    ["client/python/src"],
     ["server/src/project"],
     ["server/src/storage"],
     ["server/src/transport"],

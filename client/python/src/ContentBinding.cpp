@@ -26,7 +26,7 @@ namespace usdlive {
 namespace {
 
 using Texts = std::vector<std::string>;
-using Id = const std::string&;
+using Text = const std::string&;
 
 pxr::SdfLayerRefPtr layerOf(const std::string& identifier) {
     pxr::SdfLayerRefPtr layer = pxr::SdfLayer::Find(identifier);
@@ -93,10 +93,10 @@ void bindRecorder(nb::module_& module) {
         .def("undo", &undo);
     nb::class_<Recorder>(module, "Recorder")
         .def(nb::init<>())
-        .def("touch", [](Recorder& self, Id layer, Id path,
+        .def("touch", [](Recorder& self, Text layer, Text path,
                          bool deep) { self.touch(layerOf(layer), pxr::SdfPath(path), deep); })
         .def("touch_with_ancestors",
-             [](Recorder& self, Id layer, Id path) {
+             [](Recorder& self, Text layer, Text path) {
                  self.touchWithAncestors(layerOf(layer), pxr::SdfPath(path));
              })
         .def("finish", &Recorder::finish);
@@ -107,32 +107,32 @@ void bindRecorder(nb::module_& module) {
 void bindContent(nb::module_& parent) {
     auto module = parent.def_submodule("content");
     bindRecorder(module);
-    module.def("prim_children", [](Id layer, Id path) {
+    module.def("prim_children", [](Text layer, Text path) {
         Texts names;
         for (const auto& name : primChildren(layerOf(layer), pxr::SdfPath(path)))
             names.push_back(name.GetString());
         return names;
     });
-    module.def("arrange", [](Id id, Id parentPath, const Texts& order, const Texts& names) {
+    module.def("arrange", [](Text id, Text parentPath, const Texts& order, const Texts& names) {
         const auto layer = layerOf(id);
         write([&] {
             arrange(layer, pxr::SdfPath(parentPath), {order.begin(), order.end()},
                     {names.begin(), names.end()});
         });
     });
-    module.def("remove_spec", [](Id id, Id path) {
+    module.def("remove_spec", [](Text id, Text path) {
         const auto layer = layerOf(id);
         write([&] { removeSpec(layer, pxr::SdfPath(path)); });
     });
-    module.def("make_like", [](Id id, Id wantedId, Id root) {
+    module.def("make_like", [](Text id, Text wantedId, Text root) {
         const auto layer = layerOf(id), wanted = layerOf(wantedId);
         write([&] { makeLike(layer, wanted, pxr::SdfPath(root)); });
     });
-    module.def("take_metadata", [](Id id, Id from) {
+    module.def("take_metadata", [](Text id, Text from) {
         const auto content = layerOf(id), layer = layerOf(from);
         write([&] { takeMetadata(content, layer); });
     });
-    module.def("retarget", [](Id id, const std::vector<std::pair<std::string, std::string>>& to) {
+    module.def("retarget", [](Text id, const std::vector<std::pair<std::string, std::string>>& to) {
         const auto layer = layerOf(id);
         Moves moves;
         for (const auto& [before, after] : to) moves.emplace_back(before, after);

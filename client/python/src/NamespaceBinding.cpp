@@ -101,7 +101,7 @@ nb::object partOfKept(const content::Part& part) {
     return nb::none();
 }
 
-nb::list undo(const NamespaceRecord& record, const Names& shared) {
+nb::list undoEdits(const NamespaceRecord& record, const Names& shared) {
     const auto isShared = [&](const pxr::SdfLayerHandle& layer) {
         return std::ranges::find(shared, layer->GetIdentifier()) != shared.end();
     };
@@ -130,7 +130,7 @@ void bindNamespace(nb::module_& parent) {
         .def(nb::init<>())
         .def("is_empty", &NamespaceRecord::isEmpty)
         .def("layers", [](const NamespaceRecord& self) { return identifiersOf(self.layers()); })
-        .def("undo", &undo);
+        .def("undo", &undoEdits);
     nb::class_<NamespaceEditor>(module, "Editor")
         .def("__init__",
              [](NamespaceEditor* self, nb::object host, bool relocates, bool variants) {
