@@ -367,7 +367,13 @@ class Layers:
     def _enter_mode(self, native: "_usdlive.Layers", edit_mode: int) -> None:
         native.set_edit_mode(int(edit_mode))
         if native.edit_mode() == LayerEditMode.AUTO_AUTHORING:
-            shadow_removal(self, self._stage)
+            this = weakref.ref(self)
+
+            def is_delegate(identifier: str) -> bool:
+                layers = this()
+                return layers is not None and layers.get_auto_authoring().is_auto_authoring_layer(identifier)
+
+            shadow_removal(self._stage, is_delegate)
         else:
             unshadow_removal(self._stage)
 

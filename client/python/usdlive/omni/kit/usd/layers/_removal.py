@@ -10,19 +10,18 @@ import weakref
 
 from pxr import Sdf, Usd
 
-if typing.TYPE_CHECKING:
-    from ._layers import Layers
 
-
-def shadow_removal(layers: "Layers", stage: Usd.Stage) -> None:
-    """Shadows RemovePrim until unshadow_removal(). Keeps neither object alive."""
-    this = weakref.ref(layers)
+def shadow_removal(stage: Usd.Stage, is_delegate: typing.Callable[[str], bool]) -> None:
+    """Shadows RemovePrim until unshadow_removal(). `is_delegate` says whether an identifier is that of the delegate
+    layer. Does not keep the stage alive."""
+    this = weakref.ref(stage)
 
     def remove_prim(path: Sdf.Path | str) -> bool:
-        layers = this()
-        stage = layers._stage
+        stage = this()
+        target = stage.GetEditTarget().GetLayer()
         with Sdf.ChangeBlock():
-            _mirror(layers, stage, Sdf.Path(path))
+            if is_delegate(target.identifier):
+                _mirror(target, stage, Sdf.Path(path))
             return Usd.Stage.RemovePrim(stage, path)
 
     stage.RemovePrim = remove_prim
@@ -32,13 +31,11 @@ def unshadow_removal(stage: Usd.Stage) -> None:
     vars(stage).pop("RemovePrim", None)
 
 
-def _mirror(layers: "Layers", stage: Usd.Stage, path: Sdf.Path) -> None:
+def _mirror(delegate: Sdf.Layer, stage: Usd.Stage, path: Sdf.Path) -> None:
     """Creates a spec in the delegate for a prim that has none there yet."""
-    target = stage.GetEditTarget().GetLayer()
     prim = stage.GetPrimAtPath(path) if path.IsAbsoluteRootOrPrimPath() else None
     if (not prim or prim.IsPseudoRoot() or prim.IsInstanceProxy() or prim.IsInPrototype()
-            or not layers.get_auto_authoring().is_auto_authoring_layer(target.identifier)
-            or target.GetPrimAtPath(prim.GetPath())):
+            or delegate.GetPrimAtPath(prim.GetPath())):
         return
     # The removal of an empty `over` is ignored.
-    Sdf.CreatePrimInLayer(target, prim.GetPath()).specifier = Sdf.SpecifierDef
+    Sdf.CreatePrimInLayer(delegate, prim.GetPath()).specifier = Sdf.SpecifierDef
