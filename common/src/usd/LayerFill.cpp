@@ -332,6 +332,17 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
     return {};
 }
 
+// Nothing can use the new layer yet, so that nothing misses a notice.
+pxr::SdfLayerRefPtr copyOfLayer(const pxr::SdfLayer& layer) {
+    const auto copy = pxr::SdfLayer::CreateAnonymous(".usda");
+    // Pcp reads no relocates of a new layer until it has unsaved changes (SdfLayer::GetHints()).
+    copy->SetComment("copy");
+    auto data = emptyData(*copy);
+    data->CopyFrom(layerData(layer));
+    swapLayerData(copy, data);
+    return copy;
+}
+
 Result<pxr::SdfLayerRefPtr> makeLayer(const LayerDoc& doc, BlobSource& blobs,
                                       const std::string& formatId) {
     const auto format = pxr::SdfFileFormat::FindById(TfToken(formatId));

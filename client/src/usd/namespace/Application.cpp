@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <optional>
 #include <set>
+#include <unordered_set>
 
 #include "RecordContent.h"
 #include "SpecMoves.h"
@@ -92,14 +93,15 @@ void Application::collectPathFields(const std::vector<Plan>& plans, PathIndex& i
 
 void Application::findPathFields(const SdfLayerRefPtr& layer, const PathMoves& objects,
                                  PathIndex& index) {
-    pxr::SdfPathSet specs;
+    pxr::SdfPathVector specs;
     for (std::size_t i = 0; i < objects.size(); ++i)
         for (const SdfPath& path : pathsBefore(objects, i, objects[i].from))
             index.of(layer).specsWithPathsTo(path, specs);
-    static const LayerEdits none;
-    const auto known = layers_.find(layer);
-    const PathMoves moves = known == layers_.end() ? PathMoves() : known->second.moves;
+    const auto edits = layers_.find(layer);
+    const PathMoves moves = edits == layers_.end() ? PathMoves() : edits->second.moves;
+    std::unordered_set<SdfPath, SdfPath::Hash> seen;
     for (const SdfPath& spec : specs) {
+        if (!seen.insert(spec).second) continue;
         const SdfPath moved = followed(moves, spec);
         if (moved.IsEmpty() || !layer->HasSpec(spec)) continue;
         visitPathFields(layer, spec, [&](const TfToken& field, const VtValue& present) {

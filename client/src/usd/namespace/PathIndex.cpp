@@ -1,8 +1,6 @@
 // Keeps an index of the fields that refer to paths, so that an edit does not read the whole stage.
 #include "PathIndex.h"
 
-#include <pxr/usd/sdf/changeList.h>
-
 #include <algorithm>
 #include <iterator>
 
@@ -21,6 +19,16 @@ bool isNew(const pxr::SdfChangeList::Entry& entry) {
     const auto& flags = entry.flags;
     return flags.didAddInertPrim || flags.didAddNonInertPrim || flags.didAddProperty ||
            flags.didAddPropertyWithOnlyRequiredFields || flags.didChangePrimVariantSets;
+}
+
+// Returns true if the renames have the same result in any order. Those of a swap have not.
+bool areIndependent(const PathMoves& renames) {
+    pxr::SdfPathVector paths;
+    for (const auto& [from, to] : renames) paths.insert(paths.end(), {from, to});
+    std::ranges::sort(paths);  // a path is before all paths below it
+    return std::ranges::adjacent_find(paths, [](const SdfPath& one, const SdfPath& next) {
+               return next.HasPrefix(one);
+           }) == paths.end();
 }
 
 }  // namespace
@@ -55,24 +63,31 @@ void LayerPaths::readSpec(const SdfPath& spec) {
 void LayerPaths::follow(const pxr::SdfChangeList& changes) {
     if (!isRead_) return;
     const auto& entries = changes.GetEntryList();
-    // Several renames in one notice may be a swap. Single moves in any order cannot express a swap.
-    const auto renames = std::ranges::count_if(
-        entries, [](const auto& entry) { return entry.second.flags.didRename; });
-    if (renames > 1 || moves_.size() == kMaxMoves) return forget();
+    PathMoves renames;
+    for (const auto& [path, entry] : entries)
+        if (entry.flags.didRename && !entry.oldPath.IsEmpty())
+            renames.push_back({entry.oldPath, path});
+    if (!areIndependent(renames) || moves_.size() + renames.size() > kMaxMoves) return forget();
+    moves_.insert(moves_.end(), renames.begin(), renames.end());
     for (const auto& [path, entry] : entries) {
         if (entry.flags.didReplaceContent || entry.flags.didReloadContent ||
             entries_ > 2 * entriesOfLayer_ + kMaxStale)
             return forget();
-        if (entry.flags.didRename && !entry.oldPath.IsEmpty())
-            moves_.push_back({entry.oldPath, path});
-        else if (isNew(entry))
-            readBelow(path);
-        else if (layer_->HasSpec(path))
-            readSpec(path);
+        // The entries have no order in time. A spec may have changed before it was renamed.
+        const SdfPath renamed = renames.empty() ? path : followed(renames, path);
+        readChanged(path, entry);
+        if (renamed != path) readChanged(renamed, entry);
     }
 }
 
-void LayerPaths::specsWithPathsTo(const SdfPath& path, pxr::SdfPathSet& specs) {
+void LayerPaths::readChanged(const SdfPath& path, const pxr::SdfChangeList::Entry& entry) {
+    if (isNew(entry))
+        readBelow(path);
+    else if (layer_->HasSpec(path))
+        readSpec(path);
+}
+
+void LayerPaths::specsWithPathsTo(const SdfPath& path, pxr::SdfPathVector& specs) {
     read();
     const auto [begin, end] = byTarget_.FindSubtreeRange(path);
     for (auto at = begin; at != end; ++at)
@@ -80,7 +95,7 @@ void LayerPaths::specsWithPathsTo(const SdfPath& path, pxr::SdfPathSet& specs) {
             SdfPath spec = entry.spec;
             for (std::size_t i = entry.moved; i < moves_.size(); ++i)
                 spec = spec.ReplacePrefix(moves_[i].from, moves_[i].to);
-            specs.insert(spec);
+            specs.push_back(spec);
         }
 }
 

@@ -4,6 +4,7 @@
 
 #include <pxr/base/tf/notice.h>
 #include <pxr/base/tf/weakBase.h>
+#include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/notice.h>
 #include <pxr/usd/sdf/pathTable.h>
@@ -13,7 +14,6 @@
 #include <memory>
 #include <set>
 #include <thread>
-#include <unordered_map>
 #include <vector>
 
 #include "PathValues.h"
@@ -33,7 +33,8 @@ public:
     void forget() { isRead_ = false; }
     /// Reads the layer unless the index is up to date.
     void read();
-    void specsWithPathsTo(const pxr::SdfPath& path, pxr::SdfPathSet& specs);
+    /// Adds the specs to `specs`, some more than once.
+    void specsWithPathsTo(const pxr::SdfPath& path, pxr::SdfPathVector& specs);
 
 private:
     struct Entry {
@@ -43,6 +44,7 @@ private:
 
     void readBelow(const pxr::SdfPath& path);
     void readSpec(const pxr::SdfPath& spec);
+    void readChanged(const pxr::SdfPath& path, const pxr::SdfChangeList::Entry& entry);
 
     const pxr::SdfLayerHandle layer_;
     bool isRead_ = false;

@@ -42,11 +42,15 @@ SdfPathListOp movedList(const SdfPathListOp& list, const PathMove& move) {
     });
     return moved;
 }
-SdfPathListOp collectList(const SdfPathListOp& list, const Collect& collect) {
+template <class Visit>
+void visitItems(const SdfPathListOp& list, const Visit& visit) {
     for (const auto type :
          {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
           pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered})
-        collect.paths.insert(list.GetItems(type).begin(), list.GetItems(type).end());
+        for (const SdfPath& path : list.GetItems(type)) visit(path);
+}
+SdfPathListOp collectList(const SdfPathListOp& list, const Collect& collect) {
+    visitItems(list, [&](const SdfPath& path) { collect.paths.insert(path); });
     return list;
 }
 
@@ -98,12 +102,22 @@ SdfPath followed(const PathMoves& moves, SdfPath path) {
 }
 
 VtValue movedValue(const VtValue& value, const PathMove& move) {
+    if (value.IsHolding<SdfPathListOp>()) {  // most values: the targets of a property
+        const auto& list = value.UncheckedGet<SdfPathListOp>();
+        bool moves = false;
+        visitItems(list, [&](const SdfPath& path) { moves = moves || path.HasPrefix(move.from); });
+        return moves ? VtValue(movedList(list, move)) : VtValue();
+    }
     registerTransforms();
     auto moved = pxr::VtValueTryTransform(value, move);
     return moved == value ? VtValue() : moved;
 }
 
 bool collectPaths(const VtValue& value, pxr::SdfPathSet& paths) {
+    if (value.IsHolding<SdfPathListOp>()) {
+        collectList(value.UncheckedGet<SdfPathListOp>(), {paths});
+        return true;
+    }
     registerTransforms();
     return !pxr::VtValueTryTransform(value, Collect{paths}).IsEmpty();
 }

@@ -18,6 +18,7 @@
 #include <set>
 
 #include "SpecMoves.h"
+#include "usdlive/common/usd/LayerFill.h"
 
 namespace usdlive::naming {
 
@@ -82,17 +83,17 @@ ScratchStages::ScratchStages(const Stages& stages) {
 void ScratchStages::chooseLayers(const std::vector<ComposedStage*>& stages) {
     std::map<SdfLayerHandle, std::set<SdfLayerHandle>> uses;
     const auto choose = [&](const SdfLayerHandle& layer) { copies_.try_emplace(layer); };
-    for (auto* stage : stages) {
+    for (auto* stage : stages)
         for (const auto& layer : stage->localLayers()->GetLayers()) choose(layer);
+    for (auto* stage : stages)
         for (const auto& layer : stage->composed().GetUsedLayers()) {
-            if (uses.contains(layer)) continue;
+            if (copies_.contains(layer) || uses.contains(layer)) continue;
             const auto variables = variablesOf(layer, stages);
             for (const auto& path : layer->GetCompositionAssetDependencies())
                 if (const auto used = pxr::SdfLayer::Find(
                         pxr::SdfComputeAssetPathRelativeToLayer(layer, evaluated(path, variables))))
                     uses[layer].insert(used);
         }
-    }
     for (bool more = true; more;) {
         more = false;
         for (const auto& [layer, used] : uses)
@@ -106,8 +107,7 @@ void ScratchStages::chooseLayers(const std::vector<ComposedStage*>& stages) {
 
 void ScratchStages::redirect(const std::vector<ComposedStage*>& stages) {
     for (auto& [layer, copy] : copies_) {
-        copy.layer = pxr::SdfLayer::CreateAnonymous(".usda");
-        copy.layer->TransferContent(layer);
+        copy.layer = usd::copyOfLayer(*layer);
         originals_[copy.layer] = layer;
     }
     for (auto& [layer, copy] : copies_) {

@@ -109,6 +109,20 @@ void fillWhole(const LayerDoc& doc, MemoryBlobs& blobs, SdfLayerStore& store) {
 
 }  // namespace
 
+TEST(LayerFill, ACopyHasTheSameContentAndOneOfItsOwn) {
+    const auto layer = SdfLayer::CreateAnonymous(".usda");
+    ASSERT_TRUE(layer->ImportFromString(
+        "#usda 1.0\n(\n    relocates = {\n        </W/a>: </W/b>\n    }\n)\n\ndef \"W\"\n{\n"
+        "    double x = 1\n}\n"));
+    const auto copy = copyOfLayer(*layer);
+    std::string text, expected;
+    ASSERT_TRUE(layer->ExportToString(&expected) && copy->ExportToString(&text));
+    EXPECT_EQ(text, expected);
+    EXPECT_TRUE(copy->GetHints().mightHaveRelocates);
+    copy->SetField(SdfPath("/W.x"), SdfFieldKeys->Default, 2.0);
+    EXPECT_EQ(layer->GetField(SdfPath("/W.x"), SdfFieldKeys->Default), VtValue(1.0));
+}
+
 TEST(LayerFill, FillsAnEmptyLayerWithFewChangeEntries) {
     MemoryBlobs blobs;
     const auto source = fromText(kScene);

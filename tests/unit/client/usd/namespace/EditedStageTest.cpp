@@ -58,6 +58,21 @@ TEST(EditedStage, PrimsOverReferencesAreRelocated) {
     EXPECT_TRUE(asset->HasSpec(SdfPath("/M/Part")));
 }
 
+TEST(EditedStage, ABatchSeesTheRelocatesOfTheStage) {
+    const auto asset = layerFor("def \"M\" {\n    def \"Part\" {\n    }\n}\n");
+    stage::Stage stage(
+        layerFor("(\n    relocates = {\n        </A/Part>: </A/Piece>\n    }\n)\ndef \"A\" (\n"
+                 "    references = @" +
+                 asset->GetIdentifier() + "@</M>\n) {\n}\n"));
+    ASSERT_TRUE(stage.prim(SdfPath("/A/Piece")));
+    NamespaceEditor editor(stage);
+    editor.RenamePrim(SdfPath("/A/Piece"), pxr::TfToken("Bit"));
+    editor.RenamePrim(SdfPath("/A/Bit"), pxr::TfToken("Chip"));
+    const auto result = editor.ApplyEdits();
+    ASSERT_TRUE(result) << result.whyNot();
+    EXPECT_TRUE(stage.prim(SdfPath("/A/Chip")));
+}
+
 TEST(EditedStage, StagesThatDependOnItAreCorrected) {
     const auto asset = layerFor("def \"M\" {\n    def \"Part\" {\n    }\n}\n");
     const auto user = layerFor("def \"A\" (\n    references = @" + asset->GetIdentifier() +
