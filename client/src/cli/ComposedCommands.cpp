@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "StageDump.h"
+#include "usd/stage/DepthGuard.h"
 #include "usdlive/client/usd/stage/Flatten.h"
 #include "usdlive/client/usd/stage/Stage.h"
 #include "usdlive/common/usd/TfComplaints.h"
@@ -21,16 +22,11 @@ using stage::PrimFlag;
 
 namespace {
 
-Result<pxr::SdfLayerRefPtr> openLayer(const std::string& file) {
-    if (auto layer = pxr::SdfLayer::FindOrOpen(file)) return layer;
-    return fail(ErrorCode::LayerUnreadable, "cannot open the layer '" + file + "'");
-}
-
 Result<std::unique_ptr<stage::Stage>> openStage(const ComposedOptions& options) {
-    const auto root = openLayer(options.root);
+    const auto root = stage::openLayer(options.root);
     if (!root) return tl::unexpected(root.error());
     if (options.session.empty()) return std::make_unique<stage::Stage>(*root);
-    const auto session = openLayer(options.session);
+    const auto session = stage::openLayer(options.session);
     if (!session) return tl::unexpected(session.error());
     return std::make_unique<stage::Stage>(*root, *session);
 }

@@ -2,6 +2,7 @@
 #include "usd/stage/Composition.h"
 
 #include <pxr/usd/ar/resolver.h>
+#include <pxr/usd/ar/resolverContextBinder.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/primIndex.h>
 
@@ -28,23 +29,32 @@ Composition::Scope everything(Composition::Payloads payloads) {
 
 }  // namespace
 
+// This composes single prims when they are needed, so no layer is opened in advance.
 Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                          const std::vector<std::string>& muted, Payloads payloads)
-    : Composition(root, session, muted, everything(payloads)) {}
+    : Composition(root, session, muted, everything(payloads), DepthGuard::Layers::FindOnly) {}
 
 Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                          const std::vector<std::string>& muted, Scope scope)
+    : Composition(root, session, muted, std::move(scope), DepthGuard::Layers::Open) {}
+
+Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                         const std::vector<std::string>& muted, Scope scope,
+                         DepthGuard::Layers layers)
     : cache_(std::make_unique<pxr::PcpCache>(
           pxr::PcpLayerStackIdentifier(root, session, contextOf(root)), "usd", true)),
       muted_(muted),
-      scope_(std::move(scope)) {
-    cache_->RequestLayerMuting(muted, {});
+      scope_(std::move(scope)),
+      guard_(root, session, layers) {
+    checkAll();
+    mute(nullptr);
     pxr::PcpErrorVector errors;
     (void)cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
 }
 
 void Composition::follow(const pxr::SdfLayerChangeListVec& changes) {
     pxr::PcpChanges follow;
+    guard(changes, follow);
     follow.DidChange(cache_.get(), changes);
     apply(follow);
 }
@@ -56,14 +66,56 @@ void Composition::setMuted(const std::vector<std::string>& muted) {
 }
 
 void Composition::setMuted(const std::vector<std::string>& muted, pxr::PcpChanges& changes) {
+    muted_ = muted;
+    if (checkAll())
+        leaveOut(changes);
+    else
+        mute(&changes);
+}
+
+bool Composition::checkAll() {
+    const pxr::ArResolverContextBinder binder(
+        cache_->GetLayerStackIdentifier().pathResolverContext);
+    opened_.clear();
+    return guard_.checkAll({muted_.begin(), muted_.end()},
+                           scope_.payloads(SdfPath::AbsoluteRootPath()), opened_);
+}
+
+bool Composition::guard(const pxr::SdfLayerChangeListVec& layers, pxr::PcpChanges& changes) {
+    const pxr::ArResolverContextBinder binder(
+        cache_->GetLayerStackIdentifier().pathResolverContext);
+    opened_.clear();
+    const bool differs = guard_.check(
+        layers,
+        [this](const auto& one) { return !cache_->FindAllLayerStacksUsingLayer(one).empty(); },
+        opened_);
+    if (differs) leaveOut(changes);
+    return differs;
+}
+
+bool Composition::guardAll(pxr::PcpChanges& changes) {
+    const bool differs = checkAll();
+    if (differs) leaveOut(changes);
+    return differs;
+}
+
+void Composition::leaveOut(pxr::PcpChanges& changes) {
+    mute(&changes);
+    changes.DidChangeSignificantly(cache_.get(), SdfPath::AbsoluteRootPath());
+}
+
+void Composition::mute(pxr::PcpChanges* changes) {
     const auto without = [](const auto& all, const auto& others) {
         std::vector<std::string> left;
         for (const auto& one : all)
             if (std::ranges::find(others, one) == others.end()) left.push_back(one);
         return left;
     };
-    cache_->RequestLayerMuting(without(muted, muted_), without(muted_, muted), &changes);
-    muted_ = muted;
+    auto all = muted_;
+    for (const auto& one : guard_.layersLeftOut())
+        if (std::ranges::find(all, one) == all.end()) all.push_back(one);
+    cache_->RequestLayerMuting(without(all, allMuted_), without(allMuted_, all), changes);
+    allMuted_ = std::move(all);
 }
 
 void Composition::apply(const pxr::PcpChanges& changes) {
@@ -77,7 +129,9 @@ void Composition::apply(const pxr::PcpChanges& changes) {
 const pxr::PcpLayerStack& Composition::localLayers() const { return *cache_->GetLayerStack(); }
 
 const pxr::PcpPrimIndex* Composition::primIndex(const SdfPath& prim) {
-    if (!prim.IsAbsoluteRootOrPrimPath()) return nullptr;
+    if (!prim.IsAbsolutePath() || !prim.IsAbsoluteRootOrPrimPath() || isTooDeep(prim) ||
+        leavesOut(prim))
+        return nullptr;
     const auto* index = cache_->FindPrimIndex(prim);
     if (!index) index = compose(prim);
     return index->IsValid() ? index : nullptr;
@@ -101,6 +155,9 @@ pxr::TfTokenVector Composition::childNames(const SdfPath& prim) {
     pxr::TfTokenVector names;
     pxr::PcpTokenSet prohibited;
     if (const auto* index = primIndex(prim)) index->ComputePrimChildNames(&names, &prohibited);
+    if (prim == SdfPath::AbsoluteRootPath())
+        std::erase_if(names,
+                      [&](const auto& name) { return guard_.primsLeftOut().contains(name); });
     return names;
 }
 
@@ -110,16 +167,33 @@ pxr::TfTokenVector Composition::propertyNames(const SdfPath& prim) {
     return names;
 }
 
-void Composition::composeInParallel(const pxr::SdfPathVector& roots) {
+bool Composition::composesChildren(const pxr::PcpPrimIndex& index,
+                                   pxr::TfTokenVector* names) const {
+    if (!scope_.children(index, names)) return false;
+    const auto& leftOut = guard_.primsLeftOut();
+    if (leftOut.empty() || index.GetPath() != SdfPath::AbsoluteRootPath()) return true;
+    if (names->empty()) {
+        pxr::PcpTokenSet prohibited;
+        index.ComputePrimChildNames(names, &prohibited);
+    }
+    std::erase_if(*names, [&](const auto& name) { return leftOut.contains(name); });
+    return !names->empty();
+}
+
+void Composition::composeInParallel(const pxr::SdfPathVector& all) {
+    pxr::SdfPathVector roots;
+    for (const auto& root : all)
+        if (!leavesOut(root)) roots.push_back(root);
     std::atomic<std::size_t> visited = 0;
     pxr::PcpErrorVector errors;
     cache_->ComputePrimIndexesInParallel(
         roots, &errors,
         [&](const pxr::PcpPrimIndex& index, pxr::TfTokenVector* names) {
             ++visited;
-            return scope_.children(index, names);
+            return composesChildren(index, names);
         },
         scope_.payloads);
+    opened_.clear();
     primsComposed_ += visited;
 }
 

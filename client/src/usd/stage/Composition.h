@@ -14,6 +14,8 @@
 #include <string>
 #include <vector>
 
+#include "usd/stage/DepthGuard.h"
+
 namespace usdlive::stage {
 
 /// A root layer and a session layer, composed by Pcp and kept up to date while the layers change.
@@ -51,10 +53,22 @@ public:
     void setMuted(const std::vector<std::string>& muted);
     /// Does the same, and adds the resulting changes to `changes`. The caller then calls apply().
     void setMuted(const std::vector<std::string>& muted, pxr::PcpChanges& changes);
+    /// Checks changed layers for input that is too deep, and adds to `changes` what is left out or
+    /// composed again because of it. Returns true if it added something. The owner calls it before
+    /// it computes other changes of the same notice; follow() calls it itself.
+    bool guard(const pxr::SdfLayerChangeListVec& layers, pxr::PcpChanges& changes);
+    /// Does the same for all layers. The owner calls it when other payloads are loaded.
+    bool guardAll(pxr::PcpChanges& changes);
+    /// Returns true if a prim is left out because its arcs lead too deep.
+    [[nodiscard]] bool leavesOut(const pxr::SdfPath& prim) const { return guard_.leavesOut(prim); }
+    /// Returns what is left out because it is too deep.
+    [[nodiscard]] const std::vector<DepthGuard::Problem>& depthProblems() const {
+        return guard_.problems();
+    }
     /// Applies changes that the owner computed itself. It is an alternative to follow().
     void apply(const pxr::PcpChanges& changes);
-    /// Composes the prims at and below `roots` on all cores, within the scope.
-    void composeInParallel(const pxr::SdfPathVector& roots);
+    /// Composes the prims at and below the paths on all cores, within the scope.
+    void composeInParallel(const pxr::SdfPathVector& all);
     /// Returns the cache, for code that reads all composed prims or plans edits of them.
     [[nodiscard]] pxr::PcpCache& cache() { return *cache_; }
     [[nodiscard]] const pxr::PcpCache& cache() const { return *cache_; }
@@ -77,13 +91,22 @@ public:
     [[nodiscard]] std::size_t primsComposed() const { return primsComposed_; }
 
 private:
+    Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+                const std::vector<std::string>& muted, Scope scope, DepthGuard::Layers layers);
     const pxr::PcpPrimIndex* compose(const pxr::SdfPath& prim);
+    bool composesChildren(const pxr::PcpPrimIndex& index, pxr::TfTokenVector* names) const;
+    bool checkAll();
+    void leaveOut(pxr::PcpChanges& changes);
+    void mute(pxr::PcpChanges* changes);
     void composeAll();
 
     std::unique_ptr<pxr::PcpCache> cache_;
-    std::vector<std::string> muted_;
+    std::vector<std::string> muted_;     // by the owner
+    std::vector<std::string> allMuted_;  // also by the guard
     const Scope scope_;
-    bool complete_ = false;  // true if all prims are composed
+    DepthGuard guard_;
+    DepthGuard::Opened opened_;  // by the guard, until the prims are composed
+    bool complete_ = false;      // true if all prims are composed
     std::uint64_t localRevision_ = 1;
     std::size_t primsComposed_ = 0;
 };

@@ -3,6 +3,8 @@
 
 #include <iterator>
 
+#include "usd/stage/DepthGuard.h"
+
 namespace usdlive::stage {
 
 using pxr::SdfPath;
@@ -30,6 +32,7 @@ LoadRules LoadRules::none() {
 }
 
 void LoadRules::set(const SdfPath& prim, Rule rule) {
+    if (!prim.IsAbsolutePath() || !prim.IsAbsoluteRootOrPrimPath() || isTooDeep(prim)) return;
     auto at = rules_.lower_bound(prim);
     while (at != rules_.end() && at->first.HasPrefix(prim)) at = rules_.erase(at);
     rules_[prim] = rule;

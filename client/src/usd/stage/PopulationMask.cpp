@@ -1,15 +1,19 @@
 // Selects the part of a stage that is composed, by the paths of prims.
 #include "usdlive/client/usd/stage/PopulationMask.h"
 
+#include "usd/stage/DepthGuard.h"
+
 namespace usdlive::stage {
 
 using pxr::SdfPath;
 
 PopulationMask::PopulationMask(const pxr::SdfPathVector& paths) : paths_(std::in_place) {
-    pxr::SdfPathVector fewest = paths;
+    pxr::SdfPathVector fewest;
+    for (const auto& path : paths)
+        if (path.IsAbsolutePath() && path.IsAbsoluteRootOrPrimPath() && !isTooDeep(path))
+            fewest.push_back(path);
     SdfPath::RemoveDescendentPaths(&fewest);
-    for (const auto& path : fewest)
-        if (path.IsAbsoluteRootOrPrimPath()) paths_->insert(path);
+    paths_->insert(fewest.begin(), fewest.end());
 }
 
 pxr::SdfPathVector PopulationMask::paths() const {

@@ -3,10 +3,14 @@
 
 #include <pxr/usd/pcp/propertyIndex.h>
 #include <pxr/usd/pcp/targetIndex.h>
+#include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/schema.h>
+
+#include <algorithm>
 
 #include "Opinions.h"
 #include "StageState.h"
+#include "usd/stage/DepthGuard.h"
 #include "usdlive/client/usd/schema/PrimDefinition.h"
 
 namespace usdlive::stage {
@@ -15,6 +19,25 @@ using pxr::SdfFieldKeys;
 using pxr::SdfPath;
 using pxr::TfToken;
 using pxr::VtValue;
+
+namespace {
+
+const TfToken& targetsField(bool ofAttribute) {
+    return ofAttribute ? SdfFieldKeys->ConnectionPaths : SdfFieldKeys->TargetPaths;
+}
+
+// Returns true if a target is too deep for Pcp, which compares and maps it.
+bool hasDeepTargets(const pxr::PcpPrimIndex& index, const TfToken& property, bool ofAttribute) {
+    return !forEachSite(index, property, [&](const Site& site) {
+        pxr::SdfPathListOp targets;
+        if (!site.layer->HasField(site.path, targetsField(ofAttribute), &targets)) return true;
+        return std::ranges::none_of(targets.GetAppliedItems(), [](const SdfPath& target) {
+            return isTooDeep(target.GetPrimPath());
+        });
+    });
+}
+
+}  // namespace
 
 const schema::PropertyDefinition* Property::definition() const {
     return prim_.definition().property(name_);
@@ -83,7 +106,7 @@ VtValue Property::value(const AttributeQuery& query, std::optional<double> time)
 
 pxr::SdfPathVector Property::targets() const {
     const auto& index = prim_.primIndex();
-    if (!index.IsValid()) return {};
+    if (!index.IsValid() || hasDeepTargets(index, name_, isAttribute())) return {};
     const auto& cache = prim_.stage().composition().cache();
     const pxr::PcpSite site(cache.GetLayerStackIdentifier(), path());
     pxr::PcpPropertyIndex properties;
@@ -98,7 +121,7 @@ pxr::SdfPathVector Property::targets() const {
 }
 
 bool Property::hasAuthoredTargets() const {
-    const auto& field = isAttribute() ? SdfFieldKeys->ConnectionPaths : SdfFieldKeys->TargetPaths;
+    const auto& field = targetsField(isAttribute());
     return !forEachSite(prim_.primIndex(), name_,
                         [&](const Site& site) { return !site.layer->HasField(site.path, field); });
 }

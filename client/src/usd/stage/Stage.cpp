@@ -55,9 +55,9 @@ bool visitBelow(const Prim& prim, const PrimPredicate& predicate,
 }  // namespace
 
 Result<std::unique_ptr<Stage>> Stage::open(const std::string& rootFile, StageOptions options) {
-    const auto layer = pxr::SdfLayer::FindOrOpen(rootFile);
-    if (!layer) return fail(ErrorCode::LayerUnreadable, "cannot open the layer '" + rootFile + "'");
-    return std::make_unique<Stage>(layer, nullptr, std::move(options));
+    const auto layer = openLayer(rootFile);
+    if (!layer) return tl::unexpected(layer.error());
+    return std::make_unique<Stage>(*layer, nullptr, std::move(options));
 }
 
 Stage::Stage(const pxr::SdfLayerRefPtr& root, const pxr::SdfLayerRefPtr& session,
@@ -178,6 +178,8 @@ std::vector<CompositionError> Stage::errors() const {
                           "what is below <" + index.GetPath().GetAsString() +
                               "> is not composed: the prim has too many ancestors"});
     });
+    for (const auto& [type, prim, message] : state_->composition.depthProblems())
+        errors.push_back({type, prim, message});
     std::ranges::stable_sort(errors, {}, [](const CompositionError& one) {
         return std::pair(one.prim.GetAsString(), one.type);
     });

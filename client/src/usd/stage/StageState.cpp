@@ -84,7 +84,7 @@ PrimNode* StageState::find(const SdfPath& path) const {
 }
 
 Prim StageState::prim(const SdfPath& path) const {
-    if (!path.IsAbsoluteRootOrPrimPath()) return {};
+    if (!path.IsAbsolutePath() || !path.IsAbsoluteRootOrPrimPath()) return {};
     if (auto* node = find(path)) return {node, SdfPath()};
     // The path is inside an instance, perhaps inside several. Start at the nearest prim of the
     // tree.
@@ -219,6 +219,10 @@ pxr::TfTokenVector StageState::childNames(const PrimNode& node) const {
     pxr::PcpTokenSet prohibited;
     node.index->ComputePrimChildNames(&names, &prohibited);
     const SdfPath& path = node.index->GetPath();
+    if (node.has(PrimFlag::PseudoRoot))
+        std::erase_if(names, [&](const TfToken& name) {
+            return composition.leavesOut(path.AppendChild(name));
+        });
     if (!mask.includesSubtree(path))
         std::erase_if(names,
                       [&](const TfToken& name) { return !mask.includes(path.AppendChild(name)); });

@@ -25,7 +25,7 @@ class StageState final : public pxr::TfWeakBase {
 public:
     /// The depth at which composition stops, because arcs may lead deeper without end. errors()
     /// reports it.
-    static constexpr std::size_t kDeepest = 512;
+    static constexpr std::size_t kDeepest = kDeepestPath;
 
     StageState(Stage& owner, pxr::SdfLayerRefPtr root, pxr::SdfLayerRefPtr session,
                StageOptions options);

@@ -81,7 +81,8 @@ void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) 
     if (std::this_thread::get_id() != thread_) return;
     auto& cache = composition.cache();
     Gathered gathered;
-    bool concerned = false;
+    pxr::PcpChanges changes;
+    bool concerned = composition.guard(notice.GetChangeListVec(), changes);
     for (const auto& [layer, changes] : notice.GetChangeListVec()) {
         if (!layer || cache.FindAllLayerStacksUsingLayer(layer).empty()) continue;
         concerned = true;
@@ -89,7 +90,6 @@ void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) 
             if (!path.IsTargetPath()) gather(layer, path, entry, gathered);
     }
     if (!concerned) return;
-    pxr::PcpChanges changes;
     changes.DidChange(&cache, notice.GetChangeListVec());
     for (const auto& path : gathered.activity) changes.DidChangeSignificantly(&cache, path);
     for (const auto& [stack, change] : changes.GetLayerStackChanges()) {
@@ -339,6 +339,7 @@ void StageState::setLoadRules(const LoadRules& rules) {
             (loads ? include : exclude).insert(index.GetPath());
     });
     pxr::PcpChanges changes;
+    composition.guardAll(changes);
     cache.RequestPayloads(include, exclude, &changes);
     Gathered gathered;
     // Load rules decide which prims may share a prototype.

@@ -20,7 +20,8 @@ public:
     [[nodiscard]] static LoadRules all() { return {}; }
     [[nodiscard]] static LoadRules none();
 
-    /// Sets the rule of a prim and removes the rules of the prims below it.
+    /// Sets the rule of a prim and removes the rules of the prims below it. Paths that are not
+    /// paths of prims, or have more than 512 elements, are ignored.
     void set(const pxr::SdfPath& prim, Rule rule);
 
     /// Returns the effective rule of a prim. If a payload is loaded, the payloads above it are

@@ -14,7 +14,8 @@ class PopulationMask {
 public:
     /// Selects all prims.
     PopulationMask() = default;
-    /// Selects `paths`. Paths that are not paths of prims are ignored.
+    /// Selects `paths`. Paths that are not paths of prims, or have more than 512
+    /// elements, are ignored.
     explicit PopulationMask(const pxr::SdfPathVector& paths);
 
     [[nodiscard]] bool isAll() const { return !paths_; }

@@ -52,7 +52,7 @@ public:
                                      std::optional<double> time = {}) const;
 
     /// Returns the composed targets of a relationship or the connections of an attribute, as paths
-    /// of the stage.
+    /// of the stage. Returns none if a layer lists a target with more than 512 elements.
     [[nodiscard]] pxr::SdfPathVector targets() const;
     /// Returns true if a layer lists targets or connections, even an empty list.
     [[nodiscard]] bool hasAuthoredTargets() const;

@@ -1,0 +1,514 @@
+// Finds arcs and texts that are too deep for OpenUSD.
+#include "usd/stage/DepthGuard.h"
+
+#include <pxr/base/work/loops.h>
+#include <pxr/usd/ar/asset.h>
+#include <pxr/usd/ar/packageUtils.h>
+#include <pxr/usd/ar/resolvedPath.h>
+#include <pxr/usd/ar/resolver.h>
+#include <pxr/usd/sdf/fileFormat.h>
+#include <pxr/usd/sdf/layerUtils.h>
+#include <pxr/usd/sdf/listOp.h>
+#include <pxr/usd/sdf/payload.h>
+#include <pxr/usd/sdf/reference.h>
+#include <pxr/usd/sdf/schema.h>
+#include <pxr/usd/sdf/types.h>
+#include <pxr/usd/sdf/variableExpression.h>
+
+#include <algorithm>
+#include <array>
+#include <deque>
+#include <string_view>
+#include <utility>
+
+#include "usdlive/common/usd/TfComplaints.h"
+
+namespace usdlive::stage {
+
+using pxr::SdfFieldKeys;
+using pxr::SdfLayer;
+using pxr::SdfLayerHandle;
+using pxr::SdfPath;
+using pxr::TfToken;
+
+namespace {
+
+// Limits of a text. Sdf's parser takes up to 300 bytes of the stack for a bracket, and 2 KiB for a
+// parenthesis of a path expression, which is inside a string.
+constexpr std::size_t kMostBrackets = 4096;
+constexpr std::size_t kMostParentheses = 1024;
+// SdfPath counts no further. It also calls itself for each element when a path is destroyed.
+constexpr std::size_t kMostElements = 65'535;
+
+// Composition reads no spec deeper than this: an arc leads to a path of kDeepestPath elements, and
+// composes as many levels below it.
+constexpr std::size_t kDeepestSpec = 2 * kDeepestPath;
+
+// Finds how deeply the brackets of a text nest, outside and inside of strings.
+class NestingScan {
+public:
+    explicit NestingScan(std::string_view text) : text_(text) {}
+
+    // Returns the line of the first bracket that is nested too deeply, or 0.
+    std::size_t run() {
+        std::size_t brackets = 0;
+        while (at_ < text_.size()) {
+            const char c = text_[at_];
+            if (c == '{' || c == '(' || c == '[') {
+                if (++brackets > kMostBrackets) return line();
+            } else if (c == '}' || c == ')' || c == ']') {
+                brackets -= brackets > 0;
+            } else if (c == '"' || c == '\'') {
+                if (!skipString(c)) return line();
+                continue;
+            } else if (c == '@') {
+                skipAsset();
+                continue;
+            } else if (c == '#') {
+                skipTo("\n");
+                continue;
+            } else if (c == '<') {
+                const std::size_t begin = at_;
+                skipTo(">");
+                if (countSlashes(begin) > kMostElements) return line();
+                continue;
+            }
+            ++at_;
+        }
+        return 0;
+    }
+
+private:
+    [[nodiscard]] std::size_t line() const {
+        return 1 +
+               std::size_t(std::count(text_.begin(), text_.begin() + std::ptrdiff_t(at_), '\n'));
+    }
+
+    [[nodiscard]] std::size_t countSlashes(std::size_t begin) const {
+        if (at_ - begin <= kMostElements) return 0;
+        return std::size_t(std::ranges::count(text_.substr(begin, at_ - begin), '/'));
+    }
+
+    void skipTo(std::string_view end) {
+        const std::size_t found = text_.find(end, at_ + 1);
+        at_ = found == std::string_view::npos ? text_.size() : found + end.size();
+    }
+
+    void skipAsset() {
+        const bool triple = text_.substr(at_, 3) == "@@@";
+        at_ += triple ? 2 : 0;
+        skipTo(triple ? "@@@" : "@");
+    }
+
+    bool skipString(char quote) {
+        const std::string end(text_.substr(at_, 3) == std::string(3, quote) ? 3 : 1, quote);
+        std::size_t parentheses = 0;
+        for (at_ += end.size(); at_ < text_.size(); ++at_) {
+            const char c = text_[at_];
+            if (c == quote && text_.substr(at_, end.size()) == end) {
+                at_ += end.size();
+                return true;
+            }
+            if (c == '\\') ++at_;
+            if (c == '\n' && end.size() == 1) return true;  // the parser refuses it
+            if (c == '(' && ++parentheses > kMostParentheses) return false;
+            if (c == ')') parentheses -= parentheses > 0;
+        }
+        return true;
+    }
+
+    const std::string_view text_;
+    std::size_t at_ = 0;
+};
+
+pxr::ArResolvedPath resolvedFile(const std::string& identifier) {
+    auto& resolver = pxr::ArGetResolver();
+    auto path = resolver.Resolve(identifier);
+    if (path.empty()) return path;
+    const auto format = pxr::SdfFileFormat::FindByExtension(path.GetPathString());
+    if (!format || !format->IsPackage()) return path;
+    return pxr::ArResolvedPath(pxr::ArJoinPackageRelativePath(
+        path.GetPathString(), format->GetPackageRootLayerPath(path.GetPathString())));
+}
+
+// Returns a message if the file of a layer is a text that is nested too deeply. The layers of a
+// server need no check: their paths have at most 1,024 elements (PA1).
+std::string problemOfText(const std::string& identifier) {
+    if (SdfLayer::IsAnonymousLayerIdentifier(identifier)) return {};
+    if (identifier.find("://") != std::string::npos) return {};
+    const auto path = resolvedFile(identifier);
+    const auto asset = path.empty() ? nullptr : pxr::ArGetResolver().OpenAsset(path);
+    std::array<char, 4> start{};
+    if (!asset || asset->GetSize() <= kMostParentheses ||
+        asset->Read(start.data(), start.size(), 0) != start.size() || start[0] != '#')
+        return {};
+    const auto text = asset->GetBuffer();
+    if (!text) return {};
+    const auto line = NestingScan({text.get(), asset->GetSize()}).run();
+    if (line == 0) return {};
+    return "cannot open the layer '" + identifier + "': line " + std::to_string(line) +
+           " is nested too deeply. At most " + std::to_string(kMostBrackets) +
+           " brackets may be open and " + std::to_string(kMostParentheses) +
+           " parentheses in a string, and a path may have " + std::to_string(kMostElements) +
+           " elements.";
+}
+
+// Returns the number of elements and the first of them, for paths of any length.
+std::string describeDeep(const SdfPath& path) {
+    constexpr std::size_t kShown = 8;
+    std::deque<SdfPath> first;
+    std::size_t elements = 0;
+    for (SdfPath at = path; at != SdfPath::AbsoluteRootPath() && !at.IsEmpty();
+         at = at.GetParentPath()) {
+        ++elements;
+        first.push_back(at);
+        if (first.size() > kShown) first.pop_front();
+    }
+    return "a path with " + std::to_string(elements) + " elements that begins with <" +
+           (first.empty() ? std::string() : first.front().GetString()) + ">; at most " +
+           std::to_string(kDeepestPath) + " are composed";
+}
+
+TfToken rootName(const SdfPath& path) {
+    if (!path.IsAbsolutePath()) return {};
+    SdfPath top;
+    for (SdfPath at = path; at != SdfPath::AbsoluteRootPath() && !at.IsEmpty();
+         at = at.GetParentPath())
+        top = at;
+    return top.IsEmpty() ? TfToken() : top.GetNameToken();
+}
+
+// Returns true if no other opinion of the same layer selects another variant.
+bool isSelected(const SdfLayer& layer, const SdfPath& prim, const std::string& set,
+                const std::string& variant) {
+    pxr::SdfVariantSelectionMap selections;
+    if (!layer.HasField(prim, SdfFieldKeys->VariantSelection, &selections)) return false;
+    const auto selection = selections.find(set);
+    return selection != selections.end() && selection->second == variant;
+}
+
+bool isLayerFile(const std::string& asset) {
+    const auto extension = SdfLayer::IsAnonymousLayerIdentifier(asset)
+                               ? std::string("usd")
+                               : pxr::SdfFileFormat::GetFileExtension(asset);
+    return extension.starts_with("usd") && asset.find(":SDF_FORMAT_ARGS:") == std::string::npos;
+}
+
+bool changesArcs(const SdfPath& path, const pxr::SdfChangeList::Entry& entry) {
+    const auto& flags = entry.flags;
+    if (flags.didReplaceContent || flags.didReloadContent || flags.didRename ||
+        flags.didAddNonInertPrim || flags.didAddInertPrim || flags.didRemoveNonInertPrim ||
+        flags.didRemoveInertPrim)
+        return true;
+    if (!entry.subLayerChanges.empty()) return true;
+    if (path != SdfPath::AbsoluteRootPath() && !path.IsPrimOrPrimVariantSelectionPath())
+        return false;
+    return std::ranges::any_of(entry.infoChanged, [](const auto& change) {
+        const auto& field = change.first;
+        return field == SdfFieldKeys->References || field == SdfFieldKeys->Payload ||
+               field == SdfFieldKeys->InheritPaths || field == SdfFieldKeys->Specializes ||
+               field == SdfFieldKeys->LayerRelocates || field == SdfFieldKeys->SubLayers ||
+               field == SdfFieldKeys->VariantSelection || field == SdfFieldKeys->DefaultPrim;
+    });
+}
+
+}  // namespace
+
+bool isTooDeep(const SdfPath& path) {
+    if (!path.IsAbsolutePath()) return false;
+    const std::size_t elements = path.GetPathElementCount();
+    if (elements > kDeepestPath) return true;
+    SdfPath at = path;
+    for (std::size_t i = 0; i < elements; ++i) at = at.GetParentPath();
+    return !at.IsEmpty() && at != SdfPath::AbsoluteRootPath();
+}
+
+Result<pxr::SdfLayerRefPtr> openLayer(const std::string& identifier) {
+    if (auto open = SdfLayer::Find(identifier)) return pxr::SdfLayerRefPtr(open);
+    if (auto problem = problemOfText(identifier); !problem.empty())
+        return fail(ErrorCode::LayerUnreadable, std::move(problem));
+    if (auto layer = SdfLayer::FindOrOpen(identifier)) return layer;
+    return fail(ErrorCode::LayerUnreadable, "cannot open the layer '" + identifier + "'");
+}
+
+struct DepthGuard::Arc {
+    SdfPath spec;
+    TfToken field;
+    std::string asset;  // empty for an arc inside the layer stack
+    SdfPath target;
+    bool isSelected = true;  // false in a variant that its layer does not select
+};
+
+struct DepthGuard::Wanted {
+    SdfLayerHandle layer;  // names the asset
+    std::string asset;
+    bool local;
+};
+
+struct DepthGuard::Scan {
+    std::map<SdfPath, std::string> deep;
+    std::set<std::string> subLayers, assets;
+};
+
+// Calls `visit` for each arc of a prim at or below `subtree`, and for sublayers and relocates.
+template <class Visit>
+void DepthGuard::forEachArc(const SdfLayer& layer, const SdfPath& subtree, Visit&& visit) {
+    struct Place {
+        SdfPath path;
+        std::size_t depth;
+        bool isSelected;
+    };
+    std::vector<Place> open{{subtree, 0, true}};
+    const auto eachItem = [&]<class ListOp>(const Place& place, const TfToken& field, ListOp list) {
+        if (!layer.HasField(place.path, field, &list)) return;
+        for (const auto& item : list.GetAppliedItems()) {
+            if constexpr (std::is_same_v<ListOp, pxr::SdfPathListOp>)
+                visit(Arc{place.path, field, {}, item, place.isSelected});
+            else
+                visit(Arc{place.path, field, item.GetAssetPath(), item.GetPrimPath(),
+                          place.isSelected});
+        }
+    };
+    while (!open.empty()) {
+        const Place place = std::move(open.back());
+        open.pop_back();
+        if (place.path == SdfPath::AbsoluteRootPath()) {
+            std::vector<std::string> subLayers;
+            if (layer.HasField(place.path, SdfFieldKeys->SubLayers, &subLayers))
+                for (const auto& asset : subLayers)
+                    visit(Arc{place.path, SdfFieldKeys->SubLayers, asset, {}});
+            pxr::SdfRelocates relocates;
+            if (layer.HasField(place.path, SdfFieldKeys->LayerRelocates, &relocates))
+                for (const auto& [from, to] : relocates) {
+                    visit(Arc{to, SdfFieldKeys->LayerRelocates, {}, from});
+                    visit(Arc{from, SdfFieldKeys->LayerRelocates, {}, to});
+                }
+        } else {
+            eachItem(place, SdfFieldKeys->References, pxr::SdfReferenceListOp());
+            eachItem(place, SdfFieldKeys->Payload, pxr::SdfPayloadListOp());
+            eachItem(place, SdfFieldKeys->InheritPaths, pxr::SdfPathListOp());
+            eachItem(place, SdfFieldKeys->Specializes, pxr::SdfPathListOp());
+        }
+        if (place.depth > kDeepestSpec) continue;
+        pxr::TfTokenVector names;
+        if (layer.HasField(place.path, pxr::SdfChildrenKeys->PrimChildren, &names))
+            for (const auto& name : names)
+                open.push_back({place.path.AppendChild(name), place.depth + 1, place.isSelected});
+        if (!layer.HasField(place.path, pxr::SdfChildrenKeys->VariantSetChildren, &names)) continue;
+        for (const auto& set : names) {
+            pxr::TfTokenVector variants;
+            layer.HasField(place.path.AppendVariantSelection(set, ""),
+                           pxr::SdfChildrenKeys->VariantChildren, &variants);
+            for (const auto& variant : variants)
+                open.push_back({place.path.AppendVariantSelection(set, variant), place.depth + 1,
+                                place.isSelected && isSelected(layer, place.path, set, variant)});
+        }
+    }
+}
+
+DepthGuard::Scan DepthGuard::scan(const SdfLayer& layer, const SdfPath& subtree, bool payloads) {
+    Scan result;
+    forEachArc(layer, subtree, [&](const Arc& arc) {
+        if (arc.field == SdfFieldKeys->SubLayers) {
+            result.subLayers.insert(arc.asset);
+            return;
+        }
+        if (isTooDeep(arc.target))
+            result.deep.try_emplace(isTooDeep(arc.spec) ? SdfPath::AbsoluteRootPath() : arc.spec,
+                                    "the field '" + arc.field.GetString() + "' of <" +
+                                        (isTooDeep(arc.spec) ? "/" : arc.spec.GetString()) +
+                                        "> in the layer @" + layer.GetIdentifier() + "@ leads to " +
+                                        describeDeep(arc.target));
+        if (!arc.asset.empty() && arc.isSelected &&
+            (payloads || arc.field != SdfFieldKeys->Payload))
+            result.assets.insert(arc.asset);
+    });
+    return result;
+}
+
+DepthGuard::DepthGuard(SdfLayerHandle root, SdfLayerHandle session, Layers layers)
+    : root_(std::move(root)), session_(std::move(session)), layers_(layers) {}
+
+void DepthGuard::take(const SdfLayerHandle& layer, bool local, Scan scan,
+                      std::vector<Wanted>& wave) {
+    checked_[layer] |= local;
+    if (!scan.deep.empty()) {
+        deep_[layer].layer = layer;
+        deep_[layer].messages.merge(scan.deep);
+    }
+    for (const auto& asset : scan.subLayers) wave.push_back({layer, asset, local});
+    for (const auto& asset : scan.assets) wave.push_back({layer, asset, false});
+}
+
+// Opens and checks layers, then the layers that these name, and so on.
+void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
+    struct Found {
+        std::string identifier;
+        pxr::SdfLayerRefPtr layer;
+        bool local = false, isNew = false;
+        std::string problem;
+        Scan scan;
+    };
+    while (!wave.empty()) {
+        std::map<std::string, Found> byIdentifier;
+        for (const auto& [anchor, asset, local] : wave) {
+            if (pxr::SdfVariableExpression::IsExpression(asset)) continue;
+            auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(anchor, asset);
+            if (unused_.contains(identifier)) continue;
+            byIdentifier[std::move(identifier)].local |= local;
+        }
+        std::vector<Found> found;
+        for (auto& [identifier, one] : byIdentifier) {
+            one.identifier = identifier;
+            found.push_back(std::move(one));
+        }
+        pxr::WorkParallelForN(found.size(), [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                auto& one = found[i];
+                // Pcp reports the layers that cannot be opened.
+                const usd::TfComplaints complaints;
+                one.layer = SdfLayer::Find(one.identifier);
+                if (!one.layer && layers_ == Layers::Open && isLayerFile(one.identifier)) {
+                    one.problem = problemOfText(one.identifier);
+                    if (one.problem.empty()) one.layer = SdfLayer::FindOrOpen(one.identifier);
+                }
+                const auto known = one.layer ? checked_.find(one.layer) : checked_.end();
+                // A layer that becomes local has sublayers that become local.
+                one.isNew = one.layer && (known == checked_.end() || (one.local && !known->second));
+                if (one.isNew) one.scan = scan(*one.layer, SdfPath::AbsoluteRootPath(), payloads_);
+            }
+        });
+        wave.clear();
+        for (auto& one : found) {
+            if (!one.problem.empty()) texts_[one.identifier] = one.problem;
+            if (!one.isNew) continue;
+            opened.push_back(one.layer);
+            take(one.layer, one.local, std::move(one.scan), wave);
+        }
+    }
+}
+
+bool DepthGuard::checkAll(const std::set<std::string>& unused, bool payloads, Opened& opened) {
+    unused_ = unused;
+    payloads_ = payloads;
+    checked_.clear();
+    deep_.clear();
+    texts_.clear();
+    std::vector<Wanted> wave;
+    for (const auto& layer : {session_, root_})
+        if (layer) take(layer, true, scan(*layer, SdfPath::AbsoluteRootPath(), payloads_), wave);
+    follow(std::move(wave), opened);
+    return decide();
+}
+
+bool DepthGuard::check(const pxr::SdfLayerChangeListVec& changes,
+                       const std::function<bool(const SdfLayerHandle&)>& isUsed, Opened& opened) {
+    std::vector<Wanted> wave;
+    bool again = false;
+    for (const auto& [layer, list] : changes) {
+        if (!layer) continue;
+        const auto known = checked_.find(layer);
+        if (known == checked_.end()) {
+            if (isUsed(layer))
+                take(layer, false, scan(*layer, SdfPath::AbsoluteRootPath(), payloads_), wave);
+            continue;
+        }
+        again = again || deep_.contains(layer);
+        for (const auto& [path, entry] : list.GetEntryList())
+            if (changesArcs(path, entry) && layer->HasSpec(path))
+                take(layer, known->second, scan(*layer, path, payloads_), wave);
+        // An arc that leads to a prim that is left out.
+        again = again || !leftOut_.empty();
+    }
+    if (again) return checkAll(std::set(unused_), payloads_, opened);
+    follow(std::move(wave), opened);
+    return !(deep_.empty() && texts_.empty()) && decide();
+}
+
+bool DepthGuard::leavesOut(const SdfPath& prim) const {
+    return !leftOut_.empty() && leftOut_.contains(rootName(prim));
+}
+
+// Updates what is left out. Returns true if it is not what it was.
+bool DepthGuard::decide() {
+    const auto leftOut = std::exchange(leftOut_, {});
+    const auto muted = std::exchange(muted_, {});
+    problems_.clear();
+    if (!deep_.empty() || !texts_.empty()) leaveOut();
+    return leftOut != leftOut_ || muted != muted_;
+}
+
+// Returns true if an arc of a local layer leads to a prim that is left out.
+bool DepthGuard::leadsOut(const SdfLayerHandle& layer, const Arc& arc, bool classesLeadOut) const {
+    if (arc.asset.empty()) {
+        const SdfPath target = arc.target.IsEmpty() ? root_->GetDefaultPrimAsPath() : arc.target;
+        return leftOut_.contains(rootName(target));
+    }
+    if (classesLeadOut) return true;
+    const auto other = SdfLayer::Find(pxr::SdfComputeAssetPathRelativeToLayer(layer, arc.asset));
+    const auto known = other ? checked_.find(other) : checked_.end();
+    return known != checked_.end() && known->second && deep_.contains(other);
+}
+
+// Leaves out layers behind arcs as a whole, and root prims of local layers with all root prims that
+// use them.
+void DepthGuard::leaveOut() {
+    const auto mute = [this](const std::string& identifier, const std::string& message) {
+        if (std::ranges::find(muted_, identifier) == muted_.end()) muted_.push_back(identifier);
+        problems_.push_back(
+            {"ArcTooDeep", SdfPath::AbsoluteRootPath(), message + ". The layer is left out"});
+    };
+    for (const auto& [identifier, message] : texts_) {
+        muted_.push_back(identifier);
+        problems_.push_back({"TextTooDeep", SdfPath::AbsoluteRootPath(), message});
+    }
+    for (const auto& [layer, deep] : deep_) {
+        for (const auto& [spec, message] : deep.messages) {
+            const auto name = rootName(spec);
+            if (!checked_[layer] || name.IsEmpty()) {
+                if (layer != root_) mute(layer->GetIdentifier(), message);
+                continue;
+            }
+            leftOut_.insert(name);
+            problems_.push_back({"ArcTooDeep", SdfPath::AbsoluteRootPath().AppendChild(name),
+                                 message + ". <" + name.GetString() + "> is not composed"});
+        }
+    }
+    for (bool more = !leftOut_.empty(); more;) {
+        more = false;
+        // Classes of a layer behind an arc are also looked for in the local layers.
+        bool classesLeadOut = false;
+        for (const auto& [layer, local] : checked_) {
+            if (!layer || local) continue;
+            forEachArc(*layer, SdfPath::AbsoluteRootPath(), [&](const Arc& arc) {
+                const bool isClass = arc.field == SdfFieldKeys->InheritPaths ||
+                                     arc.field == SdfFieldKeys->Specializes;
+                if (isClass && leftOut_.contains(rootName(arc.target))) classesLeadOut = true;
+                if (!isClass && !arc.asset.empty() && leadsOut(layer, arc, false) &&
+                    std::ranges::find(muted_, layer->GetIdentifier()) == muted_.end())
+                    mute(layer->GetIdentifier(), "an arc of <" + arc.spec.GetString() +
+                                                     "> in the layer @" + layer->GetIdentifier() +
+                                                     "@ leads to the layer @" + arc.asset +
+                                                     "@, which has arcs that are too deep");
+            });
+        }
+        for (const auto& [layer, local] : checked_) {
+            if (!layer || !local) continue;
+            forEachArc(*layer, SdfPath::AbsoluteRootPath(), [&](const Arc& arc) {
+                const auto name = rootName(arc.spec);
+                if (name.IsEmpty() || leftOut_.contains(name) ||
+                    !leadsOut(layer, arc, classesLeadOut))
+                    return;
+                leftOut_.insert(name);
+                problems_.push_back({"ArcTooDeep", SdfPath::AbsoluteRootPath().AppendChild(name),
+                                     "<" + name.GetString() + "> is not composed: the field '" +
+                                         arc.field.GetString() + "' of <" + arc.spec.GetString() +
+                                         "> in the layer @" + layer->GetIdentifier() +
+                                         "@ leads to a prim that is not composed"});
+                more = true;
+            });
+        }
+    }
+}
+
+}  // namespace usdlive::stage
