@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <optional>
+#include <string_view>
 #include <vector>
 
 #include "usdlive/common/core/ByteStream.h"
@@ -18,6 +19,12 @@ namespace {
 constexpr Problem kTooShort = "ends too early";
 constexpr Problem kTooLong = "continues after its end";
 constexpr Problem kTooDeep = "is nested too deeply";
+
+// V4: what OpenUSD reads without filling its stack. A path has as many bytes and elements as that
+// of a spec (PA1).
+constexpr std::size_t kMaxPathBytes = 16 * 1024;
+constexpr std::size_t kMaxPathElements = 1024;
+constexpr std::size_t kMaxParentheses = 256;
 
 constexpr std::uint16_t number(ValueType type) { return std::uint16_t(type); }
 constexpr std::uint16_t kArray = number(ValueType::ArrayFlag);
@@ -64,6 +71,24 @@ constexpr bool isItemType(ValueType type) {
 }
 constexpr bool isKeyType(ValueType type) {
     return type == ValueType::String || type == ValueType::Token || type == ValueType::Path;
+}
+
+Problem problemOfPath(std::string_view path) {
+    if (path.size() > kMaxPathBytes) return "holds a path with more than 16,384 bytes";
+    const auto begins = [](char c) { return c == '/' || c == '.' || c == '{' || c == '['; };
+    if (std::size_t(std::ranges::count_if(path, begins)) > kMaxPathElements)
+        return "holds a path with more than 1,024 elements";
+    return nullptr;
+}
+
+Problem problemOfExpression(std::string_view expression) {
+    std::size_t open = 0;
+    for (const char c : expression) {
+        if (c == '(' && ++open > kMaxParentheses)
+            return "holds a path expression with more than 256 open parentheses";
+        if (c == ')' && open > 0) --open;
+    }
+    return nullptr;
 }
 
 // V2, V3: returns the size of a value of the type, or nothing if the bytes contain it.
@@ -221,6 +246,8 @@ private:
         if (!isUtf8(text)) return "holds text that is not UTF-8";
         if (type != ValueType::String && text.find('\0') != std::string_view::npos)
             return "holds a NUL in a text of names";
+        if (type == ValueType::Path) return problemOfPath(text);
+        if (type == ValueType::PathExpression) return problemOfExpression(text);
         return nullptr;
     }
 

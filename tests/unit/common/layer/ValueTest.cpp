@@ -235,6 +235,32 @@ TEST(Value, V4TextsAreWholeUtf8AndNamesHoldNoNul) {
     }
 }
 
+TEST(Value, V4PathsAndExpressionsAreNotTooDeep) {
+    const auto repeated = [](std::string_view part, std::size_t times) {
+        std::string all;
+        for (std::size_t i = 0; i < times; ++i) all += part;
+        return all;
+    };
+    EXPECT_TRUE(isValid(ValueType::Path, text(repeated("/d", 1024))));
+    EXPECT_FALSE(isValid(ValueType::Path, text(repeated("/d", 1025))));
+    EXPECT_FALSE(isValid(ValueType::Path, text(repeated("/d", 1023) + ".r[/T]")));
+    EXPECT_TRUE(isValid(ValueType::Path, text("/" + std::string(16'383, 'd'))));
+    EXPECT_FALSE(isValid(ValueType::Path, text("/" + std::string(16'384, 'd'))));
+    EXPECT_TRUE(isValid(ValueType::String, text(repeated("/d", 10'000))));
+
+    const auto nested = [&](std::size_t depth) {
+        return text(repeated("(", depth) + "/a" + repeated(")", depth));
+    };
+    EXPECT_TRUE(isValid(ValueType::PathExpression, nested(256)));
+    EXPECT_FALSE(isValid(ValueType::PathExpression, nested(257)));
+    EXPECT_TRUE(isValid(ValueType::PathExpression, text(repeated("(/a) + ", 1000) + "/a")));
+
+    const Bytes offset = numbers<double>({0, 1});
+    const Bytes deep = joined({text("a.usd"), text(repeated("/d", 1025)), offset});
+    EXPECT_FALSE(isValid(ValueType::Payload, deep));
+    EXPECT_FALSE(isValid(ValueType::Reference, joined({deep, nestedBody(2)})));
+}
+
 TEST(Value, V5ArraysArePacked) {
     const auto count = [](std::uint64_t number) { return numbers<std::uint64_t>({number}); };
     EXPECT_TRUE(isValid(arrayOf(ValueType::Half3), joined({count(3), Bytes(18)})));
