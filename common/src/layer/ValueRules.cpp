@@ -22,8 +22,8 @@ constexpr Problem kTooDeep = "is nested too deeply";
 
 // V4: what OpenUSD reads without filling its stack. A path has as many bytes and elements as that
 // of a spec (PA1).
-constexpr std::size_t kMaxPathBytes = 16 * 1024;
-constexpr std::size_t kMaxPathElements = 1024;
+constexpr std::size_t kMaxValuePathBytes = 16 * 1024;
+constexpr std::size_t kMaxValuePathElements = 1024;
 constexpr std::size_t kMaxParentheses = 256;
 
 constexpr std::uint16_t number(ValueType type) { return std::uint16_t(type); }
@@ -74,9 +74,9 @@ constexpr bool isKeyType(ValueType type) {
 }
 
 Problem problemOfPath(std::string_view path) {
-    if (path.size() > kMaxPathBytes) return "holds a path with more than 16,384 bytes";
+    if (path.size() > kMaxValuePathBytes) return "holds a path with more than 16,384 bytes";
     const auto begins = [](char c) { return c == '/' || c == '.' || c == '{' || c == '['; };
-    if (std::size_t(std::ranges::count_if(path, begins)) > kMaxPathElements)
+    if (std::size_t(std::ranges::count_if(path, begins)) > kMaxValuePathElements)
         return "holds a path with more than 1,024 elements";
     return nullptr;
 }
