@@ -10,11 +10,13 @@ import subprocess
 import sys
 
 import pytest
+import stage_seeds
 
 HERE = pathlib.Path(__file__).parent
 SEEDS = int(os.environ.get("USDLIVE_FOLLOWING_SEEDS", "48"))
 FIRST = int(os.environ.get("USDLIVE_SEED", "0"))
 AT_ONCE = 12
+LIVE_SEEDS = int(os.environ.get("USDLIVE_FOLLOWING_LIVE_SEEDS", "6"))
 STEPS = 14
 
 
@@ -32,3 +34,12 @@ def test_any_edits_are_followed_as_pxr_follows_them(first, tmp_path):
     last = min(first + AT_ONCE, FIRST + SEEDS)
     count = compared(HERE / "stage_following.py", first, last, tmp_path)
     assert count >= (last - first) * STEPS * 0.6, "only %d steps could be compared" % count
+
+
+def test_a_stage_follows_what_others_edit_as_pxr_follows_it(serve, tmp_path):
+    steps = 0
+    for seed in range(FIRST, FIRST + LIVE_SEEDS):
+        folder = tmp_path / ("live%d" % seed)
+        stage_seeds.make(seed, str(folder))
+        steps += compared(HERE / "live_stage_following.py", seed, serve(folder).url)
+    assert steps >= LIVE_SEEDS * 16 * 0.5, "only %d steps could be compared" % steps
