@@ -1,4 +1,4 @@
-"""What OpenUSD's programs pay for usdlive's plug-ins.
+"""Measures usdlive's plug-ins in plain OpenUSD.
 
     ./run bench plugins [--prims 10000] [--rounds 7] [--textures-mib 1024]
 
