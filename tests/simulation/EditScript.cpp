@@ -3,6 +3,7 @@
 
 #include <array>
 
+#include "NamespaceEdits.h"
 #include "usdlive/common/core/ByteStream.h"
 
 namespace usdlive::simulation {
@@ -79,6 +80,8 @@ std::vector<client::AuthoredEdit> EditScript::edits(const LayerId& layer, const 
         if (doc.has(path)) return {};  // an SdfLayer sends no notice of such a creation
         if (create->kind == SpecKind::Prim)
             edits.push_back({layer, path, SetField{"specifier", {}, specifier(), {}}});
+        if (create->kind == SpecKind::Prim && identifiesPrims_)
+            edits.push_back({layer, path, NamespaceEdits::identity(++lastValue_)});
         // M13: the fields of a new spec are sent as a whole.
         if (create->kind != SpecKind::VariantSet && random_.chance(40))
             edits.push_back({layer, path, SetField{"customData", {}, someKeys(), {}}});

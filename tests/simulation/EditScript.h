@@ -16,8 +16,9 @@ namespace usdlive::simulation {
 /// small, so that several editors conflict often.
 class EditScript {
 public:
-    EditScript(SimRandom& random, std::uint64_t& lastValue)
-        : random_(random), lastValue_(lastValue) {}
+    /// If `identifiesPrims` is true, each new prim has an own key (NamespaceEdits::identity).
+    EditScript(SimRandom& random, std::uint64_t& lastValue, bool identifiesPrims)
+        : random_(random), lastValue_(lastValue), identifiesPrims_(identifiesPrims) {}
 
     /// Returns edits that (mostly) apply to `doc` one after the other: one edit, or a creation with
     /// its fields. Puts big values into `blobs`.
@@ -53,6 +54,7 @@ private:
 
     SimRandom& random_;
     std::uint64_t& lastValue_;  // each written value is new
+    const bool identifiesPrims_;
 };
 
 }  // namespace usdlive::simulation

@@ -47,7 +47,8 @@ SimClient::SimClient(std::size_t number, const SimStyle& style, SimClock& clock,
       random_(random),
       network_(network),
       server_(server),
-      script_(random, lastValue_),
+      script_(random, lastValue_, style.namespacePercent > 0),
+      namespace_(random, lastValue_),
       lastValue_(number * 1'000'000),
       session_(options(), *this, *this) {}
 
@@ -122,6 +123,7 @@ void SimClient::tick() {
         if (random_.chance(style_.openPercent)) openAndClose();
         if (random_.chancePerMille(style_.requestPerMille)) makeRequests();
         editSomething();
+        if (style_.namespacePercent > 0 && random_.chance(style_.namespacePercent)) editNamespace();
         if (random_.chancePerMille(style_.lockPerMille) && !session_.inGesture()) lockSomething();
         if (random_.chancePerMille(style_.awayPerMille)) editAway();
         if (style_.slidesOffline && (link_ == 0 || random_.chance(3))) slideOffline();
@@ -146,6 +148,16 @@ void SimClient::editSomething() {
         session_.beginGesture();
     else if (random_.chance(style_.editPercent))
         authorRandom(1 + random_.below(random_.chance(20) ? 8 : 3));
+}
+
+void SimClient::editNamespace() {
+    const std::vector<LayerId> layers = joinedLayers();
+    if (layers.empty() || session_.inGesture()) return;
+    NamespaceEdits::Docs docs;
+    for (const LayerId& layer : layers) docs.emplace(layer, editor_.at(layer));
+    auto edits = random_.chance(40) ? namespace_.move(docs) : namespace_.write(docs, session_);
+    for (auto& [layer, doc] : docs) editor_.at(layer) = std::move(doc);
+    author(std::move(edits));
 }
 
 void SimClient::editAway() {
@@ -259,7 +271,8 @@ void SimClient::makeRequests() {
             request(SaveLayers{});
             break;
         case 2:
-            request(ReloadLayers{.layers = {layer}});
+            // A reload replaces the keys of prims by those in the file.
+            if (style_.namespacePercent == 0) request(ReloadLayers{.layers = {layer}});
             break;
         case 3:
             naming_[request(CreateCheckpoint{
@@ -369,6 +382,7 @@ void SimClient::handleEvents() {
 }
 
 void SimClient::on(const event::Committed& event) {
+    if (event.commit.id.client == session_.id()) namespace_.committed(event.commit);
     if (event.commit.id.client == session_.id() && event.commit.id.sequence != 0)
         require(acknowledged_.insert(event.commit.id.sequence).second,
                 "an author receives the same acknowledgement twice");
@@ -384,10 +398,12 @@ void SimClient::on(const event::Connected& event) {
     if (event.resumed) return;
     lastSeen_ = event.welcome.revision;
     ++rejoins;
+    hasSentByPath = hasSentByPath || session_.pendingTransactions() > 0;
 }
 void SimClient::on(const event::Lost& event) {
     require(!event.work.edits.empty(), "lost work was reported without its edits");
     if (event.work.reason.code == ErrorCode::ClientForgotten) uncertain.insert(event.work.sequence);
+    namespace_.lost(event.work);
     if (event.work.gesture != 0) return;
     const bool isCommitted = event.work.reason.code == ErrorCode::HistoryReplaced;
     (isCommitted ? uncertainEdits : lostEdits) += event.work.edits.size();

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "EditScript.h"
+#include "NamespaceEdits.h"
 #include "SimNetwork.h"
 #include "SimServer.h"
 #include "session/Session.h"
@@ -22,9 +23,10 @@ struct SimStyle {
     unsigned gesturePercent = 3;
     unsigned openPercent = 4;
     unsigned cutPerMille = 3;
-    unsigned requestPerMille = 4;  ///< peeks, saves, reloads and logs
-    unsigned lockPerMille = 0;     ///< takes and ends locks of layers and of specs
-    unsigned awayPerMille = 0;     ///< edits hundreds or thousands of frames offline
+    unsigned requestPerMille = 4;   ///< peeks, saves, reloads and logs
+    unsigned namespacePercent = 0;  ///< moves prims in all layers, and writes to prims
+    unsigned lockPerMille = 0;      ///< takes and ends locks of layers and of specs
+    unsigned awayPerMille = 0;      ///< edits hundreds or thousands of frames offline
     bool bigValues = false;
     bool smallBudgets = false;
     bool inParts = false;  ///< sends transactions and commits in parts from some hundred bytes on
@@ -45,6 +47,8 @@ public:
     [[nodiscard]] bool isQuiet() const;
     [[nodiscard]] std::string describe() const;
 
+    [[nodiscard]] const NamespaceEdits& namespaceEdits() const { return namespace_; }
+
     /// Compares its layers with the content of the server's store.
     void check(const std::map<LayerId, std::string>& truth) const;
 
@@ -52,6 +56,9 @@ public:
     [[nodiscard]] const std::map<LayerId, LayerDoc>& editor() const { return editor_; }
 
     bool knowsParts = true;  ///< FR8
+    /// It could not resume while work was pending. It does not know the moves since, and sends this
+    /// work with the paths that it shows.
+    bool hasSentByPath = false;
     // Counters; gestures are not counted.
     std::uint64_t authoredEdits = 0;
     std::uint64_t lostEdits = 0;
@@ -90,6 +97,7 @@ private:
     void tick();
     void editSomething();
     void makeRequests();
+    void editNamespace();
     void editAway();
     void slideOffline();
     void openAndClose();
@@ -120,6 +128,7 @@ private:
     SimNetwork& network_;
     SimServer& server_;
     EditScript script_;
+    NamespaceEdits namespace_;
 
     std::uint64_t lastValue_;
     unsigned asked_ = 0;

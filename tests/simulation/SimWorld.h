@@ -17,7 +17,12 @@ struct SimReport {
     std::uint64_t forgotten = 0;       ///< forgotten clients (M14)
     std::uint64_t inParts = 0;         ///< commits in parts (FR8)
     std::uint64_t writtenAgain = 0;    ///< edits that were replaced before they were sent (SE15)
-    std::string failure;               ///< empty: everything holds
+    std::uint64_t moves = 0;           ///< namespace edits
+    std::uint64_t movesOfSeveral = 0;  ///< those in the end in several layers
+    std::uint64_t refusedMoves = 0;
+    std::uint64_t writes = 0;   ///< to prims that namespace edits may move
+    std::uint64_t carried = 0;  ///< writes that are in the end at another path (M3)
+    std::string failure;        ///< empty: everything holds
 };
 
 /// Runs one seed: 2 to 8 editors and a server with faults, then a time without faults and edits,

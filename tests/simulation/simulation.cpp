@@ -55,6 +55,11 @@ public:
             all.forgotten += one.forgotten;
             all.inParts += one.inParts;
             all.writtenAgain += one.writtenAgain;
+            all.moves += one.moves;
+            all.movesOfSeveral += one.movesOfSeveral;
+            all.refusedMoves += one.refusedMoves;
+            all.writes += one.writes;
+            all.carried += one.carried;
             if (options.verbose) print("seed " + std::to_string(options.first + index), one);
             if (!one.failure.empty())
                 ADD_FAILURE() << "seed " << options.first + index << ": " << one.failure
@@ -64,6 +69,10 @@ public:
         std::printf("%llu seeds in %.1f s, %.0f a second\n", number(played_), took.count(),
                     double(played_) / took.count());
         print("all", all);
+        if (options.seeds < 100 || failures_ > 0) return;
+        EXPECT_GT(all.movesOfSeveral, 0u);
+        EXPECT_GT(all.refusedMoves, 0u);
+        EXPECT_GT(all.carried, 0u);
     }
 
 private:
@@ -80,11 +89,16 @@ private:
         std::printf(
             "%s: %llu commits, %llu edits lost, %llu restarts, %llu snapshots, %llu unloads, "
             "%llu together, %llu compactions, %llu big values of previews, %llu collected, "
-            "%llu clients forgotten, %llu in parts, %llu edits written again%s\n",
+            "%llu clients forgotten, %llu in parts, %llu edits written again, "
+            "%llu namespace edits (%llu of several layers, %llu refused), %llu writes to prims "
+            "(%llu "
+            "carried by moves)%s\n",
             what.c_str(), number(report.commits), number(report.lost), number(report.restarts),
             number(report.snapshots), number(report.unloads), number(report.together),
             number(report.compactions), number(report.previewedBlobs), number(report.collected),
             number(report.forgotten), number(report.inParts), number(report.writtenAgain),
+            number(report.moves), number(report.movesOfSeveral), number(report.refusedMoves),
+            number(report.writes), number(report.carried),
             report.failure.empty() ? "" : ", FAILED");
     }
 
