@@ -205,7 +205,7 @@ class Two:
         self.follower.close()
 
     def layer(self, name, of=None):
-        return Sdf.Layer.Find(os.path.join((of or self.author).cache_folder, name))
+        return Sdf.Layer.Find((of or self.author).identifier(name))
 
     def follow(self):
         assert self.author.flush()

@@ -2,7 +2,6 @@
 statements; the answer is a JSON line with the value of `result`, or with the error."""
 
 import json
-import os
 import sys
 import traceback
 
@@ -16,7 +15,7 @@ live.add_handler(happened.append)
 
 
 def layer(name):
-    return Sdf.Layer.Find(os.path.join(live.cache_folder, name))
+    return Sdf.Layer.Find(live.identifier(name))
 
 
 def composed(of):

@@ -11,8 +11,6 @@ import sys
 
 from pxr import Ar, Sdf, Usd, UsdShade
 
-assert "usdlive" not in sys.modules
-
 
 def content_hash(resolved) -> str:
     """The SHA-256 of what a resolved path names, or why there is none."""
@@ -48,7 +46,11 @@ def tiles(stage, attribute, value):
 
 
 def probe(root: str):
-    stage = Usd.Stage.Open(root)
+    assert "usdlive" not in sys.modules
+    return probe_stage(Usd.Stage.Open(root))
+
+
+def probe_stage(stage: Usd.Stage):
     with Ar.ResolverContextBinder(stage.GetPathResolverContext()):
         everything = {"prims": [], "assets": {}, "layers": [], "tiles": {}}
         for prim in stage.TraverseAll():

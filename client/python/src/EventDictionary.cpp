@@ -89,6 +89,23 @@ nb::dict convert(const client::event::LayersChanged& event) {
     return d;
 }
 
+nb::dict convert(const client::event::FilesChanged& event) {
+    nb::dict d = make("FilesChanged");
+    nb::list files;
+    for (const std::string& file : event.files) files.append(text(file));
+    d["files"] = files;
+    return d;
+}
+
+nb::dict convert(const client::event::PathOutside& event) {
+    nb::dict d = make("PathOutside");
+    d["layer"] = text(event.layer.value);
+    d["prim"] = text(event.prim);
+    d["property"] = text(event.property);
+    d["path"] = text(event.path);
+    return d;
+}
+
 nb::dict convert(const client::event::Joining& event) {
     nb::dict d = make("Joining");
     d["layer"] = text(event.progress.layer.value);

@@ -35,14 +35,16 @@ namespace {
 class PythonClient {
 public:
     PythonClient(const std::string& url, const std::string& user, const std::string& application,
-                 const std::string& cacheFolder, double timeoutMs, std::uint64_t cacheBytes) {
+                 const std::string& cacheFolder, double timeoutMs, std::uint64_t cacheBytes,
+                 bool addresses) {
         client_ = orRaise([&] {
             nb::gil_scoped_release release;
             return Client::connect(url, {.user = user,
                                          .application = application,
                                          .cacheFolder = cacheFolder,
                                          .connectTimeoutMs = timeoutMs,
-                                         .cacheBytes = cacheBytes});
+                                         .cacheBytes = cacheBytes,
+                                         .addresses = addresses});
         }());
         client_->setEventHandler([this](const client::Event& event) {
             nb::gil_scoped_acquire acquire;
@@ -85,6 +87,13 @@ public:
         return orRaise(work("open_layer", true,
                             [&](Client& live) { return live.openLayer(layer, load); }))
             ->GetIdentifier();
+    }
+
+    /// Returns why files that are no layers are not found, or None.
+    std::optional<std::string> filesProblem() {
+        // Does not belong to a thread yet: connect() may run on another one.
+        const auto problem = client_->filesProblem();
+        return problem ? std::optional(problem->message) : std::nullopt;
     }
 
     std::uint64_t requestOpenLayer(const std::string& name, bool payloads) {
@@ -343,13 +352,14 @@ NB_MODULE(_usdlive, module) {
     });
     nb::class_<PythonClient>(module, "Client")
         .def(nb::init<const std::string&, const std::string&, const std::string&,
-                      const std::string&, double, std::uint64_t>(),
+                      const std::string&, double, std::uint64_t, bool>(),
              nb::arg("url"), nb::arg("user"), nb::arg("application"), nb::arg("cache_folder"),
-             nb::arg("timeout_ms"), nb::arg("cache_bytes"))
+             nb::arg("timeout_ms"), nb::arg("cache_bytes"), nb::arg("addresses") = false)
         .def("close", &PythonClient::close)
         .def("may_wait", &PythonClient::mayWait)
         .def_prop_ro("closed", &PythonClient::isClosed)
         .def("layers", &PythonClient::layers)
+        .def("files_problem", &PythonClient::filesProblem)
         .def("open_layer", &PythonClient::openLayer)
         .def("request_open_layer", &PythonClient::requestOpenLayer)
         .def("opened_layer", &PythonClient::openedLayer)

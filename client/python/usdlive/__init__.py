@@ -1,4 +1,4 @@
-"""usdlive: edit one OpenUSD stage together with others.
+"""usdlive: edit one OpenUSD stage together with others. Import it before the first layer is opened.
 
     import usdlive
     live = usdlive.connect("ws://127.0.0.1:7447", user="ada")

@@ -21,7 +21,7 @@ from ._foreign_files import ForeignFiles
 
 
 def connect(url: str, *, user: str = "", application: str = "python", cache_folder: str = "",
-            timeout: float = 10.0, cache_mib: int = 4096) -> "Live":
+            timeout: float = 10.0, cache_mib: int = 4096, addresses: bool = True) -> "Live":
     """Connects to a server and waits for its answer, at most `timeout` seconds. A server that cannot be reached
     is an error after one second.
 
@@ -29,13 +29,27 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     7447), or `dds://project` for a project served over DDS. `user`: the name shown to others; the default is
     the system's user name. `cache_folder`: the folder for layers and big values; the default is a temporary
     folder that is removed with the connection. It keeps `cache_mib` MiB of big values and removes those that
-    were used longest ago; values that the server does not have yet are kept in addition. Raises an Error:
+    were used longest ago; values that the server does not have yet are kept in addition. With `addresses`, the
+    identifiers of live layers are `usdlive://` addresses, so that all files that they name are found as in the
+    project's folder: textures, `.usdz` packages and others, which are fetched when they are first read. Without, they
+    are paths of files without content in the cache folder, and no other file is found. Raises an Error:
     `notConnected`, `invalidArgument`.
     """
     if cache_mib < 0:
         raise ValueError(f"cache_mib is {cache_mib}: it must be 0 or more")
-    return Live(_usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0,
-                                cache_mib << 20), url, user)
+    client = _usdlive.Client(url, user, application, os.fspath(cache_folder), timeout * 1000.0, cache_mib << 20,
+                             addresses)
+    _warn_once(client.files_problem())
+    return Live(client, url, user)
+
+
+_warned: set[str] = set()
+
+
+def _warn_once(problem: str | None) -> None:
+    if problem is not None and problem not in _warned:
+        _warned.add(problem)
+        warnings.warn(problem, RuntimeWarning, stacklevel=3)
 
 
 _open: "weakref.WeakSet[Live]" = weakref.WeakSet()
@@ -91,6 +105,11 @@ class Live:
     def layers(self) -> list[str]:
         """Returns the layers of the project, by path relative to it."""
         return self._client.layers()
+
+    def identifier(self, layer: str) -> str:
+        """Returns the identifier that a layer of the project has in this process; `Sdf.Layer.Find()` finds it by this
+        when it is open. Do not write it into a layer: others find the layer by a relative path."""
+        return self._client.identifier_of(layer, "")
 
     def open_layer(self, layer: str, payloads: bool = True) -> Sdf.Layer:
         """Opens a layer of the project live, with all layers of the project that it uses. Without `payloads`,
@@ -157,7 +176,9 @@ class Live:
                    follow_muteness: bool = True) -> Usd.Stage:
         """Opens a `Usd.Stage` on a layer of the project; its layers are live. With `LoadNone`, layers used only
         by payloads are not joined; `stage.Load()` joins them in the next ticks. With `follow_muteness`, layers
-        that are muted for everybody (`mute`) are muted on this stage."""
+        that are muted for everybody (`mute`) are muted on this stage. All files that the layers name are found as in
+        the project's folder, unless `connect()` has warned that they are not; `events.FilesChanged` says when they
+        change."""
         stage = Usd.Stage.Open(self.open_layer(layer, load == Usd.Stage.LoadAll), load)
         if follow_muteness:
             self._follow(stage, layer)
@@ -193,6 +214,12 @@ class Live:
         self._foreign_files = [one for one in self._foreign_files if one.update()]
 
     def _project_folder(self, root: Sdf.Layer) -> str:
+        if root.realPath.startswith("usdlive://"):
+            if self.layer_name(root) is not None:
+                return self.cache_folder  # its layers are live already
+            raise Error("invalidArgument", f"{root.identifier} is already live through another connection of this "
+                        "process, or was opened by its address. Use that one, or open the stage from the project's "
+                        "folder")
         names = set(self.layers())
         folder = os.path.dirname(root.realPath)
         while folder and root.realPath:

@@ -45,6 +45,26 @@ class LayersChanged:
 
 
 @dataclasses.dataclass(frozen=True)
+class FilesChanged:
+    """Files of the project that are no layers were added, changed or removed: textures, packages and others that
+    asset paths name. What this process has loaded of them was loaded again, and stages resolve their asset paths
+    again."""
+
+    files: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class PathOutside:
+    """An own edit wrote an absolute path to a file that is not in the project: others cannot open it. `prim` is "/" for
+    a sublayer; `property` is empty for arcs and metadata."""
+
+    layer: str
+    prim: str
+    property: str
+    path: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Joining:
     """A layer is being received. `specs` of `specs_total` have arrived."""
 
@@ -314,7 +334,7 @@ Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
     | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
     | LayerStatesChanged | PresenceChanged | UnsentFound | LayerMade | SkippedListed | Answered | Progress
-    | LayerOpened | LayerOpenFailed
+    | LayerOpened | LayerOpenFailed | FilesChanged | PathOutside
 )
 
 _ANSWERS = {"layersSaved": Saved, "layersReloaded": Reloaded, "layerCreated": LayerMade, "skippedFiles": SkippedListed,
@@ -324,7 +344,8 @@ ANSWERS = (*_ANSWERS.values(), Answered)
 _TYPES = _ANSWERS | {
     kind.__name__: kind
     for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed, Lost, PreviewChanged,
-                 ServerError, LayerStatesChanged, PresenceChanged, UnsentFound, Progress, LayerOpened, LayerOpenFailed)
+                 ServerError, LayerStatesChanged, PresenceChanged, UnsentFound, Progress, LayerOpened, LayerOpenFailed,
+                 FilesChanged, PathOutside)
 }
 
 # The classes of what events contain, by field.

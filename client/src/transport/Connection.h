@@ -4,6 +4,7 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <variant>
 #include <vector>
@@ -80,6 +81,8 @@ public:
     /// Returns the bytes passed to send() and not yet being sent. Big values wait while this
     /// exceeds kMaxQueuedBytes, so that edits can pass them.
     [[nodiscard]] virtual std::size_t queuedBytes() const = 0;
+    /// Returns where the project's server answers HTTP; nothing if that is not known.
+    [[nodiscard]] virtual std::optional<ServerAddress> web() const { return std::nullopt; }
     /// Drops the connection and connects again at once. Call it after an invalid message.
     virtual void reset() = 0;
 };

@@ -339,6 +339,11 @@ public:
         thread_.join();
     }
 
+    std::optional<ServerAddress> web() const override {
+        const std::lock_guard lock(webMutex_);
+        return web_;
+    }
+
 private:
     void queued() override { waitSet_.wake(); }
     void madeRoom() override { waitSet_.wake(); }
@@ -380,12 +385,20 @@ private:
                 return {ErrorCode::NotConnected,
                         "no server of " + where() + " was found in DDS domain " +
                             std::to_string(settings_.domain) + " on " + settings_.interface};
+            learnWeb(*server);
             Line line(*domain_, waitSet_, mailbox_, *server, projects_.participantOf(*server),
                       client_, ++connections_);
             return use(line);
         } catch (const std::runtime_error& fault) {
             return {ErrorCode::NotConnected, fault.what()};
         }
+    }
+
+    /// The announcement names the server's WebSocket address, at which it also answers HTTP.
+    void learnWeb(std::uint64_t server) {
+        const auto found = parseServerAddress(projects_.urlOf(server));
+        const std::lock_guard lock(webMutex_);
+        web_ = found && !found->dds ? std::optional(*found) : std::nullopt;
     }
 
     std::optional<std::uint64_t> findServer() {
@@ -431,6 +444,8 @@ private:
     std::uint64_t connections_ = 0;
     DdsProjects projects_;
     dds::WaitSet waitSet_;
+    mutable std::mutex webMutex_;  // guards the next member
+    std::optional<ServerAddress> web_;
     std::mutex dropMutex_;
     std::optional<Drop> drop_;
     std::atomic<bool> leaving_ = false;

@@ -37,6 +37,11 @@ void DdsProjects::update() {
     });
 }
 
+std::string DdsProjects::urlOf(std::uint64_t server) const {
+    const auto known = servers_.find(server);
+    return known == servers_.end() ? std::string() : known->second.project.url;
+}
+
 dds::ParticipantId DdsProjects::participantOf(std::uint64_t server) const {
     const auto known = servers_.find(server);
     return known == servers_.end() ? dds::ParticipantId{} : known->second.participant;

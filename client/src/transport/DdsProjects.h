@@ -20,6 +20,8 @@ public:
     void update();
     /// Returns the server of the project that started last and has our protocol version.
     [[nodiscard]] std::optional<std::uint64_t> serverOf(const std::string& project) const;
+    /// Returns the WebSocket address of the project, or an empty text.
+    [[nodiscard]] std::string urlOf(std::uint64_t server) const;
     /// Returns the participant of the server, or zeros if the server is unknown.
     [[nodiscard]] dds::ParticipantId participantOf(std::uint64_t server) const;
     [[nodiscard]] bool isAlive(std::uint64_t server) const { return servers_.contains(server); }

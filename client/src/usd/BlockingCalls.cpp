@@ -84,6 +84,7 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::createLayer(const LayerId& id) {
 Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder) {
     auto folder = client::FolderPlaces::create(projectFolder);
     if (!folder) return tl::unexpected(folder.error());
+    frame_.addProjectFolder((*folder)->folder());
     places_.attach(std::move(*folder));
     const auto found = layers_.loadedHere();
     for (const auto& [id, layer] : found) {

@@ -52,6 +52,7 @@ Result<std::unique_ptr<Client>> ClientInternals::make(std::unique_ptr<Connection
     made->impl_ = std::make_unique<Client::Impl>(std::move(connection), std::move(options),
                                                  newClientId(), std::move(*folders));
     if (auto greeted = made->impl_->greet(); !greeted) return tl::unexpected(greeted.error());
+    if (made->impl_->options().addresses) made->impl_->useAddresses();
     made->impl_->startJournal(std::move(connector));
     return made;
 }
@@ -68,6 +69,10 @@ Client::Impl& Client::here(const char* function) const {
 }
 
 // --- layers
+
+std::optional<Error> Client::filesProblem() const {
+    return impl_->files().problem();  // set by connect()
+}
 
 std::vector<LayerId> Client::layers() const { return here("layers").layers().ofProject(); }
 

@@ -138,12 +138,29 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     }
     takeEvents(std::move(happened), result);
     result.more = opens_.advance(left()) || result.more;
+    for (auto& outside : frame_.takeOutside()) events_.push(std::move(outside));
+    followFiles();
     lost_.reportDue(steadyMs());
     if (unsent_)
         if (auto error = unsent_->takeError()) events_.report(std::move(*error));
     if (auto error = places_.takeError()) events_.report(std::move(*error));
     values_.release(session_, lost_.blobs(),
                     [&] { return unsent_ ? unsent_->neededBlobs() : std::set<Hash>(); });
+}
+
+void Client::Impl::useAddresses() {
+    if (auto base = files_.start(cache_.folder(), line_.connection().web()))
+        cache_.useAddresses(std::move(*base));
+}
+
+void Client::Impl::followFiles() {
+    if (!files_.isStarted()) return;
+    const bool isConnected = session_.isConnected();
+    files_.follow(isConnected, isConnected ? line_.connection().web() : std::nullopt, steadyMs());
+    auto changed = files_.takeChanged();
+    if (changed.empty()) return;
+    files_.reload(changed, [this](const auto& layer) { return layers_.idOf(layer).has_value(); });
+    events_.push(event::FilesChanged{std::move(changed)});
 }
 
 // Sends the editor's writes and applies received edits. Returns false if there is more to do.

@@ -23,6 +23,7 @@
 #include "usd/OpenLayers.h"
 #include "usd/OpenRequests.h"
 #include "usd/ProcessFolder.h"
+#include "usd/ProjectFiles.h"
 #include "usd/ServerLine.h"
 #include "usd/UnsentWorkStore.h"
 #include "usdlive/client/usd/Client.h"
@@ -103,6 +104,9 @@ public:
     [[nodiscard]] client::OpenLayers& layers() { return layers_; }
     [[nodiscard]] client::OpenRequests& opens() { return opens_; }
     [[nodiscard]] client::LocksAndMutes& locks() { return locks_; }
+    /// Gives layers addresses, if the resolver plug-in is there.
+    void useAddresses();
+    [[nodiscard]] client::ProjectFiles& files() { return files_; }
     [[nodiscard]] const client::CacheFolderPlaces& cache() const { return cache_; }
     [[nodiscard]] const client::AllPlaces& places() const { return places_; }
 
@@ -135,6 +139,7 @@ private:
     bool note(client::Event& one);
     bool noteError(const ErrorMessage& message);
     void reportJoined();
+    void followFiles();
 
     Result<void> waitForOpen(std::uint64_t request);
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
@@ -145,7 +150,7 @@ private:
     std::future<void> removing_;             // removes the folders of killed editors
     client::CallerThread thread_;
     const std::unique_ptr<client::Worker> background_;
-    const client::CacheFolderPlaces& cache_;
+    client::CacheFolderPlaces& cache_;
     client::AllPlaces places_;
     client::EditorEvents events_;
     client::LostWorkReports lost_;
@@ -159,6 +164,7 @@ private:
     client::OpenLayers layers_;
     client::OpenRequests opens_;
     client::LocksAndMutes locks_;
+    client::ProjectFiles files_;
     client::Answers answers_;
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;

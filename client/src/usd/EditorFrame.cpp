@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "usd/Clocks.h"
+#include "usd/OutsidePaths.h"
 
 namespace usdlive::client {
 
@@ -25,7 +26,10 @@ void EditorFrame::seal(LiveSet& layers, Session& session) {
         }
     }
     encodings_.clear();
-    if (!edits.empty()) session.author(std::move(edits));
+    if (edits.empty()) return;
+    auto outside = outsidePaths(edits, folders_);
+    std::move(outside.begin(), outside.end(), std::back_inserter(outside_));
+    session.author(std::move(edits));
 }
 
 bool EditorFrame::sealWhenEncoded(LiveSet& layers, Session& session) {

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
+#include <utility>
 #include <vector>
 
 #include "session/Session.h"
@@ -33,6 +35,12 @@ public:
     /// Returns whether a frame is kept open because of its big arrays.
     [[nodiscard]] bool holdsBack() const { return holdsBack_; }
     [[nodiscard]] static bool hasWrites(LiveSet& layers);
+    /// Names a folder of the project, whose files others have, too.
+    void addProjectFolder(std::filesystem::path folder) { folders_.push_back(std::move(folder)); }
+    /// Returns the paths to files outside the project that were submitted since the last call.
+    [[nodiscard]] std::vector<event::PathOutside> takeOutside() {
+        return std::exchange(outside_, {});
+    }
 
     /// Submits edits of a layer's root after all earlier writes. `makeEdits` is called when the
     /// earlier writes are submitted.
@@ -42,6 +50,8 @@ public:
 private:
     ArrayEncodings encodings_;
     LostWorkReports& lost_;
+    std::vector<std::filesystem::path> folders_;
+    std::vector<event::PathOutside> outside_;
     bool holdsBack_ = false;
 };
 

@@ -1,11 +1,14 @@
 // Maps layers to files in project folders and in the cache folder of a client.
 #include "usd/FolderPlaces.h"
 
+#include <pxr/usd/ar/resolver.h>
+
 #include <algorithm>
 #include <system_error>
 #include <utility>
 
 #include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/core/PercentEncoding.h"
 
 namespace usdlive::client {
 
@@ -57,6 +60,25 @@ Result<std::unique_ptr<CacheFolderPlaces>> CacheFolderPlaces::create(const fs::p
 
 CacheFolderPlaces::CacheFolderPlaces(fs::path folder, Worker& worker)
     : FolderPlaces(std::move(folder)), worker_(worker), placeholders_(this->folder()) {}
+
+std::string CacheFolderPlaces::identifierOf(const LayerId& layer) const {
+    if (base_.empty()) return FolderPlaces::identifierOf(layer);
+    const auto isEncoded = [](char c) { return c == '%' || c == '@'; };
+    return pxr::ArGetResolver().CreateIdentifier(base_ + percentEncodedIf(layer.value, isEncoded));
+}
+
+std::optional<LayerId> CacheFolderPlaces::layerAt(const std::string& identifier) const {
+    if (base_.empty()) return FolderPlaces::layerAt(identifier);
+    if (!identifier.starts_with(base_)) return std::nullopt;
+    const auto path = percentDecoded(std::string_view(identifier).substr(base_.size()));
+    if (!path) return std::nullopt;
+    const auto id = parseLayerId(*path);
+    return id ? std::optional(*id) : std::nullopt;
+}
+
+std::optional<LayerId> CacheFolderPlaces::layerOf(const pxr::SdfLayerHandle& layer) const {
+    return base_.empty() ? FolderPlaces::layerOf(layer) : layerAt(layer->GetIdentifier());
+}
 
 void CacheFolderPlaces::add(std::vector<LayerId> layers, double budgetMs) {
     placeholders_.add(std::move(layers), budgetMs, worker_);

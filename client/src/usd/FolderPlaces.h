@@ -38,7 +38,8 @@ private:
 };
 
 /// The cache folder. It mirrors the project by files without content, so that relative paths
-/// between layers resolve.
+/// between layers resolve. The identifiers of layers are the paths of these files, or addresses
+/// that the resolver plug-in finds them by.
 class CacheFolderPlaces final : public FolderPlaces {
 public:
     /// Creates the folder. `worker` creates the files that do not fit into a frame, and outlives
@@ -46,6 +47,12 @@ public:
     static Result<std::unique_ptr<CacheFolderPlaces>> create(const std::filesystem::path& folder,
                                                              Worker& worker);
 
+    /// Makes identifiers addresses. `base` is the address of the project, with a slash at its end.
+    void useAddresses(std::string base) { base_ = std::move(base); }
+
+    [[nodiscard]] std::string identifierOf(const LayerId& layer) const override;
+    [[nodiscard]] std::optional<LayerId> layerAt(const std::string& identifier) const override;
+    [[nodiscard]] std::optional<LayerId> layerOf(const pxr::SdfLayerHandle& layer) const override;
     Result<bool> makeFindable(const LayerId& layer) override { return placeholders_.make(layer); }
     void remove(const LayerId& layer) override { placeholders_.remove(layer); }
     void add(std::vector<LayerId> layers, double budgetMs) override;
@@ -57,6 +64,7 @@ private:
 
     Worker& worker_;
     Placeholders placeholders_;
+    std::string base_;  // empty: identifiers are paths
 };
 
 /// Several places together. Layers are opened at the first one; layers of the others are

@@ -22,10 +22,8 @@ constexpr std::chrono::milliseconds kIdle{1'000}, kAskServer{-1};
 
 }  // namespace
 
-Context::Context(std::string server, std::string pin, std::string user)
-    : state_(std::make_shared<State>()) {
-    state_->server = std::move(server);
-    state_->pin = std::move(pin);
+Context::Context(Url root, std::string user) : state_(std::make_shared<State>()) {
+    state_->root = std::move(root);
     state_->user = std::move(user);
 }
 
@@ -55,8 +53,10 @@ Outcome<SnapshotPtr> Context::of(const Located& located, const Url& url) const {
         const auto found = state_->snapshots.find(located.project);
         if (found != state_->snapshots.end()) return found->second;
     }
-    const bool isPinned = !state_->pin.empty() && url.server() == state_->server;
-    auto snapshot = isPinned ? located.project->at(state_->pin) : located.project->newest(kIdle);
+    const bool isPinned = !root().pin.empty() && url.server() == root().server();
+    // A stage of live layers has no revision of its own.
+    if (root().isLive()) return located.project->known();
+    auto snapshot = isPinned ? located.project->at(root().pin) : located.project->newest(kIdle);
     if (!snapshot) return snapshot;
     const std::lock_guard lock(state_->mutex);
     // Another thread may have been first.
@@ -87,10 +87,10 @@ bool Context::refresh() const {
 
 std::string Context::text() const {
     std::string text = "usdlive";
-    if (!state_->server.empty()) text += " " + state_->server;
+    if (!root().host.empty()) text += (root().isLive() ? " live " : " ") + root().server();
     if (!state_->user.empty()) text += ", user " + state_->user;
     const std::lock_guard lock(state_->mutex);
-    if (!state_->pin.empty() && state_->snapshots.empty()) text += ", @" + state_->pin;
+    if (!root().pin.empty() && state_->snapshots.empty()) text += ", @" + root().pin;
     for (const auto& [project, snapshot] : state_->snapshots)
         text += ", project " + project->name() + " at revision " +
                 std::to_string(snapshot->revision) +

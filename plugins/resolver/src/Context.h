@@ -18,8 +18,9 @@ namespace usdlive::resolver {
 /// equal if they do.
 class Context {
 public:
-    /// `server` and `pin` say for which server the context has a fixed revision; both may be empty.
-    Context(std::string server, std::string pin, std::string user);
+    /// `root` is the address of the stage's root layer. Its server and pin say for which server the
+    /// context has a fixed revision; both may be empty.
+    Context(Url root, std::string user);
 
     /// Makes contexts known to Python, once there is an interpreter: reading one there would fail
     /// otherwise.
@@ -31,6 +32,8 @@ public:
     void set(const ProjectPtr& project, SnapshotPtr snapshot) const;
     /// Takes the newest snapshots. Returns true if one is another than before.
     [[nodiscard]] bool refresh() const;
+    /// Returns the address of the stage's root layer.
+    [[nodiscard]] const Url& root() const { return state_->root; }
     [[nodiscard]] std::string text() const;
 
     friend bool operator==(const Context& a, const Context& b) { return a.state_ == b.state_; }
@@ -42,7 +45,8 @@ public:
 
 private:
     struct State {
-        std::string server, pin, user;
+        Url root;
+        std::string user;
         std::mutex mutex;  // guards the next member
         std::map<ProjectPtr, SnapshotPtr> snapshots;
     };

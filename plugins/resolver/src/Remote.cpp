@@ -149,6 +149,15 @@ Outcome<SnapshotPtr> Project::at(const std::string& pin) {
     return ask(*known, pin, milliseconds::max());
 }
 
+Outcome<SnapshotPtr> Project::known() {
+    {
+        const std::lock_guard lock(mutex_);
+        if (newest_.snapshot) return newest_.snapshot;
+        if (newest_.failure) return *newest_.failure;
+    }
+    return newest(kAskAgain);
+}
+
 SnapshotPtr Project::last() const {
     const std::lock_guard lock(mutex_);
     return newest_.snapshot;
@@ -253,16 +262,37 @@ Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& 
     return failure;
 }
 
+Outcome<OpenFile> Project::openCached(const std::string& hash) {
+    const auto refuse = [](const Cache::Sink&) -> Outcome<std::string> {
+        return Failure{"it is not in the cache, and there is no connection to the server"};
+    };
+    if (hash.empty()) return Failure{"there is no connection to the server"};
+    return cache_.file(hash, refuse);
+}
+
 // ---- Remotes
 
 Remotes::Remotes()
     : cache(Cache::optionsFromEnvironment()),
       user_(environment("USDLIVE_USER", environment("USER"))),
-      allowedHosts_(allowedHosts()),
-      times_(timesFromEnvironment()) {}
+      times_(timesFromEnvironment()),
+      allowedHosts_(allowedHosts()) {}
 
-std::optional<Failure> Remotes::whyForbidden(const Url& url) const {
+Remotes& Remotes::ofProcess() {
+    // Never destroyed: files may be read while the process ends.
+    static auto& remotes = *new Remotes;
+    return remotes;
+}
+
+void Remotes::allow(const std::string& host) {
+    const std::lock_guard lock(mutex_);
+    if (std::ranges::find(allowedHosts_, host) == allowedHosts_.end())
+        allowedHosts_.push_back(host);
+}
+
+std::optional<Failure> Remotes::whyForbidden(const Url& url) {
     if (isLoopback(url.host)) return std::nullopt;
+    const std::lock_guard lock(mutex_);
     for (const std::string& host : allowedHosts_)
         if (host == "*" || host == url.host) return std::nullopt;
     return Failure{"the host " + url.host +
@@ -273,26 +303,45 @@ std::optional<Failure> Remotes::whyForbidden(const Url& url) const {
 Outcome<Located> Remotes::locate(const Url& url) {
     if (auto forbidden = whyForbidden(url)) return *forbidden;
     if (url.leadsOut()) return Failure{"the path leads out of the server"};
-    Server* server = nullptr;
-    {
-        const std::lock_guard lock(mutex_);
-        auto& entry = servers_[url.server()];
-        if (!entry) entry = std::make_unique<Server>();
-        server = entry.get();
-    }
-    const std::string first = url.path.substr(0, url.path.find('/'));
+    Server& server = serverOf(url);
     for (const bool again : {false, true}) {
-        if (auto failure = ask(*server, url, again)) return *failure;
-        const std::lock_guard lock(server->mutex);
-        if (!server->hasSeveral && server->projects.size() == 1) {
-            const auto& [name, project] = *server->projects.begin();
-            return Located{project, url.path};
-        }
-        const auto found = server->projects.find(first);
-        if (found == server->projects.end()) continue;
-        return Located{found->second, url.path.substr(std::min(url.path.size(), first.size() + 1))};
+        if (auto failure = ask(server, url, again)) return *failure;
+        if (auto located = locateIn(server, url)) return *std::move(located);
     }
-    return Failure{"the server has no project \"" + first + "\"", kNotFound};
+    return Failure{"the server has no project \"" + url.path.substr(0, url.path.find('/')) + "\"",
+                   kNotFound};
+}
+
+Outcome<Located> Remotes::locateOnce(const Url& url) {
+    Server& server = serverOf(url);
+    {
+        const std::lock_guard lock(server.mutex);
+        if (!server.isKnown && server.failure) return *server.failure;
+    }
+    return locate(url);
+}
+
+Outcome<Located> Remotes::locateKnown(const Url& url) {
+    if (url.leadsOut()) return Failure{"the path leads out of the server"};
+    if (auto located = locateIn(serverOf(url), url)) return *std::move(located);
+    return Failure{"there is no connection to the server " + url.server()};
+}
+
+Remotes::Server& Remotes::serverOf(const Url& url) {
+    const std::lock_guard lock(mutex_);
+    auto& entry = servers_[url.server()];
+    if (!entry) entry = std::make_unique<Server>();
+    return *entry;
+}
+
+std::optional<Located> Remotes::locateIn(Server& server, const Url& url) {
+    const std::lock_guard lock(server.mutex);
+    if (!server.hasSeveral && server.projects.size() == 1)
+        return Located{server.projects.begin()->second, url.path};
+    const std::string first = url.path.substr(0, url.path.find('/'));
+    const auto found = server.projects.find(first);
+    if (found == server.projects.end()) return std::nullopt;
+    return Located{found->second, url.path.substr(std::min(url.path.size(), first.size() + 1))};
 }
 
 bool Remotes::refresh() {

@@ -49,6 +49,8 @@ public:
     [[nodiscard]] Outcome<SnapshotPtr> newest(std::chrono::milliseconds idle);
     /// Returns the snapshot of a revision or checkpoint.
     [[nodiscard]] Outcome<SnapshotPtr> at(const std::string& pin);
+    /// Returns the last snapshot, or the last failure. Asks the server only the first time.
+    [[nodiscard]] Outcome<SnapshotPtr> known();
     /// Returns the last snapshot, or nullptr. Asks no server.
     [[nodiscard]] SnapshotPtr last() const;
 
@@ -57,6 +59,8 @@ public:
     /// Opens the file with this content, or with the present content if the project has another one
     /// by now. `hash` may be empty.
     [[nodiscard]] Outcome<OpenFile> openFile(const std::string& path, const std::string& hash);
+    /// Opens the file if the cache has it.
+    [[nodiscard]] Outcome<OpenFile> openCached(const std::string& hash);
 
 private:
     using Clock = std::chrono::steady_clock;
@@ -95,10 +99,19 @@ struct Located {
 class Remotes {
 public:
     Remotes();
+    /// The ones that all parts of the plug-in share.
+    static Remotes& ofProcess();
 
     /// Finds the project of an address. Failure: the host is not allowed, the server does not
     /// answer, or it has no such project.
     [[nodiscard]] Outcome<Located> locate(const Url& url);
+    /// Does the same, but does not ask a server again that has not answered. `refresh()` of a
+    /// client does.
+    [[nodiscard]] Outcome<Located> locateOnce(const Url& url);
+    /// Does the same with what is known already. Asks no server.
+    [[nodiscard]] Outcome<Located> locateKnown(const Url& url);
+    /// Allows a host, because the process has a connection to it.
+    void allow(const std::string& host);
     /// Asks for the newest snapshots of all projects that were used without a context. Returns true
     /// if one has changed.
     [[nodiscard]] bool refresh();
@@ -116,13 +129,15 @@ private:
         std::chrono::steady_clock::time_point when;
         std::optional<Failure> failure;
     };
-    [[nodiscard]] std::optional<Failure> whyForbidden(const Url& url) const;
+    [[nodiscard]] std::optional<Failure> whyForbidden(const Url& url);
+    [[nodiscard]] Server& serverOf(const Url& url);
+    [[nodiscard]] static std::optional<Located> locateIn(Server& server, const Url& url);
     [[nodiscard]] std::optional<Failure> ask(Server& server, const Url& url, bool again);
 
     const std::string user_;
-    const std::vector<std::string> allowedHosts_;
     const HttpTimes times_;
-    std::mutex mutex_;  // guards the next member
+    std::mutex mutex_;  // guards the next members
+    std::vector<std::string> allowedHosts_;
     std::map<std::string, std::unique_ptr<Server>> servers_;
 };
 

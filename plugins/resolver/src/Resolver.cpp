@@ -5,6 +5,7 @@
 #include <pxr/usd/ar/assetInfo.h>
 #include <pxr/usd/ar/defineResolver.h>
 #include <pxr/usd/ar/filesystemAsset.h>
+#include <pxr/usd/ar/filesystemWritableAsset.h>
 #include <pxr/usd/ar/notice.h>
 #include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/ar/writableAsset.h>
@@ -14,6 +15,7 @@
 #include <set>
 
 #include "Context.h"
+#include "LiveProjects.h"
 #include "Remote.h"
 #include "Url.h"
 
@@ -22,6 +24,8 @@ AR_NAMESPACE_OPEN_SCOPE
 using usdlive::resolver::Context;
 using usdlive::resolver::Entry;
 using usdlive::resolver::Failure;
+using usdlive::resolver::LiveProject;
+using usdlive::resolver::LiveProjects;
 using usdlive::resolver::Located;
 using usdlive::resolver::Outcome;
 using usdlive::resolver::Remotes;
@@ -44,10 +48,11 @@ constexpr const char* kReadOnly =
 /// True for the files that OpenUSD opens as layers. Their resolved paths name the version, so that
 /// another version is another layer.
 bool isLayer(const std::string& path) {
+    if (usdlive::resolver::isUsdLayer(path)) return true;
     std::string ending = path.substr(path.size() - std::min<std::size_t>(path.size(), 5));
     std::ranges::transform(ending, ending.begin(),
                            [](unsigned char c) { return char(std::tolower(c)); });
-    return ending.ends_with(".usd") || ending == ".usda" || ending == ".usdc" || ending == ".usdz";
+    return ending == ".usdz";
 }
 
 /// The folders in USDLIVE_SEARCH_PATH: paths relative to the project, with `:` between them.
@@ -80,11 +85,11 @@ public:
 protected:
     std::string _CreateIdentifier(const std::string& assetPath,
                                   const ArResolvedPath& anchorAssetPath) const override {
+        const auto anchor = usdlive::resolver::parseUrl(anchorAssetPath.GetPathString());
         if (usdlive::resolver::hasScheme(assetPath)) {
             const auto url = parse(assetPath);
-            return url ? url->identifier() : assetPath;
+            return url ? asNamedIn(anchorAssetPath, anchor, *url).identifier() : assetPath;
         }
-        const auto anchor = usdlive::resolver::parseUrl(anchorAssetPath.GetPathString());
         // An absolute path is on this machine.
         if (!anchor || assetPath.empty() || assetPath.front() == '/') return assetPath;
         const Url beside = usdlive::resolver::anchored(*anchor, assetPath);
@@ -100,7 +105,11 @@ protected:
     ArResolvedPath _Resolve(const std::string& assetPath) const override {
         const auto url = parse(assetPath);
         if (!url) return {};
-        if (!url->version.empty()) return ArResolvedPath(url->resolvedPath());
+        if (const auto live = LiveProjects::ofProcess().find(*url)) {
+            if (live->layerFile(*url)) return ArResolvedPath(url->resolvedPath());
+        } else if (!url->version.empty() && !url->isLive()) {
+            return ArResolvedPath(url->resolvedPath());
+        }
         const auto found = find(*url);
         if (!found) {
             report(assetPath, found.failure());
@@ -126,7 +135,7 @@ protected:
         const auto url =
             usdlive::resolver::parseUrl(resolvedPath ? resolvedPath.GetPathString() : assetPath);
         if (!url) return info;
-        info.version = url->version;
+        if (!url->isLive()) info.version = url->version;
         info.assetName = url->path;
         return info;
     }
@@ -135,7 +144,10 @@ protected:
                                           const ArResolvedPath& resolvedPath) const override {
         const auto url = usdlive::resolver::parseUrl(resolvedPath.GetPathString());
         if (!url) return {};
-        if (!url->version.empty() && !usdlive::resolver::isHashToken(url->version))
+        if (const auto file = layerFile(*url))
+            return ArFilesystemAsset::GetModificationTimestamp(ArResolvedPath(file->string()));
+        if (!url->version.empty() && !url->isLive() &&
+            !usdlive::resolver::isHashToken(url->version))
             return ArTimestamp(
                 std::strtod(usdlive::resolver::revisionOf(url->version).c_str(), nullptr));
         const auto found = find(*url);
@@ -154,13 +166,18 @@ protected:
         return nullptr;
     }
 
-    bool _CanWriteAssetToPath(const ArResolvedPath&, std::string* whyNot) const override {
+    bool _CanWriteAssetToPath(const ArResolvedPath& resolvedPath,
+                              std::string* whyNot) const override {
+        if (placeOf(resolvedPath)) return true;
         if (whyNot) *whyNot = kReadOnly;
         return false;
     }
 
     std::shared_ptr<ArWritableAsset> _OpenAssetForWrite(const ArResolvedPath& resolvedPath,
-                                                        WriteMode) const override {
+                                                        WriteMode mode) const override {
+        // The file of a live layer in the cache folder. The client saves it to the project.
+        if (const auto place = placeOf(resolvedPath))
+            return ArFilesystemWritableAsset::Create(ArResolvedPath(place->string()), mode);
         TF_RUNTIME_ERROR("usdlive: cannot write %s: %s", resolvedPath.GetPathString().c_str(),
                          kReadOnly);
         return nullptr;
@@ -170,7 +187,8 @@ protected:
         const auto url = usdlive::resolver::parseUrl(assetPath);
         if (!url) return {};
         Context::wrapForPython();
-        const Context context(url->server(), url->pin, remotes_.user());
+        const Context context(*url, remotes_.user());
+        if (url->isLive()) return ArResolverContext(context);
         if (const auto located = remotes_.locate(*url); located && url->pin.empty())
             keepVersion(context, *located, *url);
         return ArResolverContext(context);
@@ -181,11 +199,17 @@ protected:
         const auto url = parse(text);
         if (!url) return {};
         Context::wrapForPython();
-        return ArResolverContext(Context(url->server(), url->pin, remotes_.user()));
+        return ArResolverContext(Context(*url, remotes_.user()));
     }
 
     void _RefreshContext(const ArResolverContext& context) override {
         const Context* const ours = context.Get<Context>();
+        if (ours && ours->root().isLive()) {
+            const auto live = LiveProjects::ofProcess().find(ours->root());
+            if (!live || !live->isConnected) return;
+            if (remotes_.refresh()) ArNotice::ResolverChanged(*ours).Send();
+            return;
+        }
         if (ours) {
             if (ours->refresh()) ArNotice::ResolverChanged(*ours).Send();
             return;
@@ -209,15 +233,45 @@ private:
         return url;
     }
 
-    /// Finds a path without `./`, as OpenUSD's own resolver does: beside the anchor, then in the
-    /// folders to search, of the project and of this machine.
+    /// Returns the address as a layer means it: in a live layer, every address of its server is
+    /// live; in others none is, whatever was written there.
+    static Url asNamedIn(const ArResolvedPath& anchorPath, const std::optional<Url>& anchor,
+                         Url url) {
+        if (!anchorPath) return url;
+        if (url.isLive()) url.version.clear();
+        if (anchor && anchor->isLive() && anchor->server() == url.server() && url.pin.empty())
+            url.version = anchor->version;
+        return url;
+    }
+
+    static std::optional<std::filesystem::path> layerFile(const Url& url) {
+        const auto live = LiveProjects::ofProcess().find(url);
+        return live ? live->layerFile(url) : std::nullopt;
+    }
+
+    /// Returns the file of a live layer that is written. There may be none yet.
+    static std::optional<std::filesystem::path> placeOf(const ArResolvedPath& resolvedPath) {
+        const auto url = usdlive::resolver::parseUrl(resolvedPath.GetPathString());
+        const auto live = url ? LiveProjects::ofProcess().find(*url) : std::nullopt;
+        return live ? live->placeOf(*url) : std::nullopt;
+    }
+
+    /// Finds a path without `./`, as OpenUSD's own resolver does: beside the anchor, beside the
+    /// stage's root layer, then in the folders to search, of the project and of this machine.
     std::string searched(const Url& anchor, const Url& beside, const std::string& path) const {
         const auto exists = [&](const Url& url) {
+            if (layerFile(url)) return true;
             const auto found = find(url);
             return found && found->entry;
         };
         if (exists(beside)) return beside.identifier();
-        const auto located = remotes_.locate(anchor);
+        const Context* const context = _GetCurrentContextObject<Context>();
+        if (context && context->root().server() == anchor.server()) {
+            const Url there = usdlive::resolver::anchored(
+                asNamedIn(ArResolvedPath(anchor.resolvedPath()), anchor, context->root()), path);
+            if (exists(there)) return there.identifier();
+        }
+        const auto located = locate(anchor);
         if (!located) return beside.identifier();
         // The part of the path that names the project.
         Url root = anchor;
@@ -230,13 +284,23 @@ private:
         return beside.identifier();
     }
 
+    Outcome<Located> locate(const Url& url) const {
+        const auto live = LiveProjects::ofProcess().find(url);
+        if (!live) return remotes_.locate(url);
+        const Url there = live->atServer(url);
+        return live->isConnected ? remotes_.locateOnce(there) : remotes_.locateKnown(there);
+    }
+
     Outcome<Found> find(const Url& url) const {
-        const auto located = remotes_.locate(url);
+        const auto located = locate(url);
         if (!located) return located.failure();
         const Context* const context = _GetCurrentContextObject<Context>();
-        const auto snapshot = !url.pin.empty() ? located->project->at(url.pin)
-                              : context        ? context->of(*located, url)
-                                               : located->project->newest(kSnapshotIdle);
+        const auto live = LiveProjects::ofProcess().find(url);
+        const bool isFollowed = live && (!live->isConnected || url.path.starts_with(live->prefix));
+        const auto snapshot = isFollowed         ? located->project->known()
+                              : !url.pin.empty() ? located->project->at(url.pin)
+                              : context          ? context->of(*located, url)
+                                                 : located->project->newest(kSnapshotIdle);
         if (!snapshot) return snapshot.failure();
         Found found{*located, *snapshot};
         const auto look = [&](const std::string& path) {
@@ -254,6 +318,8 @@ private:
     }
 
     static Url resolved(Url url, const Found& found) {
+        // The path of a live file stays, so that it is found beside its layers.
+        if (url.isLive() && !isLayer(url.path)) return url;
         // Without the name of the only project, if the address has it.
         if (!found.located.project->hasPrefix()) url.path = found.located.path;
         if (!isLayer(url.path)) return url;
@@ -264,7 +330,12 @@ private:
     }
 
     Outcome<usdlive::resolver::OpenFile> open(const Url& url) const {
-        if (!url.version.empty()) {
+        if (const auto file = layerFile(url)) {
+            usdlive::resolver::OpenFile opened(std::fopen(file->c_str(), "rb"), &std::fclose);
+            if (opened) return opened;
+            return Failure{"cannot read " + file->string()};
+        }
+        if (!url.version.empty() && !url.isLive()) {
             const auto located = remotes_.locate(url);
             if (!located) return located.failure();
             if (usdlive::resolver::isHashToken(url.version))
@@ -277,6 +348,9 @@ private:
         if (!found->entry->version.empty())
             return found->located.project->openVersion(
                 found->located.path, usdlive::resolver::versionToken(found->entry->version));
+        const auto live = LiveProjects::ofProcess().find(url);
+        if (live && !live->isConnected)
+            return found->located.project->openCached(found->entry->hash);
         return found->located.project->openFile(found->located.path, found->entry->hash);
     }
 
@@ -298,10 +372,10 @@ private:
     }
 
     /// An error for a layer, which is then part of what the caller says. A value that names a
-    /// texture can still be read, so that is a warning.
+    /// texture can still be read, and a live stage stays open, so that is a warning.
     void report(const std::string& assetPath, const Failure& failure) const {
         const auto url = usdlive::resolver::parseUrl(assetPath);
-        if (url && isLayer(url->path))
+        if (url && isLayer(url->path) && !url->isLive())
             return TF_RUNTIME_ERROR("usdlive: cannot open %s: %s", assetPath.c_str(),
                                     failure.cause.c_str());
         const std::lock_guard lock(mutex_);
@@ -310,7 +384,7 @@ private:
     }
 
     const std::vector<std::string> searchFolders_;
-    mutable Remotes remotes_;
+    Remotes& remotes_ = Remotes::ofProcess();
     mutable std::mutex mutex_;  // guards the next member
     mutable std::set<std::string> warned_;
 };

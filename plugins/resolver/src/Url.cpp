@@ -98,6 +98,7 @@ bool parseMark(std::string_view text, Url& url) {
 std::string Url::server() const { return std::string(kPrefix) + host + ":" + std::to_string(port); }
 
 std::string Url::identifier() const {
+    if (isLive()) return resolvedPath();
     return server() + "/" + encodedPath(path) + (pin.empty() ? "" : "@" + encodedPin(pin));
 }
 
@@ -148,7 +149,7 @@ std::optional<Url> parseUrl(std::string_view text, std::string* why) {
 
 Url anchored(const Url& anchor, std::string_view path) {
     Url url = anchor;
-    url.version.clear();
+    if (!url.isLive()) url.version.clear();
     const std::size_t slash = anchor.path.rfind('/');
     const std::string folder =
         slash == std::string::npos ? std::string() : anchor.path.substr(0, slash + 1);

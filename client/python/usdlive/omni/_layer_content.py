@@ -7,7 +7,7 @@ import os
 import re
 import typing
 
-from pxr import Sdf, Usd, UsdUtils
+from pxr import Ar, Sdf, Usd, UsdUtils
 
 from usdlive import _usdlive
 from usdlive.omni._registers import make_like
@@ -54,13 +54,29 @@ def reanchored(path: str, source: str, target: str, relative: bool = True) -> st
         return path
     package, inside = (path.split("[", 1) + [""])[:2]
     file, separator, arguments = package.partition(":SDF_FORMAT_ARGS:")
-    absolute = os.path.normpath(os.path.join(source, file))
-    if not file.startswith(("./", "../")) and not glob.glob(_pattern(absolute)):
+    absolute = _joined(source, file)
+    if not file.startswith(("./", "../")) and not _exists(absolute):
         return path
     rest = separator + arguments + ("[" + inside if inside else "")
     if not relative or not target:
         return absolute + rest
     return _relative(absolute, target) + rest
+
+
+_ADDRESS = "usdlive://"
+
+
+def _joined(folder: str, path: str) -> str:
+    if not folder.startswith(_ADDRESS):
+        return os.path.normpath(os.path.join(folder, path))
+    # The host and what follows it are normalized as an absolute path.
+    return _ADDRESS + os.path.normpath(os.path.join(folder.removeprefix(_ADDRESS[:-1]), path)).lstrip("/")
+
+
+def _exists(path: str) -> bool:
+    if path.startswith(_ADDRESS):
+        return bool(Ar.GetResolver().Resolve(path.replace("<UDIM>", "1001")))
+    return bool(glob.glob(_pattern(path)))
 
 
 def _pattern(path: str) -> str:
@@ -70,7 +86,12 @@ def _pattern(path: str) -> str:
 
 def folder_of(layer: Sdf.Layer) -> str:
     """Returns the folder for relative paths in the layer, or "" if it is in memory."""
-    return "" if layer.anonymous else os.path.dirname(os.path.realpath(layer.realPath or layer.identifier))
+    return "" if layer.anonymous else os.path.dirname(_real(layer))
+
+
+def _real(layer: Sdf.Layer) -> str:
+    path = layer.realPath or layer.identifier
+    return path if path.startswith(_ADDRESS) else os.path.realpath(path)
 
 
 def reanchor(content: Sdf.Layer, source: Sdf.Layer, target: Sdf.Layer, relative: bool = True) -> None:
@@ -98,11 +119,14 @@ def relative_path(layer: Sdf.Layer, anchor: Sdf.Layer) -> str:
     """Returns the path that `anchor` uses for `layer`."""
     if layer.anonymous:
         return layer.identifier
-    path, folder = os.path.realpath(layer.realPath or layer.identifier), folder_of(anchor)
+    path, folder = _real(layer), folder_of(anchor)
     return _relative(path, folder) if folder else path
 
 
 def _relative(path: str, folder: str) -> str:
+    server = folder.split("/@")[0] + "/" if folder.startswith(_ADDRESS) else ""
+    if server and not path.startswith(server) or not server and path.startswith(_ADDRESS):
+        return path  # one is an address, or it is on another server
     moved = os.path.relpath(path, folder).replace(os.sep, "/")
     return moved if moved.startswith("../") else "./" + moved
 

@@ -2,6 +2,7 @@
 #include "usdlive/client/usd/layers/LayerUtils.h"
 
 #include <pxr/base/vt/dictionary.h>
+#include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/sdf/assetPath.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layerUtils.h>
@@ -82,18 +83,21 @@ bool isBeside(const SdfLayerHandle& layer, const std::string& path) {
     namespace fs = std::filesystem;
     const auto folder = fs::path(layer->GetRealPath()).parent_path();
     const auto file = fileOf(path);
+    const bool isAtServer = isAddress(layer->GetRealPath());
+    const auto isThere = [&](const std::string& name) {
+        std::error_code ignored;
+        if (!isAtServer) return fs::exists(folder / name, ignored);
+        return bool(pxr::ArGetResolver().Resolve((folder / name).generic_string()));
+    };
     if (const auto udim = file.find("<UDIM>"); udim != std::string::npos) {
         // Tiles are numbered from 1001 on. The first existing one is enough.
         for (int tile = 1001; tile < 1101; ++tile) {
-            std::error_code ignored;
             auto one = file;
-            if (fs::exists(folder / one.replace(udim, 6, std::to_string(tile)), ignored))
-                return true;
+            if (isThere(one.replace(udim, 6, std::to_string(tile)))) return true;
         }
         return false;
     }
-    std::error_code ignored;
-    return fs::exists(folder / file, ignored);
+    return isThere(file);
 }
 
 using Rename = std::function<std::string(const std::string&)>;
@@ -433,7 +437,9 @@ void reanchorStates(const SdfLayerHandle& content, const std::string& fromFolder
     renameStoredLayers(content, [&](const std::string& path) {
         if (!isRelative(path) || fromFolder.empty()) return path;
         const auto absolute = (fs::path(fromFolder) / path).lexically_normal();
-        if (toFolder.empty()) return absolute.generic_string();
+        if (toFolder.empty() || isAddress(fromFolder) != isAddress(toFolder))
+            return isAddress(fromFolder) ? normalizeUrl(fromFolder + "/" + path)
+                                         : absolute.generic_string();
         return dotted(absolute.lexically_relative(toFolder).generic_string());
     });
 }

@@ -2,11 +2,13 @@
 #include "usd/layers/OmniLayerData.h"
 
 #include <pxr/base/vt/types.h>
+#include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/sdf/layerUtils.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <cctype>
 #include <filesystem>
+#include <string_view>
 
 #include "usdlive/client/usd/layers/LayerUtils.h"
 
@@ -29,7 +31,13 @@ VtDictionary groupOf(const pxr::SdfLayerHandle& layer) {
 
 bool isThere(const std::string& identifier) {
     std::error_code ignored;
-    return pxr::SdfLayer::Find(identifier) || std::filesystem::exists(identifier, ignored);
+    return pxr::SdfLayer::Find(identifier) || std::filesystem::exists(identifier, ignored) ||
+           (isAddress(identifier) && pxr::ArGetResolver().Resolve(identifier));
+}
+
+// Returns the part before the path, such as `usdlive://localhost:7447`.
+std::string_view serverOf(std::string_view address) {
+    return address.substr(0, address.find('/', std::string_view("usdlive://").size()));
 }
 
 }  // namespace
@@ -96,7 +104,9 @@ std::string relativeTo(const pxr::SdfLayerHandle& root, const std::string& ident
     namespace fs = std::filesystem;
     if (!root || root->IsAnonymous()) return identifier;
     const fs::path from(root->GetRealPath()), to(identifier);
-    if (from.empty() || !to.is_absolute()) return identifier;
+    const bool areOfOneServer = isAddress(identifier) && isAddress(root->GetRealPath()) &&
+                                serverOf(identifier) == serverOf(root->GetRealPath());
+    if (from.empty() || (!to.is_absolute() && !areOfOneServer)) return identifier;
     const auto relative = to.lexically_relative(from.parent_path()).generic_string();
     if (relative.empty()) return identifier;
     return relative.starts_with("..") ? relative : "./" + relative;

@@ -43,6 +43,11 @@ bool setOwnLock(const pxr::SdfLayerHandle& layer);
 [[nodiscard]] std::string authoringLayer(const pxr::SdfLayerHandle& root);
 bool setAuthoringLayer(const pxr::SdfLayerHandle& root, const std::string& identifier);
 
+/// Returns true for the address of a file in a served project.
+[[nodiscard]] inline bool isAddress(const std::string& path) {
+    return path.starts_with("usdlive://");
+}
+
 /// Convert between an identifier and the path that the root layer would write. Without a root layer
 /// the path stays unchanged.
 [[nodiscard]] std::string relativeTo(const pxr::SdfLayerHandle& root,

@@ -66,6 +66,18 @@ struct Disconnected {
 struct LayersChanged {
     std::vector<LayerId> layers;
 };
+/// Files of the project that are no layers were added, changed or removed: textures, packages, and
+/// others that asset paths name. What this process has loaded of them was loaded again.
+struct FilesChanged {
+    std::vector<std::string> files;  ///< paths relative to the project
+};
+/// An own edit wrote an absolute path to a file that is not in the project: others cannot open it.
+struct PathOutside {
+    LayerId layer;
+    std::string prim;      ///< the path of the prim, or "/" for the layer itself
+    std::string property;  ///< empty: a reference, payload, sublayer or metadata
+    std::string path;      ///< the asset path as it was written
+};
 struct Joining {
     JoinProgress progress;
 };
@@ -157,12 +169,12 @@ template <class... Events, class... Requests>
 struct WithAnswers<std::variant<Events...>, std::variant<Requests...>> {
     using Type = std::variant<Events..., event::Answered<Requests>...>;
 };
-using Event =
-    WithAnswers<std::variant<event::Connected, event::Disconnected, event::LayersChanged,
-                             event::Joining, event::Joined, event::JoinFailed, event::Committed,
-                             event::Lost, event::PreviewChanged, event::ServerError,
-                             event::LayerStatesChanged, event::PresenceChanged, event::UnsentFound,
-                             event::Progress, event::LayerOpened, event::LayerOpenFailed>,
-                AnyRequest>::Type;
+using Event = WithAnswers<
+    std::variant<event::Connected, event::Disconnected, event::LayersChanged, event::Joining,
+                 event::Joined, event::JoinFailed, event::Committed, event::Lost,
+                 event::PreviewChanged, event::ServerError, event::LayerStatesChanged,
+                 event::PresenceChanged, event::UnsentFound, event::Progress, event::LayerOpened,
+                 event::LayerOpenFailed, event::FilesChanged, event::PathOutside>,
+    AnyRequest>::Type;
 
 }  // namespace usdlive::client

@@ -55,6 +55,11 @@ public:
         /// The most bytes of big values in the cache folder. The least recently used values are
         /// removed first. Values that the server does not have yet do not count.
         std::uint64_t cacheBytes = std::uint64_t(4) << 30;
+        /// Gives the layers `usdlive://` addresses, so that everything that they name is found as
+        /// in the project's folder: textures, packages, and other files. Needs the resolver plug-in
+        /// (plugins/resolver), which OpenUSD has to know when it resolves the first path. Without
+        /// it, or without HTTP, layers are paths in the cache folder: see filesProblem().
+        bool addresses = false;
     };
 
     using Misuse = usdlive::Misuse;
@@ -91,6 +96,9 @@ public:
     Result<void> discardUnsent(const ClientId& work);
 
     // --- layers
+
+    /// Returns why files that are no layers are not found, although Options::addresses asks for it.
+    [[nodiscard]] std::optional<Error> filesProblem() const;
 
     /// Returns the layers of the project, sorted.
     [[nodiscard]] std::vector<LayerId> layers() const;

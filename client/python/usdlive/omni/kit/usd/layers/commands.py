@@ -282,7 +282,9 @@ class CreateSublayerCommand(_SublayerCommand):
         live = self.context.live
         name = live.layer_name(parent)
         project = parent.realPath.removesuffix(name)
-        path = os.path.relpath(os.path.join(os.path.dirname(parent.realPath), self._path), project)
+        named = self._path if self._path.startswith(project) else os.path.join(os.path.dirname(parent.realPath),
+                                                                               self._path)
+        path = os.path.relpath(named, project)
         try:
             return live.create_layer(path)
         except usdlive.Error as error:

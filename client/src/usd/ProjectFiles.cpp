@@ -1,0 +1,189 @@
+// Connects the client with the resolver plug-in.
+#include "usd/ProjectFiles.h"
+
+#include <dlfcn.h>
+#include <pxr/base/plug/plugin.h>
+#include <pxr/base/plug/registry.h>
+#include <pxr/usd/ar/packageUtils.h>
+#include <pxr/usd/ar/resolver.h>
+
+#include <algorithm>
+#include <mutex>
+#include <set>
+#include <utility>
+
+#include "usd/Clocks.h"
+#include "usdlive/common/core/PercentEncoding.h"
+
+namespace usdlive::client {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr std::int64_t kFilesEveryMs = 1'000;
+constexpr double kFilesPart = 20;
+constexpr const char* kScheme = "usdlive";
+constexpr const char* kPlugin = "usdliveResolver";
+
+// Returns the functions of the plug-in, or why there are none.
+Result<const ResolverInterface*> findResolver() {
+    static_cast<void>(pxr::ArGetResolver());
+    const auto& schemes = pxr::ArGetRegisteredURISchemes();
+    const auto plugin = pxr::PlugRegistry::GetInstance().GetPluginWithName(kPlugin);
+    if (!plugin)
+        return fail(ErrorCode::InvalidConfiguration,
+                    "OpenUSD does not know the plug-in usdliveResolver. Name its folder in "
+                    "PXR_PLUGINPATH_NAME");
+    if (std::ranges::find(schemes, kScheme) == schemes.end())
+        return fail(ErrorCode::InvalidConfiguration,
+                    "OpenUSD resolved a path before it knew the plug-in usdliveResolver, and looks "
+                    "for no plug-ins after that. Import usdlive before the first layer is opened, "
+                    "or start the program with PXR_PLUGINPATH_NAME=$(python -m usdlive.plugins)");
+    if (!plugin->Load())
+        return fail(ErrorCode::InvalidConfiguration,
+                    "OpenUSD cannot load the plug-in " + plugin->GetPath());
+    void* const library = ::dlopen(plugin->GetPath().c_str(), RTLD_NOW | RTLD_NOLOAD);
+    void* const function = library ? ::dlsym(library, kResolverInterface) : nullptr;
+    if (!function)
+        return fail(ErrorCode::InvalidConfiguration,
+                    "the plug-in " + plugin->GetPath() + " belongs to another version of usdlive");
+    return reinterpret_cast<ResolverInterfaceFunction>(function)();
+}
+
+std::string hostAndPort(const ServerAddress& web) {
+    return web.host + ":" + std::to_string(web.port);
+}
+
+// Returns the path of a file in the project; nothing for layers of other origin.
+std::optional<std::string> fileOf(const pxr::SdfLayerHandle& layer, const std::string& base) {
+    std::string path = pxr::SdfLayer::SplitIdentifier(layer->GetIdentifier()).first;
+    if (pxr::ArIsPackageRelativePath(path)) path = pxr::ArSplitPackageRelativePathOuter(path).first;
+    if (!path.starts_with(base)) return std::nullopt;
+    return percentDecoded(std::string_view(path).substr(base.size()));
+}
+
+}  // namespace
+
+struct ProjectFiles::State {
+    /// Asks for the list, and collects the changed files.
+    void ask() {
+        resolver->refresh(
+            token,
+            [](void* self, const char* path) {
+                auto& state = *static_cast<State*>(self);
+                const std::lock_guard lock(state.mutex);
+                state.found.insert(path);
+            },
+            this);
+    }
+
+    const ResolverInterface* resolver = nullptr;
+    const char* token = nullptr;
+    std::mutex mutex;               // guards the next members
+    std::set<std::string> found;    // have changed
+    std::set<std::string> changed;  // have changed, and are in the cache if a layer is made of them
+    bool isAsking = false;
+    double tookMs = 0;
+};
+
+std::optional<std::string> ProjectFiles::start(const fs::path& folder,
+                                               const std::optional<ServerAddress>& web) {
+    const auto refuse = [this](std::string why) {
+        problem_ = Error{ErrorCode::InvalidConfiguration,
+                         "files of the project that are no layers, such as textures, are not "
+                         "found: " +
+                             std::move(why)};
+        return std::nullopt;
+    };
+    const auto resolver = findResolver();
+    if (!resolver) return refuse(resolver.error().message);
+    if (!web) return refuse("the server of this project has announced no address for HTTP");
+    const std::string prefix = web->project.empty() ? "" : web->project + "/";
+    const char* token =
+        (*resolver)->live(hostAndPort(*web).c_str(), prefix.c_str(), folder.string().c_str());
+    if (!token) return refuse("the host " + web->host + " cannot be part of an address");
+    resolver_ = *resolver;
+    token_ = token;
+    const auto isEncoded = [](char c) { return c == '%' || c == '@'; };
+    base_ = pxr::ArGetResolver().CreateIdentifier("usdlive://" + hostAndPort(*web) + "/@~" + token +
+                                                  "/" + percentEncodedIf(prefix, isEncoded) +
+                                                  "layer.usda");
+    base_.resize(base_.rfind('/') + 1);
+    state_ = std::make_shared<State>();
+    state_->resolver = resolver_;
+    state_->token = token_;
+    worker_ = std::make_unique<Worker>();
+    resolver_->connected(token_, hostAndPort(*web).c_str(), 1);
+    follow(true, web, steadyMs());
+    return base_;
+}
+
+void ProjectFiles::follow(bool isConnected, const std::optional<ServerAddress>& web,
+                          std::int64_t nowMs) {
+    if (isConnected != isConnected_) {
+        isConnected_ = isConnected;
+        // The server may have another port when it is back.
+        resolver_->connected(token_, web ? hostAndPort(*web).c_str() : "", isConnected ? 1 : 0);
+        dueAtMs_ = nowMs;
+    }
+    if (isConnected_ && nowMs >= dueAtMs_) ask(nowMs);
+    fetchUsed();
+}
+
+void ProjectFiles::ask(std::int64_t nowMs) {
+    const std::lock_guard lock(state_->mutex);
+    if (state_->isAsking) return;
+    state_->isAsking = true;
+    dueAtMs_ = nowMs + std::max(kFilesEveryMs, std::int64_t(state_->tookMs * kFilesPart));
+    worker_->post([state = state_] {
+        const Stopwatch watch;
+        state->ask();
+        const std::lock_guard end(state->mutex);
+        state->isAsking = false;
+        state->tookMs = watch.ms();
+    });
+}
+
+// A tick must not wait until a package has arrived that a stage uses.
+void ProjectFiles::fetchUsed() {
+    std::set<std::string> found;
+    {
+        const std::lock_guard lock(state_->mutex);
+        found.swap(state_->found);
+    }
+    if (found.empty()) return;
+    std::vector<std::string> used;
+    for (const auto& layer : pxr::SdfLayer::GetLoadedLayers())
+        if (const auto file = layer ? fileOf(layer, base_) : std::nullopt)
+            if (found.contains(*file)) used.push_back(*file);
+    worker_->post([state = state_, found = std::move(found), used = std::move(used)]() mutable {
+        for (const std::string& file : used) state->resolver->fetch(state->token, file.c_str());
+        const std::lock_guard lock(state->mutex);
+        state->changed.merge(found);
+    });
+}
+
+std::vector<std::string> ProjectFiles::takeChanged() {
+    const std::lock_guard lock(state_->mutex);
+    const auto changed = std::exchange(state_->changed, {});
+    return {changed.begin(), changed.end()};
+}
+
+void ProjectFiles::reload(const std::vector<std::string>& files,
+                          const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const {
+    std::set<pxr::SdfLayerHandle> changed;
+    for (const auto& layer : pxr::SdfLayer::GetLoadedLayers()) {
+        const auto file = layer ? fileOf(layer, base_) : std::nullopt;
+        if (file && std::ranges::binary_search(files, *file) && !layer->IsDirty() && !isLive(layer))
+            changed.insert(layer);
+    }
+    if (!changed.empty()) pxr::SdfLayer::ReloadLayers(changed);
+    resolver_->notify(token_);
+}
+
+void ProjectFiles::refresh() {
+    if (isStarted()) state_->ask();
+}
+
+}  // namespace usdlive::client

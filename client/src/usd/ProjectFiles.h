@@ -1,0 +1,59 @@
+// The files of the project that are no layers: textures, packages, and others that layers name.
+#pragma once
+
+#include <pxr/usd/sdf/layer.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "transport/Connection.h"
+#include "usd/Worker.h"
+#include "usdlive/common/core/ResolverInterface.h"
+#include "usdlive/common/core/Result.h"
+
+namespace usdlive::client {
+
+/// Lets the resolver plug-in find the files of the project, and follows their changes. A worker
+/// asks the server for the list of files, for at most a twentieth of its time; no other function
+/// waits for the server. Used by the thread that owns the layers.
+class ProjectFiles {
+public:
+    /// Returns the address of the project, whose layers have placeholders in `folder`. Nothing if
+    /// the plug-in or an address for HTTP is missing; problem() says why.
+    [[nodiscard]] std::optional<std::string> start(const std::filesystem::path& folder,
+                                                   const std::optional<ServerAddress>& web);
+    [[nodiscard]] bool isStarted() const { return token_ != nullptr; }
+    [[nodiscard]] const std::optional<Error>& problem() const { return problem_; }
+
+    /// Call it in every tick. Asks for the list of files if that is due.
+    void follow(bool isConnected, const std::optional<ServerAddress>& web, std::int64_t nowMs);
+    /// Returns the files that have changed since the last call, sorted.
+    [[nodiscard]] std::vector<std::string> takeChanged();
+    /// Loads layers again that were made from these files, except for unsaved and live ones, and
+    /// lets stages resolve their asset paths again.
+    void reload(const std::vector<std::string>& files,
+                const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const;
+    /// Asks for the list of files now, and waits.
+    void refresh();
+
+private:
+    struct State;
+    void ask(std::int64_t nowMs);
+    void fetchUsed();
+
+    const ResolverInterface* resolver_ = nullptr;
+    const char* token_ = nullptr;
+    std::string base_;
+    bool isConnected_ = true;
+    std::int64_t dueAtMs_ = 0;
+    std::optional<Error> problem_;
+    std::shared_ptr<State> state_;    // shared with the worker's task
+    std::unique_ptr<Worker> worker_;  // made by start()
+};
+
+}  // namespace usdlive::client

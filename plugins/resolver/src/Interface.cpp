@@ -1,0 +1,117 @@
+// The functions for a client library in the same process.
+#include <pxr/usd/ar/notice.h>
+#include <pxr/usd/ar/resolverContext.h>
+
+#include <unordered_map>
+
+#include "Context.h"
+#include "LiveProjects.h"
+#include "Remote.h"
+#include "usdlive/common/core/ResolverInterface.h"
+
+namespace usdlive::resolver {
+
+namespace {
+
+using Changed = void (*)(void*, const char*);
+
+/// The snapshots whose files were reported last, by token.
+class Reported {
+public:
+    SnapshotPtr exchange(const std::string& token, SnapshotPtr now) {
+        const std::lock_guard lock(mutex_);
+        std::swap(last_[token], now);
+        return now;
+    }
+
+private:
+    std::mutex mutex_;  // guards the next member
+    std::map<std::string, SnapshotPtr> last_;
+};
+
+Reported& reported() {
+    static auto& all = *new Reported;
+    return all;
+}
+
+bool isSame(const Entry& a, const Entry& b) {
+    if (!a.hash.empty() && !b.hash.empty()) return a.hash == b.hash;
+    return a.hash == b.hash && a.modifiedMs == b.modifiedMs;
+}
+
+/// Returns the files that are not the same in both, except for layers, which are live.
+std::vector<std::string> changedFiles(const Snapshot& before, const Snapshot& now) {
+    std::vector<std::string> changed;
+    for (const auto& [path, entry] : now.files) {
+        if (isUsdLayer(path)) continue;
+        const auto old = before.files.find(path);
+        if (old == before.files.end() || !isSame(old->second, entry)) changed.push_back(path);
+    }
+    for (const auto& [path, entry] : before.files)
+        if (!isUsdLayer(path) && !now.files.contains(path)) changed.push_back(path);
+    return changed;
+}
+
+const char* live(const char* server, const char* prefix, const char* folder) {
+    const char* token = LiveProjects::ofProcess().add(server, prefix, folder);
+    if (!token) return nullptr;
+    if (const auto project = LiveProjects::ofProcess().findToken(token))
+        Remotes::ofProcess().allow(project->host);
+    return token;
+}
+
+void connected(const char* token, const char* server, int isConnected) {
+    LiveProjects::ofProcess().setConnected(token, server, isConnected != 0);
+    if (const auto project = LiveProjects::ofProcess().findToken(token))
+        Remotes::ofProcess().allow(project->host);
+}
+
+Outcome<Located> locate(const LiveProject& live, const std::string& path) {
+    Url url = live.atServer({});
+    url.path = live.prefix + path;
+    return Remotes::ofProcess().locate(url);
+}
+
+int refresh(const char* token, Changed changed, void* context) {
+    const auto live = LiveProjects::ofProcess().findToken(token);
+    if (!live) return 0;
+    const auto located = locate(*live, "");
+    if (!located) return 0;
+    const auto now = located->project->newest(std::chrono::milliseconds(-1));
+    if (!now) return 0;
+    const SnapshotPtr before = reported().exchange(token, *now);
+    if (!before || before == *now) return 1;
+    for (const std::string& path : changedFiles(*before, **now)) changed(context, path.c_str());
+    return 1;
+}
+
+void fetch(const char* token, const char* path) {
+    const auto live = LiveProjects::ofProcess().findToken(token);
+    if (!live) return;
+    const auto located = locate(*live, path);
+    const SnapshotPtr files = located ? located->project->last() : nullptr;
+    if (!files) return;
+    const auto entry = files->files.find(path);
+    if (entry != files->files.end())
+        static_cast<void>(located->project->openFile(path, entry->second.hash));
+}
+
+void notify(const char* token) {
+    const std::string live = token;
+    pxr::ArNotice::ResolverChanged([live](const pxr::ArResolverContext& other) {
+        const Context* const ours = other.Get<Context>();
+        return ours && ours->root().version == live;
+    }).Send();
+}
+
+}  // namespace
+
+}  // namespace usdlive::resolver
+
+extern "C" __attribute__((visibility("default"))) const usdlive::ResolverInterface*
+usdliveResolverInterface1() {
+    static const usdlive::ResolverInterface functions{
+        usdlive::resolver::live, usdlive::resolver::connected, usdlive::resolver::refresh,
+        usdlive::resolver::fetch, usdlive::resolver::notify};
+    return &functions;
+}

@@ -1,0 +1,86 @@
+// Tests addresses of layers that are live in this process.
+#include "LiveProjects.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <fstream>
+
+using namespace usdlive::resolver;
+namespace fs = std::filesystem;
+
+namespace {
+
+class LiveProjectsTest : public ::testing::Test {
+protected:
+    LiveProjectsTest() {
+        fs::create_directories(folder / "sets");
+        fs::create_directories(folder / ".hidden");
+        for (const char* name : {"shot.usda", "sets/wall.usdc", ".hidden/a.usda", "brick.png"})
+            std::ofstream(folder / name) << "#usda 1.0\n";
+    }
+    ~LiveProjectsTest() override { fs::remove_all(folder); }
+
+    static Url address(const std::string& token, const std::string& path,
+                       const std::string& server = "usdlive://localhost:7447") {
+        return *parseUrl(server + "/@~" + token + "/" + path);
+    }
+
+    const fs::path folder =
+        fs::temp_directory_path() / ("usdlive-live-projects-" + std::to_string(getpid()));
+    LiveProjects projects;
+};
+
+}  // namespace
+
+TEST(LiveUrl, KeepsItsTokenInBothTextsAndInWhatIsBesideIt) {
+    const std::string text = "usdlive://localhost:7447/@~live2/sets/wall.usda";
+    const auto url = parseUrl(text);
+    ASSERT_TRUE(url && url->isLive());
+    EXPECT_EQ(url->identifier(), text);
+    EXPECT_EQ(url->resolvedPath(), text);
+    EXPECT_EQ(anchored(*url, "../tex/a.<UDIM>.png").identifier(),
+              "usdlive://localhost:7447/@~live2/tex/a.<UDIM>.png");
+    EXPECT_FALSE(parseUrl("usdlive://localhost/@~12-ab/shot.usda")->isLive());
+}
+
+TEST_F(LiveProjectsTest, OneConnectionAndFolderHaveOneToken) {
+    const std::string first = projects.add("localhost:7447", "", folder.string());
+    EXPECT_EQ(first, "live");
+    EXPECT_EQ(projects.add("LOCALHOST", "", folder.string()), first);
+    EXPECT_EQ(projects.add("localhost:7447", "shots/", folder.string()), std::string("live2"));
+    EXPECT_EQ(projects.add("localhost:7447", "", "/elsewhere"), std::string("live3"));
+    EXPECT_EQ(projects.add("[::1]:7447", "", folder.string()), nullptr);
+}
+
+TEST_F(LiveProjectsTest, LayersArePlaceholdersAndNothingElseIs) {
+    const std::string token = projects.add("localhost:7447", "shots/", folder.string());
+    const auto file = [&](const std::string& path) {
+        const auto live = projects.find(address(token, path));
+        return live ? live->layerFile(address(token, path)) : std::nullopt;
+    };
+    EXPECT_EQ(file("shots/shot.usda"), folder / "shot.usda");
+    EXPECT_EQ(file("shots/sets/wall.usdc"), folder / "sets/wall.usdc");
+    for (const char* path :
+         {"shot.usda", "shots/none.usda", "shots/brick.png", "shots/.hidden/a.usda",
+          "shots/../../shot.usda", "shots/sets", "other/shot.usda"})
+        EXPECT_FALSE(file(path)) << path;
+}
+
+TEST_F(LiveProjectsTest, TokensOfOtherServersAndProcessesAreNotLive) {
+    const std::string token = projects.add("localhost:7447", "", folder.string());
+    EXPECT_TRUE(projects.find(address(token, "shot.usda")));
+    EXPECT_FALSE(projects.find(address(token, "shot.usda", "usdlive://localhost:7448")));
+    EXPECT_FALSE(projects.find(address("live99", "shot.usda")));
+    EXPECT_FALSE(projects.find(*parseUrl("usdlive://localhost:7447/shot.usda")));
+}
+
+TEST_F(LiveProjectsTest, AddressesStayWhenTheServerMoves) {
+    const std::string token = projects.add("localhost:7447", "", folder.string());
+    projects.setConnected(token, "", false);
+    EXPECT_FALSE(projects.findToken(token)->isConnected);
+    projects.setConnected(token, "localhost:8000", true);
+    const auto live = projects.find(address(token, "shot.usda"));
+    ASSERT_TRUE(live && live->isConnected);
+    EXPECT_EQ(live->atServer(address(token, "a.png")).port, 8000);
+}
