@@ -21,7 +21,8 @@ bool isNew(const pxr::SdfChangeList::Entry& entry) {
            flags.didAddPropertyWithOnlyRequiredFields || flags.didChangePrimVariantSets;
 }
 
-// Returns true if the renames have the same result in any order. Those of a swap have not.
+// Returns true if the renames have the same result in any order. The result of a swap depends on
+// the order.
 bool areIndependent(const PathMoves& renames) {
     pxr::SdfPathVector paths;
     for (const auto& [from, to] : renames) paths.insert(paths.end(), {from, to});

@@ -6,6 +6,7 @@
 #include <pxr/usd/ar/packageUtils.h>
 #include <pxr/usd/ar/resolvedPath.h>
 #include <pxr/usd/ar/resolver.h>
+#include <pxr/usd/ar/resolverContextBinder.h>
 #include <pxr/usd/sdf/fileFormat.h>
 #include <pxr/usd/sdf/layerUtils.h>
 #include <pxr/usd/sdf/listOp.h>
@@ -64,8 +65,12 @@ public:
             } else if (c == '@') {
                 skipAsset();
                 continue;
-            } else if (c == '#') {
+            } else if (c == '#' || text_.substr(at_, 2) == "//") {
                 skipTo("\n");
+                continue;
+            } else if (text_.substr(at_, 2) == "/*") {
+                ++at_;
+                skipTo("*/");
                 continue;
             } else if (c == '<') {
                 const std::size_t begin = at_;
@@ -95,9 +100,10 @@ private:
     }
 
     void skipAsset() {
-        const bool triple = text_.substr(at_, 3) == "@@@";
-        at_ += triple ? 2 : 0;
-        skipTo(triple ? "@@@" : "@");
+        if (text_.substr(at_, 3) != "@@@") return skipTo("@");
+        at_ += 2;
+        do skipTo("@@@");
+        while (at_ < text_.size() && text_[at_ - 4] == '\\');
     }
 
     bool skipString(char quote) {
@@ -178,7 +184,7 @@ TfToken rootName(const SdfPath& path) {
     return top.IsEmpty() ? TfToken() : top.GetNameToken();
 }
 
-// Returns true if no other opinion of the same layer selects another variant.
+// Returns true if the spec of the prim in this layer selects the variant.
 bool isSelected(const SdfLayer& layer, const SdfPath& prim, const std::string& set,
                 const std::string& variant) {
     pxr::SdfVariantSelectionMap selections;
@@ -261,13 +267,14 @@ void DepthGuard::forEachArc(const SdfLayer& layer, const SdfPath& subtree, Visit
     std::vector<Place> open{{subtree, 0, true}};
     const auto eachItem = [&]<class ListOp>(const Place& place, const TfToken& field, ListOp list) {
         if (!layer.HasField(place.path, field, &list)) return;
-        for (const auto& item : list.GetAppliedItems()) {
-            if constexpr (std::is_same_v<ListOp, pxr::SdfPathListOp>)
-                visit(Arc{place.path, field, {}, item, place.isSelected});
-            else
+        if constexpr (std::is_same_v<ListOp, pxr::SdfPathListOp>)
+            forEachPath(list, [&](const SdfPath& path) {
+                visit(Arc{place.path, field, {}, path, place.isSelected});
+            });
+        else
+            for (const auto& item : list.GetAppliedItems())
                 visit(Arc{place.path, field, item.GetAssetPath(), item.GetPrimPath(),
                           place.isSelected});
-        }
     };
     while (!open.empty()) {
         const Place place = std::move(open.back());
@@ -352,7 +359,7 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
     while (!wave.empty()) {
         std::map<std::string, Found> byIdentifier;
         for (const auto& [anchor, asset, local] : wave) {
-            if (pxr::SdfVariableExpression::IsExpression(asset)) continue;
+            if (asset.empty() || pxr::SdfVariableExpression::IsExpression(asset)) continue;
             auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(anchor, asset);
             if (unused_.contains(identifier)) continue;
             byIdentifier[std::move(identifier)].local |= local;
@@ -362,7 +369,10 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
             one.identifier = identifier;
             found.push_back(std::move(one));
         }
+        // A context is bound to a thread.
+        const auto context = pxr::ArGetResolver().GetCurrentContext();
         pxr::WorkParallelForN(found.size(), [&](std::size_t begin, std::size_t end) {
+            const pxr::ArResolverContextBinder binder(context);
             for (std::size_t i = begin; i < end; ++i) {
                 auto& one = found[i];
                 // Pcp reports the layers that cannot be opened.
@@ -413,12 +423,13 @@ bool DepthGuard::check(const pxr::SdfLayerChangeListVec& changes,
                 take(layer, false, scan(*layer, SdfPath::AbsoluteRootPath(), payloads_), wave);
             continue;
         }
-        again = again || deep_.contains(layer);
-        for (const auto& [path, entry] : list.GetEntryList())
-            if (changesArcs(path, entry) && layer->HasSpec(path))
+        for (const auto& [path, entry] : list.GetEntryList()) {
+            if (!changesArcs(path, entry)) continue;
+            // It may remove an arc that is too deep, or add one to a prim that is left out.
+            again = again || deep_.contains(layer) || !leftOut_.empty();
+            if (layer->HasSpec(path))
                 take(layer, known->second, scan(*layer, path, payloads_), wave);
-        // An arc that leads to a prim that is left out.
-        again = again || !leftOut_.empty();
+        }
     }
     if (again) return checkAll(std::set(unused_), payloads_, opened);
     follow(std::move(wave), opened);
@@ -429,7 +440,7 @@ bool DepthGuard::leavesOut(const SdfPath& prim) const {
     return !leftOut_.empty() && leftOut_.contains(rootName(prim));
 }
 
-// Updates what is left out. Returns true if it is not what it was.
+// Updates what is left out. Returns true if it changed.
 bool DepthGuard::decide() {
     const auto leftOut = std::exchange(leftOut_, {});
     const auto muted = std::exchange(muted_, {});

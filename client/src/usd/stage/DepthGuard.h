@@ -4,6 +4,7 @@
 #include <pxr/base/tf/token.h>
 #include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/path.h>
 
 #include <functional>
@@ -23,6 +24,16 @@ inline constexpr std::size_t kDeepestPath = 512;
 /// Returns true if a path has more than kDeepestPath elements. The path may have any length:
 /// SdfPath counts elements in 16 bits, so that its own count and its order are wrong above 65,535.
 [[nodiscard]] bool isTooDeep(const pxr::SdfPath& path);
+
+/// Calls `visit` for each path of a list, also for deleted and ordered ones, which Pcp maps as
+/// well.
+template <class Visit>
+void forEachPath(const pxr::SdfPathListOp& list, Visit&& visit) {
+    for (const auto type :
+         {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
+          pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered})
+        for (const pxr::SdfPath& path : list.GetItems(type)) visit(path);
+}
 
 /// Opens a layer. Fails with LayerUnreadable if it cannot be opened, or if it is a text with
 /// brackets or paths that are too deep for OpenUSD, which would end the process.

@@ -31,9 +31,11 @@ bool hasDeepTargets(const pxr::PcpPrimIndex& index, const TfToken& property, boo
     return !forEachSite(index, property, [&](const Site& site) {
         pxr::SdfPathListOp targets;
         if (!site.layer->HasField(site.path, targetsField(ofAttribute), &targets)) return true;
-        return std::ranges::none_of(targets.GetAppliedItems(), [](const SdfPath& target) {
-            return isTooDeep(target.GetPrimPath());
+        bool isDeep = false;
+        forEachPath(targets, [&](const SdfPath& target) {
+            isDeep = isDeep || isTooDeep(target.GetPrimPath());
         });
+        return !isDeep;
     });
 }
 

@@ -339,7 +339,7 @@ void StageState::setLoadRules(const LoadRules& rules) {
             (loads ? include : exclude).insert(index.GetPath());
     });
     pxr::PcpChanges changes;
-    composition.guardAll(changes);
+    if (!include.empty()) composition.guardAll(changes);
     cache.RequestPayloads(include, exclude, &changes);
     Gathered gathered;
     // Load rules decide which prims may share a prototype.

@@ -216,7 +216,10 @@ TEST(StageBadInput, ATextThatIsNestedTooDeeplyIsNotRead) {
         "def \"A\" (\n customData = {\n" + nested("dictionary d = {\n", "}\n", 200'000) +
             "}\n) {\n}\n",
         "def \"A\" {\n int[] x = " + nested("[", "]", 200'000) + "\n}\n",
-        "def \"A\" {\n pathExpression x = \"" + nested("(", ")", 200'000) + "\"\n}\n"};
+        "def \"A\" {\n pathExpression x = \"" + nested("(", ")", 200'000) + "\"\n}\n",
+        "/* \"\"\" @ < */\n// ' @ <\n" + nested("def \"d\" {\n", "}\n", 200'000),
+        "def \"A\" {\n asset x = @@@a\\@@@b@@@\n" + nested("def \"d\" {\n", "}\n", 200'000) +
+            "}\n"};
     for (const auto& text : texts) {
         SCOPED_TRACE(text.substr(0, 40));
         const auto bad = folder.write("bad.usda", text);
@@ -261,6 +264,8 @@ TEST(StageBadInput, DeepPathsHaveNoPrims) {
         EXPECT_FALSE(stage.property(deep.AppendProperty(TfToken("x"))));
         EXPECT_THAT(stage.property(SdfPath("/A.r")).targets(), IsEmpty());
         EXPECT_TRUE(stage.property(SdfPath("/A.r")).hasAuthoredTargets());
+        layer->GetRelationshipAtPath(SdfPath("/A.r"))->GetTargetPathList().Remove(deep);
+        EXPECT_THAT(stage.property(SdfPath("/A.r")).targets(), IsEmpty());
         stage.unload(deep);
         EXPECT_EQ(stage.loadRules(), LoadRules::all());
         stage.setMask(PopulationMask({deep, SdfPath("/A")}));
