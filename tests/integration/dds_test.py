@@ -282,6 +282,7 @@ def test_dd14_with_an_identity_one_edits_and_without_one_gets_nothing(secure_ser
     bo = join(secure_server.dds, "bo")
     for editor, name in ((ada, "ada"), (bo, "bo")):
         write(editor, name, 0, 50)
+    synced(secure_server, [ada, bo])  # edits that arrive during the lock are refused
     ada.run("live.lock('root.usda'); assert live.flush(20)")
     bo.run("assert live.wait(lambda: live.layer_states()['root.usda'].holder == 'ada', 20)")
     ada.run("live.unlock('root.usda'); assert live.flush(20)")
