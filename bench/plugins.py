@@ -2,16 +2,16 @@
 
     ./run bench plugins [--prims 10000] [--rounds 7] [--textures-mib 1024]
 
-`reload`: `reloadRatio` is the median time of a change of one parameter of a dynamic payload of generated prims on an
+`reloadRatio` is the median time of a change of one parameter of a dynamic payload of generated prims on an
 open stage, until all prims are composed again, divided by the median time of opening a stage with this payload. Each
 round has parameters of its own, so that every layer is read. `editMs` is a change of metadata that the payload does not
 depend on.
 
-`open`: `openRatio` is the median time of opening and traversing a stage of 5,000 prims in some 200 files by its
+`openRatio` is the median time of opening and traversing a stage of 5,000 prims in some 200 files by its
 usdlive:// address, with a filled cache, divided by that of the same files from the disk. Each time is that of a new
 process, without its start, in turn. `emptyMs` is the time with an empty cache.
 
-`textures`: `textureRatio` is the rate at which a process with an empty cache reads the textures of a project by their
+`textureRatio` is the rate at which a process with an empty cache reads the textures of a project by their
 addresses, divided by the rate of a plain HTTP download of the same files from the same server into files. Medians of
 three, in turn, all in memory (/dev/shm), since a disk's rate varies. The resolver also checks the SHA-256 of each
 file."""
@@ -61,7 +61,7 @@ def measured(work) -> float:
     return (time.perf_counter() - start) * 1000
 
 
-def measure_reload(prims: int, rounds: int) -> None:
+def measure_reload(prims: int, rounds: int) -> dict:
     from pxr import Sdf, Usd
 
     side = prims // 100
@@ -96,8 +96,8 @@ def measure_reload(prims: int, rounds: int) -> None:
         editing.append(measured(lambda: prim.SetMetadataByDictKey("EdfDataParameters", "note", round)))
     # The first round also loads the libraries.
     compose, reload = statistics.median(composing[1:]), statistics.median(reloading[1:])
-    print(json.dumps({"bench": "plugins", "part": "reload", "prims": 100 * side, "composeMs": round_(compose), "reloadMs": round_(reload),
-                      "editMs": round_(statistics.median(editing[1:])), "reloadRatio": round_(reload / compose)}))
+    return {"prims": 100 * side, "composeMs": compose, "reloadMs": reload, "editMs": statistics.median(editing[1:]),
+            "reloadRatio": reload / compose}
 
 
 class Served:
@@ -132,7 +132,7 @@ class Served:
         self._process.wait()
 
 
-def measure_open(folder: pathlib.Path, rounds: int) -> None:
+def measure_open(folder: pathlib.Path, rounds: int) -> dict:
     sys.path.insert(0, str(ROOT / "tests" / "integration"))
     from resolver_scene import make_project
 
@@ -150,8 +150,8 @@ def measure_open(folder: pathlib.Path, rounds: int) -> None:
     finally:
         served.close()
     disk_ms, warm_ms, empty_ms = (statistics.median(ms for ms, _ in times[1:]) for times in (disk, warm, empty))
-    print(json.dumps({"bench": "plugins", "part": "open", "prims": int(disk[0][1]), "diskMs": round_(disk_ms),
-                      "warmMs": round_(warm_ms), "emptyMs": round_(empty_ms), "openRatio": round_(warm_ms / disk_ms)}))
+    return {"openPrims": int(disk[0][1]), "diskMs": disk_ms, "warmMs": warm_ms, "emptyMs": empty_ms,
+            "openRatio": warm_ms / disk_ms}
 
 
 def download(port: int, names: list[str], folder: pathlib.Path) -> int:
@@ -171,7 +171,7 @@ def download(port: int, names: list[str], folder: pathlib.Path) -> int:
     return size
 
 
-def measure_textures(folder: pathlib.Path, mib: int) -> None:
+def measure_textures(folder: pathlib.Path, mib: int) -> dict:
     project = folder / "textures"
     project.mkdir()
     (project / "shot.usda").write_text("#usda 1.0\n")
@@ -197,12 +197,7 @@ def measure_textures(folder: pathlib.Path, mib: int) -> None:
     finally:
         served.close()
     plain_ms, cached_ms = statistics.median(plain[1:]), statistics.median(cached[1:])
-    print(json.dumps({"bench": "plugins", "part": "textures", "mib": wanted >> 20, "plainMs": round_(plain_ms),
-                      "cachedMs": round_(cached_ms), "textureRatio": round_(plain_ms / cached_ms)}))
-
-
-def round_(number: float) -> float:
-    return round(number, 3)
+    return {"textureMib": wanted >> 20, "plainMs": plain_ms, "cachedMs": cached_ms, "textureRatio": plain_ms / cached_ms}
 
 
 if __name__ == "__main__":
@@ -217,8 +212,9 @@ if __name__ == "__main__":
         # OpenUSD reads the variable when the process starts.
         os.environ["PXR_PLUGINPATH_NAME"] = str(build / "usd-plugins")
         sys.exit(subprocess.run([sys.executable, *sys.argv]).returncode)
-    measure_reload(arguments.prims, arguments.rounds)
+    figures = measure_reload(arguments.prims, arguments.rounds)
     with tempfile.TemporaryDirectory(prefix="usdlive-bench-") as name:
-        measure_open(pathlib.Path(name), arguments.rounds)
+        figures |= measure_open(pathlib.Path(name), arguments.rounds)
     with tempfile.TemporaryDirectory(prefix="usdlive-bench-", dir="/dev/shm") as name:
-        measure_textures(pathlib.Path(name), arguments.textures_mib)
+        figures |= measure_textures(pathlib.Path(name), arguments.textures_mib)
+    print(json.dumps({"bench": "plugins"} | {name: round(figure, 3) for name, figure in figures.items()}))
