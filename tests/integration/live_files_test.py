@@ -8,6 +8,7 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -221,6 +222,23 @@ def test_live_stages_keep_the_files_they_have_while_the_server_is_away(serve, sh
     assert live.flush(20)
     assert content_hash(tile) == sha(shot / "tex" / "skin.1001.png")
     live.close()
+
+
+def test_close_does_not_wait_for_a_server_that_hangs(serve, shot):
+    server = serve(shot)
+    live = connect(server, "ada")
+    live.open_stage("shot.usda")
+    server.process.send_signal(signal.SIGSTOP)
+    try:
+        end = time.monotonic() + 2.5  # the list of files is requested every second
+        while time.monotonic() < end:
+            live.tick()
+            time.sleep(0.02)
+        start = time.monotonic()
+        live.close(timeout=0.5)
+        assert time.monotonic() - start < 3
+    finally:
+        server.process.send_signal(signal.SIGCONT)
 
 
 class OnlyLive:

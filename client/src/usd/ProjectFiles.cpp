@@ -8,6 +8,7 @@
 #include <pxr/usd/ar/resolver.h>
 
 #include <algorithm>
+#include <atomic>
 #include <mutex>
 #include <set>
 #include <utility>
@@ -75,8 +76,9 @@ struct ProjectFiles::State {
                 const std::lock_guard lock(state.mutex);
                 state.found.insert(path);
             },
-            this);
+            isStopped, this);
     }
+    static int isStopped(void* self) { return static_cast<State*>(self)->stops ? 1 : 0; }
 
     const ResolverInterface* resolver = nullptr;
     const char* token = nullptr;
@@ -85,7 +87,13 @@ struct ProjectFiles::State {
     std::set<std::string> changed;  // have changed, and are in the cache if a layer is made of them
     bool isAsking = false;
     double tookMs = 0;
+    std::atomic<bool> stops = false;
 };
+
+ProjectFiles::ProjectFiles() = default;
+ProjectFiles::~ProjectFiles() {
+    if (state_) state_->stops = true;
+}
 
 std::optional<std::string> ProjectFiles::start(const fs::path& folder,
                                                const std::optional<ServerAddress>& web) {
@@ -158,7 +166,8 @@ void ProjectFiles::fetchUsed() {
         if (const auto file = layer ? fileOf(layer, base_) : std::nullopt)
             if (found.contains(*file)) used.push_back(*file);
     worker_->post([state = state_, found = std::move(found), used = std::move(used)]() mutable {
-        for (const std::string& file : used) state->resolver->fetch(state->token, file.c_str());
+        for (const std::string& file : used)
+            state->resolver->fetch(state->token, file.c_str(), State::isStopped, state.get());
         const std::lock_guard lock(state->mutex);
         state->changed.merge(found);
     });

@@ -23,6 +23,12 @@ namespace usdlive::client {
 /// waits for the server. Used by the thread that owns the layers.
 class ProjectFiles {
 public:
+    ProjectFiles();
+    /// Stops requests that have not been answered.
+    ~ProjectFiles();
+    ProjectFiles(const ProjectFiles&) = delete;
+    ProjectFiles& operator=(const ProjectFiles&) = delete;
+
     /// Returns the address of the project, whose layers have placeholders in `folder`. Nothing if
     /// the plug-in or an address for HTTP is missing; problem() says why.
     [[nodiscard]] std::optional<std::string> start(const std::filesystem::path& folder,

@@ -31,6 +31,10 @@ using boost::system::error_code;
 
 constexpr unsigned kOk = 200, kNotModified = 304;
 constexpr std::size_t kPartBytes = 512 * 1024;
+// The time until a request notices that it is stopped.
+constexpr std::chrono::milliseconds kNotice{50};
+
+thread_local std::function<bool()> stopsHere;
 // The largest body that is kept in memory: a list of some million files.
 constexpr std::size_t kMostBodyBytes = 512 * 1024 * 1024;
 
@@ -67,8 +71,8 @@ private:
     error_code wait(Start start) {
         error_code result = asio::error::timed_out;
         start([&result](error_code error, const auto&...) { result = error; });
-        io_.restart();
-        io_.run();
+        for (io_.restart(); !io_.stopped(); io_.run_for(kNotice))
+            if (areRequestsStopped()) stream_.cancel();
         return result;
     }
 
@@ -152,14 +156,22 @@ private:
     /// Reads what has arrived, and waits for it if necessary. Returns 0 at the end, -1 on an error.
     ssize_t receive(char* data, std::size_t size) {
         const int socket = stream_.socket().native_handle();
-        for (;;) {
+        errno = ETIMEDOUT;
+        for (auto left = times_.stall; left.count() > 0;) {
+            if (areRequestsStopped()) {
+                errno = ECANCELED;
+                return -1;
+            }
             const ssize_t count = ::recv(socket, data, size, MSG_DONTWAIT);
             if (count >= 0 || (errno != EAGAIN && errno != EINTR)) return count;
             pollfd ready{socket, POLLIN, 0};
-            const int found = ::poll(&ready, 1, int(times_.stall.count()));
-            if (found == 0) errno = ETIMEDOUT;
-            if (found == 0 || (found < 0 && errno != EINTR)) return -1;
+            const auto wait = std::min(left, kNotice);
+            const int found = ::poll(&ready, 1, int(wait.count()));
+            if (found < 0 && errno != EINTR) return -1;
+            if (found == 0) left -= wait;
+            errno = ETIMEDOUT;
         }
+        return -1;
     }
 
     static std::string unquoted(std::string etag) {
@@ -176,6 +188,13 @@ private:
 };
 
 }  // namespace
+
+StoppableRequests::StoppableRequests(std::function<bool()> isStopped) {
+    stopsHere = std::move(isStopped);
+}
+StoppableRequests::~StoppableRequests() { stopsHere = nullptr; }
+
+bool areRequestsStopped() { return stopsHere && stopsHere(); }
 
 bool isLoopback(const std::string& host) {
     if (host == "localhost") return true;

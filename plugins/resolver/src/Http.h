@@ -43,6 +43,17 @@ struct HttpRequest {
 /// are not followed. Any thread.
 [[nodiscard]] Outcome<HttpAnswer> httpGet(const HttpRequest& request, const HttpTimes& times);
 
+/// While it exists, requests of this thread fail soon after `isStopped` returns true.
+class StoppableRequests {
+public:
+    explicit StoppableRequests(std::function<bool()> isStopped);
+    ~StoppableRequests();
+    StoppableRequests(const StoppableRequests&) = delete;
+    StoppableRequests& operator=(const StoppableRequests&) = delete;
+};
+/// Returns true if the requests of this thread are stopped.
+[[nodiscard]] bool areRequestsStopped();
+
 /// Encodes the characters of a path or a query's value that a URL cannot hold.
 [[nodiscard]] std::string urlEncoded(const std::string& text);
 

@@ -5,6 +5,7 @@
 #include <unordered_map>
 
 #include "Context.h"
+#include "Http.h"
 #include "LiveProjects.h"
 #include "Remote.h"
 #include "usdlive/common/core/ResolverInterface.h"
@@ -14,6 +15,7 @@ namespace usdlive::resolver {
 namespace {
 
 using Changed = void (*)(void*, const char*);
+using IsStopped = int (*)(void*);
 
 /// The snapshots whose files were reported last, by token.
 class Reported {
@@ -72,7 +74,8 @@ Outcome<Located> locate(const LiveProject& live, const std::string& path) {
     return Remotes::ofProcess().locate(url);
 }
 
-int refresh(const char* token, Changed changed, void* context) {
+int refresh(const char* token, Changed changed, IsStopped isStopped, void* context) {
+    const StoppableRequests requests([&] { return isStopped(context) != 0; });
     const auto live = LiveProjects::ofProcess().findToken(token);
     if (!live) return 0;
     const auto located = locate(*live, "");
@@ -85,7 +88,8 @@ int refresh(const char* token, Changed changed, void* context) {
     return 1;
 }
 
-void fetch(const char* token, const char* path) {
+void fetch(const char* token, const char* path, IsStopped isStopped, void* context) {
+    const StoppableRequests requests([&] { return isStopped(context) != 0; });
     const auto live = LiveProjects::ofProcess().findToken(token);
     if (!live) return;
     const auto located = locate(*live, path);

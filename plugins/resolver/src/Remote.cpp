@@ -72,7 +72,7 @@ Number numberIn(const Json& json, const char* name) {
 Outcome<HttpAnswer> patientGet(const HttpRequest& request, const HttpTimes& times) {
     for (int left = kBusyAttempts;; --left) {
         auto answer = httpGet(request, times);
-        if (!answer || answer->status != kBusy || left == 1) return answer;
+        if (!answer || answer->status != kBusy || left == 1 || areRequestsStopped()) return answer;
         std::this_thread::sleep_for(kBusyPause);
     }
 }
@@ -183,6 +183,7 @@ Outcome<SnapshotPtr> Project::ask(Asked& known, const std::string& pin, millisec
         before = known.snapshot;
     }
     auto answer = request(before, pin);
+    if (!answer && areRequestsStopped()) return answer;  // says nothing about the server
     const std::lock_guard lock(mutex_);
     known.when = Clock::now();
     known.failure.reset();
@@ -378,6 +379,7 @@ std::optional<Failure> Remotes::ask(Server& server, const Url& url, bool again) 
     const std::lock_guard asking(server.asking);
     if (isAnswered()) return answerNow();
     const auto answer = httpGet({url.host, url.port, "/projects"}, times_);
+    if (!answer && areRequestsStopped()) return answer.failure();
     const std::lock_guard lock(server.mutex);
     server.when = std::chrono::steady_clock::now();
     const auto refuse = [&](Failure failure) {

@@ -17,12 +17,13 @@ struct ResolverInterface {
     /// cache are not found while it cannot.
     void (*connected)(const char* token, const char* server, int isConnected);
     /// Asks the server for its files. Calls `changed` for each file that was added, changed or
-    /// removed since the last call, except for layers. Takes as long as a request; returns 0 if the
-    /// server did not answer.
+    /// removed since the last call, except for layers. Takes as long as a request, but ends soon
+    /// after `isStopped` returns another number than 0. Returns 0 if the server did not answer.
     int (*refresh)(const char* token, void (*changed)(void* context, const char* path),
-                   void* context);
-    /// Puts a file into the cache, and waits.
-    void (*fetch)(const char* token, const char* path);
+                   int (*isStopped)(void* context), void* context);
+    /// Puts a file into the cache, and waits, unless `isStopped` returns another number than 0.
+    void (*fetch)(const char* token, const char* path, int (*isStopped)(void* context),
+                  void* context);
     /// Makes the stages of the project resolve their asset paths again. Call it on the thread that
     /// owns them.
     void (*notify)(const char* token);
