@@ -9,10 +9,10 @@
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
-#include <map>
 #include <ranges>
-#include <set>
 #include <utility>
+
+#include "usd/stage/DepthGuard.h"
 
 namespace usdlive {
 
@@ -238,7 +238,7 @@ pxr::SdfPathVector ComposedStage::newSources() {
 }
 
 const PcpPrimIndex* ComposedStage::prim(const SdfPath& path) {
-    if (!path.IsAbsoluteRootOrPrimPath() || path.ContainsPrimVariantSelection()) return nullptr;
+    if (!stage::canBePrim(path) || path.ContainsPrimVariantSelection()) return nullptr;
     const auto& cache = composed();
     const auto* index = cache.FindPrimIndex(SdfPath::AbsoluteRootPath());
     SdfPath at = SdfPath::AbsoluteRootPath();

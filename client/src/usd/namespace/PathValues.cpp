@@ -11,6 +11,8 @@
 
 #include <optional>
 
+#include "usd/content/PathListItems.h"
+
 namespace usdlive::naming {
 
 using pxr::SdfPath;
@@ -42,15 +44,8 @@ SdfPathListOp movedList(const SdfPathListOp& list, const PathMove& move) {
     });
     return moved;
 }
-template <class Visit>
-void visitItems(const SdfPathListOp& list, const Visit& visit) {
-    for (const auto type :
-         {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
-          pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered})
-        for (const SdfPath& path : list.GetItems(type)) visit(path);
-}
 SdfPathListOp collectList(const SdfPathListOp& list, const Collect& collect) {
-    visitItems(list, [&](const SdfPath& path) { collect.paths.insert(path); });
+    content::forEachPath(list, [&](const SdfPath& path) { collect.paths.insert(path); });
     return list;
 }
 
@@ -105,7 +100,8 @@ VtValue movedValue(const VtValue& value, const PathMove& move) {
     if (value.IsHolding<SdfPathListOp>()) {  // most values: the targets of a property
         const auto& list = value.UncheckedGet<SdfPathListOp>();
         bool moves = false;
-        visitItems(list, [&](const SdfPath& path) { moves = moves || path.HasPrefix(move.from); });
+        content::forEachPath(
+            list, [&](const SdfPath& path) { moves = moves || path.HasPrefix(move.from); });
         return moves ? VtValue(movedList(list, move)) : VtValue();
     }
     registerTransforms();

@@ -93,10 +93,23 @@ bool Composition::guard(const pxr::SdfLayerChangeListVec& layers, pxr::PcpChange
     return differs;
 }
 
-bool Composition::guardAll(pxr::PcpChanges& changes) {
-    const bool differs = checkAll();
-    if (differs) leaveOut(changes);
-    return differs;
+void Composition::guardPayloads(const pxr::SdfPathSet& prims, pxr::PcpChanges& changes) {
+    const pxr::ArResolverContextBinder binder(
+        cache_->GetLayerStackIdentifier().pathResolverContext);
+    std::vector<std::pair<pxr::SdfLayerHandle, SdfPath>> specs;
+    for (const SdfPath& prim : prims)
+        if (const auto* index = cache_->FindPrimIndex(prim))
+            for (const auto& node : index->GetNodeRange())
+                for (const auto& layer : node.GetLayerStack()->GetLayers())
+                    specs.emplace_back(layer, node.GetPath());
+    opened_.clear();
+    if (guard_.checkPayloads(specs, opened_)) leaveOut(changes);
+}
+
+void Composition::dropLeftOut(const SdfPath& prim, pxr::TfTokenVector& names) const {
+    const auto& leftOut = guard_.primsLeftOut();
+    if (leftOut.empty() || prim != SdfPath::AbsoluteRootPath()) return;
+    std::erase_if(names, [&](const auto& name) { return leftOut.contains(name); });
 }
 
 void Composition::leaveOut(pxr::PcpChanges& changes) {
@@ -129,9 +142,7 @@ void Composition::apply(const pxr::PcpChanges& changes) {
 const pxr::PcpLayerStack& Composition::localLayers() const { return *cache_->GetLayerStack(); }
 
 const pxr::PcpPrimIndex* Composition::primIndex(const SdfPath& prim) {
-    if (!prim.IsAbsolutePath() || !prim.IsAbsoluteRootOrPrimPath() || isTooDeep(prim) ||
-        leavesOut(prim))
-        return nullptr;
+    if (!canBePrim(prim) || guard_.leavesOut(prim)) return nullptr;
     const auto* index = cache_->FindPrimIndex(prim);
     if (!index) index = compose(prim);
     return index->IsValid() ? index : nullptr;
@@ -155,9 +166,7 @@ pxr::TfTokenVector Composition::childNames(const SdfPath& prim) {
     pxr::TfTokenVector names;
     pxr::PcpTokenSet prohibited;
     if (const auto* index = primIndex(prim)) index->ComputePrimChildNames(&names, &prohibited);
-    if (prim == SdfPath::AbsoluteRootPath())
-        std::erase_if(names,
-                      [&](const auto& name) { return guard_.primsLeftOut().contains(name); });
+    dropLeftOut(prim, names);
     return names;
 }
 
@@ -170,20 +179,20 @@ pxr::TfTokenVector Composition::propertyNames(const SdfPath& prim) {
 bool Composition::composesChildren(const pxr::PcpPrimIndex& index,
                                    pxr::TfTokenVector* names) const {
     if (!scope_.children(index, names)) return false;
-    const auto& leftOut = guard_.primsLeftOut();
-    if (leftOut.empty() || index.GetPath() != SdfPath::AbsoluteRootPath()) return true;
+    if (guard_.primsLeftOut().empty() || index.GetPath() != SdfPath::AbsoluteRootPath())
+        return true;
     if (names->empty()) {
         pxr::PcpTokenSet prohibited;
         index.ComputePrimChildNames(names, &prohibited);
     }
-    std::erase_if(*names, [&](const auto& name) { return leftOut.contains(name); });
+    dropLeftOut(index.GetPath(), *names);
     return !names->empty();
 }
 
 void Composition::composeInParallel(const pxr::SdfPathVector& all) {
     pxr::SdfPathVector roots;
     for (const auto& root : all)
-        if (!leavesOut(root)) roots.push_back(root);
+        if (!guard_.leavesOut(root)) roots.push_back(root);
     std::atomic<std::size_t> visited = 0;
     pxr::PcpErrorVector errors;
     cache_->ComputePrimIndexesInParallel(

@@ -57,10 +57,10 @@ public:
     /// composed again because of it. Returns true if it added something. The owner calls it before
     /// it computes other changes of the same notice; follow() calls it itself.
     bool guard(const pxr::SdfLayerChangeListVec& layers, pxr::PcpChanges& changes);
-    /// Does the same for all layers. The owner calls it when other payloads are loaded.
-    bool guardAll(pxr::PcpChanges& changes);
-    /// Returns true if a prim is left out because its arcs lead too deep.
-    [[nodiscard]] bool leavesOut(const pxr::SdfPath& prim) const { return guard_.leavesOut(prim); }
+    /// Does the same for the payloads of prims, before they are loaded.
+    void guardPayloads(const pxr::SdfPathSet& prims, pxr::PcpChanges& changes);
+    /// Removes the names of children that are left out because their arcs lead too deep.
+    void dropLeftOut(const pxr::SdfPath& prim, pxr::TfTokenVector& names) const;
     /// Returns what is left out because it is too deep.
     [[nodiscard]] const std::vector<DepthGuard::Problem>& depthProblems() const {
         return guard_.problems();

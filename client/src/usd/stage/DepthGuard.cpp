@@ -22,6 +22,7 @@
 #include <string_view>
 #include <utility>
 
+#include "usd/content/PathListItems.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::stage {
@@ -30,6 +31,7 @@ using pxr::SdfFieldKeys;
 using pxr::SdfLayer;
 using pxr::SdfLayerHandle;
 using pxr::SdfPath;
+using pxr::SdfPathVector;
 using pxr::TfToken;
 
 namespace {
@@ -268,7 +270,7 @@ void DepthGuard::forEachArc(const SdfLayer& layer, const SdfPath& subtree, Visit
     const auto eachItem = [&]<class ListOp>(const Place& place, const TfToken& field, ListOp list) {
         if (!layer.HasField(place.path, field, &list)) return;
         if constexpr (std::is_same_v<ListOp, pxr::SdfPathListOp>)
-            forEachPath(list, [&](const SdfPath& path) {
+            content::forEachPath(list, [&](const SdfPath& path) {
                 visit(Arc{place.path, field, {}, path, place.isSelected});
             });
         else
@@ -392,7 +394,7 @@ void DepthGuard::follow(std::vector<Wanted> wave, Opened& opened) {
         for (auto& one : found) {
             if (!one.problem.empty()) texts_[one.identifier] = one.problem;
             if (!one.isNew) continue;
-            opened.push_back(one.layer);
+            if (layers_ == Layers::Open) opened.push_back(one.layer);
             take(one.layer, one.local, std::move(one.scan), wave);
         }
     }
@@ -414,26 +416,47 @@ bool DepthGuard::checkAll(const std::set<std::string>& unused, bool payloads, Op
 bool DepthGuard::check(const pxr::SdfLayerChangeListVec& changes,
                        const std::function<bool(const SdfLayerHandle&)>& isUsed, Opened& opened) {
     std::vector<Wanted> wave;
-    bool again = false;
+    bool isScanned = false;
     for (const auto& [layer, list] : changes) {
         if (!layer) continue;
         const auto known = checked_.find(layer);
-        if (known == checked_.end()) {
-            if (isUsed(layer))
-                take(layer, false, scan(*layer, SdfPath::AbsoluteRootPath(), payloads_), wave);
-            continue;
-        }
-        for (const auto& [path, entry] : list.GetEntryList()) {
-            if (!changesArcs(path, entry)) continue;
+        SdfPathVector changed;
+        if (known != checked_.end()) {
+            for (const auto& [path, entry] : list.GetEntryList())
+                if (changesArcs(path, entry)) changed.push_back(path);
+            if (changed.empty()) continue;
             // It may remove an arc that is too deep, or add one to a prim that is left out.
-            again = again || deep_.contains(layer) || !leftOut_.empty();
-            if (layer->HasSpec(path))
-                take(layer, known->second, scan(*layer, path, payloads_), wave);
+            if (deep_.contains(layer) || !leftOut_.empty())
+                return checkAll(std::set(unused_), payloads_, opened);
+            SdfPath::RemoveDescendentPaths(&changed);
+        } else if (isUsed(layer)) {
+            changed.push_back(SdfPath::AbsoluteRootPath());
+        }
+        const bool isLocal = known != checked_.end() && known->second;
+        for (const SdfPath& path : changed) {
+            if (!layer->HasSpec(path)) continue;
+            take(layer, isLocal, scan(*layer, path, payloads_), wave);
+            isScanned = true;
         }
     }
-    if (again) return checkAll(std::set(unused_), payloads_, opened);
     follow(std::move(wave), opened);
-    return !(deep_.empty() && texts_.empty()) && decide();
+    return isScanned && decide();
+}
+
+bool DepthGuard::checkPayloads(const std::vector<std::pair<SdfLayerHandle, SdfPath>>& specs,
+                               Opened& opened) {
+    std::vector<Wanted> wave;
+    for (const auto& [layer, path] : specs) {
+        pxr::SdfPayloadListOp payloads;
+        if (!layer->HasField(path, SdfFieldKeys->Payload, &payloads)) continue;
+        for (const auto& payload : payloads.GetAppliedItems())
+            if (!payload.GetAssetPath().empty())
+                wave.push_back({layer, payload.GetAssetPath(), false});
+    }
+    const bool before = std::exchange(payloads_, true);
+    follow(std::move(wave), opened);
+    payloads_ = before;
+    return decide();
 }
 
 bool DepthGuard::leavesOut(const SdfPath& prim) const {

@@ -4,13 +4,13 @@
 #include <pxr/base/tf/token.h>
 #include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
-#include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/path.h>
 
 #include <functional>
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "usdlive/common/core/Result.h"
@@ -25,14 +25,9 @@ inline constexpr std::size_t kDeepestPath = 512;
 /// SdfPath counts elements in 16 bits, so that its own count and its order are wrong above 65,535.
 [[nodiscard]] bool isTooDeep(const pxr::SdfPath& path);
 
-/// Calls `visit` for each path of a list, also for deleted and ordered ones, which Pcp maps as
-/// well.
-template <class Visit>
-void forEachPath(const pxr::SdfPathListOp& list, Visit&& visit) {
-    for (const auto type :
-         {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
-          pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered})
-        for (const pxr::SdfPath& path : list.GetItems(type)) visit(path);
+/// Returns true if a stage can have a prim at the path.
+[[nodiscard]] inline bool canBePrim(const pxr::SdfPath& path) {
+    return path.IsAbsolutePath() && path.IsAbsoluteRootOrPrimPath() && !isTooDeep(path);
 }
 
 /// Opens a layer. Fails with LayerUnreadable if it cannot be opened, or if it is a text with
@@ -45,9 +40,10 @@ void forEachPath(const pxr::SdfPathListOp& list, Visit&& visit) {
 /// left out; the rest can be composed.
 ///
 /// It opens the layers that sublayers, references and selected variants name, and those of payloads
-/// on request, in parallel, as Pcp would open them afterwards. Layers that are named by expressions
-/// or with arguments are checked only if they are open. The bound holds for each arc: thousands of
-/// arcs that are chained can still fill the stack.
+/// on request, in parallel, as Pcp would open them afterwards. Layers with arguments are checked
+/// only if they are open. Not checked in advance are layers that are named by expressions, or in
+/// variants that only another layer selects (decision 16). The bound holds for each arc: thousands
+/// of arcs that are chained can still fill the stack.
 class DepthGuard {
 public:
     struct Problem {
@@ -55,7 +51,7 @@ public:
         pxr::SdfPath prim;  // a root prim of the stage, or the root for layers that are left out
         std::string message;
     };
-    /// The assets that were opened. The owner keeps them until the stage is composed.
+    /// The layers that were opened. The owner keeps them until the stage is composed.
     using Opened = std::vector<pxr::SdfLayerRefPtr>;
 
     /// Open: opens layers to check them. FindOnly: checks only layers that are open already.
@@ -66,10 +62,15 @@ public:
     /// Checks all layers that can be reached, except those in `unused`. Returns true if
     /// primsLeftOut() or layersLeftOut() changed.
     bool checkAll(const std::set<std::string>& unused, bool payloads, Opened& opened);
-    /// Checks what changed, also in layers that `isUsed` says to be used although the guard has not
-    /// opened them. The composition does not know the changes yet.
+    /// Checks the changed specs. A layer that the guard does not know is checked if `isUsed`
+    /// returns true for it. Call it before the composition follows the changes.
     bool check(const pxr::SdfLayerChangeListVec& changes,
                const std::function<bool(const pxr::SdfLayerHandle&)>& isUsed, Opened& opened);
+
+    /// Checks the layers of payloads that are loaded next: those of these specs, and of payloads in
+    /// them.
+    bool checkPayloads(const std::vector<std::pair<pxr::SdfLayerHandle, pxr::SdfPath>>& specs,
+                       Opened& opened);
 
     /// Returns the names of root prims that must not be composed.
     [[nodiscard]] const std::set<pxr::TfToken>& primsLeftOut() const { return leftOut_; }

@@ -32,7 +32,7 @@ LoadRules LoadRules::none() {
 }
 
 void LoadRules::set(const SdfPath& prim, Rule rule) {
-    if (!prim.IsAbsolutePath() || !prim.IsAbsoluteRootOrPrimPath() || isTooDeep(prim)) return;
+    if (!canBePrim(prim)) return;
     auto at = rules_.lower_bound(prim);
     while (at != rules_.end() && at->first.HasPrefix(prim)) at = rules_.erase(at);
     rules_[prim] = rule;

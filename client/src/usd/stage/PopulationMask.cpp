@@ -10,8 +10,7 @@ using pxr::SdfPath;
 PopulationMask::PopulationMask(const pxr::SdfPathVector& paths) : paths_(std::in_place) {
     pxr::SdfPathVector fewest;
     for (const auto& path : paths)
-        if (path.IsAbsolutePath() && path.IsAbsoluteRootOrPrimPath() && !isTooDeep(path))
-            fewest.push_back(path);
+        if (canBePrim(path)) fewest.push_back(path);
     SdfPath::RemoveDescendentPaths(&fewest);
     paths_->insert(fewest.begin(), fewest.end());
 }

@@ -10,6 +10,7 @@
 
 #include "Opinions.h"
 #include "StageState.h"
+#include "usd/content/PathListItems.h"
 #include "usd/stage/DepthGuard.h"
 #include "usdlive/client/usd/schema/PrimDefinition.h"
 
@@ -32,7 +33,7 @@ bool hasDeepTargets(const pxr::PcpPrimIndex& index, const TfToken& property, boo
         pxr::SdfPathListOp targets;
         if (!site.layer->HasField(site.path, targetsField(ofAttribute), &targets)) return true;
         bool isDeep = false;
-        forEachPath(targets, [&](const SdfPath& target) {
+        content::forEachPath(targets, [&](const SdfPath& target) {
             isDeep = isDeep || isTooDeep(target.GetPrimPath());
         });
         return !isDeep;

@@ -219,10 +219,7 @@ pxr::TfTokenVector StageState::childNames(const PrimNode& node) const {
     pxr::PcpTokenSet prohibited;
     node.index->ComputePrimChildNames(&names, &prohibited);
     const SdfPath& path = node.index->GetPath();
-    if (node.has(PrimFlag::PseudoRoot))
-        std::erase_if(names, [&](const TfToken& name) {
-            return composition.leavesOut(path.AppendChild(name));
-        });
+    composition.dropLeftOut(path, names);
     if (!mask.includesSubtree(path))
         std::erase_if(names,
                       [&](const TfToken& name) { return !mask.includes(path.AppendChild(name)); });

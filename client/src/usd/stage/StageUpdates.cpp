@@ -83,10 +83,10 @@ void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) 
     Gathered gathered;
     pxr::PcpChanges changes;
     bool concerned = composition.guard(notice.GetChangeListVec(), changes);
-    for (const auto& [layer, changes] : notice.GetChangeListVec()) {
+    for (const auto& [layer, list] : notice.GetChangeListVec()) {
         if (!layer || cache.FindAllLayerStacksUsingLayer(layer).empty()) continue;
         concerned = true;
-        for (const auto& [path, entry] : changes.GetEntryList())
+        for (const auto& [path, entry] : list.GetEntryList())
             if (!path.IsTargetPath()) gather(layer, path, entry, gathered);
     }
     if (!concerned) return;
@@ -339,7 +339,7 @@ void StageState::setLoadRules(const LoadRules& rules) {
             (loads ? include : exclude).insert(index.GetPath());
     });
     pxr::PcpChanges changes;
-    if (!include.empty()) composition.guardAll(changes);
+    composition.guardPayloads(include, changes);
     cache.RequestPayloads(include, exclude, &changes);
     Gathered gathered;
     // Load rules decide which prims may share a prototype.

@@ -9,6 +9,8 @@
 #include <pxr/usd/sdf/relationshipSpec.h>
 #include <pxr/usd/sdf/schema.h>
 
+#include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -104,17 +106,9 @@ TEST(StageBadInput, ErrorsNameTheLayerAndThePrim) {
              Case{"def \"A\" {\n def \"B\" (\n references = </A>\n) {\n}\n}\n", "ArcCycle", "/A/B"},
              Case{"def \"A\" (\n references = @./gone.usda@\n) {\n}\n", "InvalidAssetPath", "/A"},
              Case{"def \"A\" (\n payload = </Gone>\n) {\n}\n", "UnresolvedPrimPath", "/A"},
-             Case{"def \"A\" (\n references = </A.x>\n) {\n}\n", "InvalidPrimPath", "/A"},
          }) {
         SCOPED_TRACE(content);
-        const auto layer = SdfLayer::CreateAnonymous(".usda");
-        {
-            // Sdf itself refuses some of these texts.
-            pxr::TfErrorMark mark;
-            const bool read = layer->ImportFromString(std::string("#usda 1.0\n") + content);
-            mark.Clear();
-            if (!read) continue;
-        }
+        const auto layer = badLayer(content);
         Stage stage(layer);
         const auto errors = stage.errors();
         ASSERT_FALSE(errors.empty());
@@ -240,6 +234,27 @@ TEST(StageBadInput, ATextThatIsNestedTooDeeplyIsNotRead) {
             expectUsable(**opened, SdfLayerRefPtr((*opened)->rootLayer()));
         }
     }
+}
+
+TEST(StageBadInput, PayloadsAreCheckedWhenTheyAreLoaded) {
+    const TemporaryFolder folder;
+    const auto bad = folder.write("bad.usda", nested("def \"d\" {\n", "}\n", 200'000));
+    const auto other = folder.write("other.usda", "def \"M\" {\n}\n");
+    const auto root =
+        folder.write("root.usda",
+                     "def \"A\" (\n payload = @./bad.usda@</d>\n) {\n}\ndef \"B\" (\n payload = "
+                     "@./other.usda@</M>\n) {\n}\n");
+    auto opened = Stage::open(root, {.load = LoadRules::none()});
+    ASSERT_TRUE(opened);
+    auto& stage = **opened;
+    EXPECT_THAT(stage.errors(), IsEmpty());
+    stage.load(SdfPath("/A"));
+    const auto errors = stage.errors();
+    EXPECT_TRUE(std::ranges::any_of(errors, [&](const auto& error) {
+        return error.type == "TextTooDeep" && error.message.find(bad) != std::string::npos;
+    }));
+    EXPECT_FALSE(SdfLayer::Find(other)) << "its payload is not loaded";
+    expectUsable(stage, SdfLayerRefPtr(stage.rootLayer()));
 }
 
 TEST(StageBadInput, BracketsInStringsCommentsAndAssetPathsDoNotNest) {
