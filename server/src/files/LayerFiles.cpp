@@ -237,10 +237,14 @@ private:
         const std::uintmax_t size = fs::file_size(name, problem);
         Bytes bytes(problem ? 0 : std::size_t(size));
         std::ifstream file(name, std::ios::binary);
-        if (!problem &&
+        errno = 0;
+        if (!bytes.empty() &&
             file.read(reinterpret_cast<char*>(bytes.data()), std::streamsize(bytes.size())))
             return bytes;
-        return fail(ErrorCode::SaveFailed, "the temporary file " + name + " cannot be read");
+        const std::string why = problem         ? problem.message()
+                                : bytes.empty() ? "it is empty"
+                                                : std::strerror(errno);
+        return fail(ErrorCode::SaveFailed, name + " cannot be read: " + why);
     }
 
     static tl::unexpected<Error> unreadable(const LayerId& layer, const std::string& reason) {
