@@ -1,4 +1,4 @@
-"""Tests that an editor is told when it writes a path that others cannot open."""
+"""Tests that an editor is notified when it writes a path that others cannot open."""
 
 from __future__ import annotations
 

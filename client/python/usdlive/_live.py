@@ -191,7 +191,7 @@ class Live:
         as .obj, are reloaded when they change on the disk."""
         folder = os.fspath(project_folder) or self._project_folder(stage.GetRootLayer())
         attached = self._client.attach(folder)
-        self._foreign_files = [one for one in self._foreign_files if one.stage() != stage]  # attached before
+        self._foreign_files = [one for one in self._foreign_files if one.stage() != stage]  # replaces the entry of an earlier attach()
         self._foreign_files.append(ForeignFiles(stage, folder))
         root = self.layer_name(stage.GetRootLayer())
         if follow_muteness and root is not None:

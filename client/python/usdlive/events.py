@@ -47,8 +47,8 @@ class LayersChanged:
 @dataclasses.dataclass(frozen=True)
 class FilesChanged:
     """Files of the project that are no layers were added, changed or removed: textures, packages and others that
-    asset paths name. What this process has loaded of them was loaded again, and stages resolve their asset paths
-    again."""
+    asset paths name. Loaded layers that were made from them are reloaded, except layers with unsaved edits, and stages
+    resolve their asset paths again."""
 
     files: tuple[str, ...]
 

@@ -155,8 +155,7 @@ void Client::Impl::useAddresses() {
 
 void Client::Impl::followFiles() {
     if (!files_.isStarted()) return;
-    const bool isConnected = session_.isConnected();
-    files_.follow(isConnected, isConnected ? line_.connection().web() : std::nullopt, steadyMs());
+    files_.follow(session_.isConnected(), line_.connection(), steadyMs());
     auto changed = files_.takeChanged();
     if (changed.empty()) return;
     files_.reload(changed, [this](const auto& layer) { return layers_.idOf(layer).has_value(); });

@@ -1,6 +1,7 @@
 // Turns the editor's writes of one frame into a transaction of the session.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -36,7 +37,9 @@ public:
     [[nodiscard]] bool holdsBack() const { return holdsBack_; }
     [[nodiscard]] static bool hasWrites(LiveSet& layers);
     /// Names a folder of the project, whose files others have, too.
-    void addProjectFolder(std::filesystem::path folder) { folders_.push_back(std::move(folder)); }
+    void addProjectFolder(const std::filesystem::path& folder) {
+        if (std::ranges::find(folders_, folder) == folders_.end()) folders_.push_back(folder);
+    }
     /// Returns the paths to files outside the project that were submitted since the last call.
     [[nodiscard]] std::vector<event::PathOutside> takeOutside() {
         return std::exchange(outside_, {});

@@ -1,6 +1,8 @@
 // Reads asset paths in edits.
 #include "usd/OutsidePaths.h"
 
+#include <pxr/usd/sdf/path.h>
+
 #include <algorithm>
 #include <cctype>
 #include <string>
@@ -87,16 +89,11 @@ private:
             return normal.starts_with(folder.string() + "/");
         };
         if (std::ranges::any_of(folders_, has)) return;
-        const std::string& spec = edit_->path;
-        const std::size_t dot = spec.rfind('.');
-        const bool isProperty =
-            dot != std::string::npos && spec.find_first_of("/}", dot) == std::string::npos;
-        event::PathOutside outside{edit_->layer, spec, {}, std::string(path)};
-        if (isProperty) {
-            outside.prim = spec.substr(0, dot);
-            outside.property = spec.substr(dot + 1);
-        }
-        found_.push_back(std::move(outside));
+        const pxr::SdfPath spec(edit_->path);
+        const bool isProperty = spec.IsPropertyPath();
+        const auto prim = isProperty ? spec.GetPrimOrPrimVariantSelectionPath() : spec;
+        found_.push_back({edit_->layer, prim.GetString(),
+                          isProperty ? spec.GetName() : std::string(), std::string(path)});
     }
 
     const std::vector<fs::path>& folders_;

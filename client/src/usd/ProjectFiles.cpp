@@ -84,6 +84,7 @@ struct ProjectFiles::State {
     const char* token = nullptr;
     std::mutex mutex;               // guards the next members
     std::set<std::string> found;    // have changed
+    std::set<std::string> late;     // have changed, and did not arrive; tried again
     std::set<std::string> changed;  // have changed, and are in the cache if a layer is made of them
     bool isAsking = false;
     double tookMs = 0;
@@ -92,7 +93,10 @@ struct ProjectFiles::State {
 
 ProjectFiles::ProjectFiles() = default;
 ProjectFiles::~ProjectFiles() {
-    if (state_) state_->stops = true;
+    if (!state_) return;
+    state_->stops = true;
+    worker_.reset();
+    resolver_->close(token_);
 }
 
 std::optional<std::string> ProjectFiles::start(const fs::path& folder,
@@ -123,26 +127,27 @@ std::optional<std::string> ProjectFiles::start(const fs::path& folder,
     state_->token = token_;
     worker_ = std::make_unique<Worker>();
     resolver_->connected(token_, hostAndPort(*web).c_str(), 1);
-    follow(true, web, steadyMs());
+    ask(steadyMs());
     return base_;
 }
 
-void ProjectFiles::follow(bool isConnected, const std::optional<ServerAddress>& web,
-                          std::int64_t nowMs) {
-    if (isConnected != isConnected_) {
+void ProjectFiles::follow(bool isConnected, const Connection& connection, std::int64_t nowMs) {
+    if (isConnected != isConnected_ || (isConnected && nowMs >= dueAtMs_)) {
         isConnected_ = isConnected;
         // The server may have another port when it is back.
+        const auto web = isConnected ? connection.web() : std::nullopt;
         resolver_->connected(token_, web ? hostAndPort(*web).c_str() : "", isConnected ? 1 : 0);
-        dueAtMs_ = nowMs;
+        if (isConnected) ask(nowMs);
     }
-    if (isConnected_ && nowMs >= dueAtMs_) ask(nowMs);
     fetchUsed();
 }
 
 void ProjectFiles::ask(std::int64_t nowMs) {
     const std::lock_guard lock(state_->mutex);
+    dueAtMs_ = nowMs + kFilesEveryMs;
     if (state_->isAsking) return;
     state_->isAsking = true;
+    state_->found.merge(state_->late);
     dueAtMs_ = nowMs + std::max(kFilesEveryMs, std::int64_t(state_->tookMs * kFilesPart));
     worker_->post([state = state_] {
         const Stopwatch watch;
@@ -166,10 +171,13 @@ void ProjectFiles::fetchUsed() {
         if (const auto file = layer ? fileOf(layer, base_) : std::nullopt)
             if (found.contains(*file)) used.push_back(*file);
     worker_->post([state = state_, found = std::move(found), used = std::move(used)]() mutable {
+        std::set<std::string> late;
         for (const std::string& file : used)
-            state->resolver->fetch(state->token, file.c_str(), State::isStopped, state.get());
+            if (!state->resolver->fetch(state->token, file.c_str(), State::isStopped, state.get()))
+                late.insert(found.extract(file));
         const std::lock_guard lock(state->mutex);
         state->changed.merge(found);
+        state->late.merge(late);
     });
 }
 
@@ -189,10 +197,6 @@ void ProjectFiles::reload(const std::vector<std::string>& files,
     }
     if (!changed.empty()) pxr::SdfLayer::ReloadLayers(changed);
     resolver_->notify(token_);
-}
-
-void ProjectFiles::refresh() {
-    if (isStarted()) state_->ask();
 }
 
 }  // namespace usdlive::client

@@ -37,15 +37,13 @@ public:
     [[nodiscard]] const std::optional<Error>& problem() const { return problem_; }
 
     /// Call it in every tick. Asks for the list of files if that is due.
-    void follow(bool isConnected, const std::optional<ServerAddress>& web, std::int64_t nowMs);
+    void follow(bool isConnected, const Connection& connection, std::int64_t nowMs);
     /// Returns the files that have changed since the last call, sorted.
     [[nodiscard]] std::vector<std::string> takeChanged();
     /// Loads layers again that were made from these files, except for unsaved and live ones, and
     /// lets stages resolve their asset paths again.
     void reload(const std::vector<std::string>& files,
                 const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const;
-    /// Asks for the list of files now, and waits.
-    void refresh();
 
 private:
     struct State;

@@ -2,7 +2,11 @@
 #include <pxr/usd/ar/notice.h>
 #include <pxr/usd/ar/resolverContext.h>
 
-#include <unordered_map>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
 
 #include "Context.h"
 #include "Http.h"
@@ -25,6 +29,15 @@ public:
         std::swap(last_[token], now);
         return now;
     }
+    /// Until there is a first list, files are not found. With it, all of them are new.
+    void failed(const std::string& token) {
+        const std::lock_guard lock(mutex_);
+        if (auto& last = last_[token]; !last) last = std::make_shared<Snapshot>();
+    }
+    void forget(const std::string& token) {
+        const std::lock_guard lock(mutex_);
+        last_.erase(token);
+    }
 
 private:
     std::mutex mutex_;  // guards the next member
@@ -38,7 +51,7 @@ Reported& reported() {
 
 bool isSame(const Entry& a, const Entry& b) {
     if (!a.hash.empty() && !b.hash.empty()) return a.hash == b.hash;
-    return a.hash == b.hash && a.modifiedMs == b.modifiedMs;
+    return a.modifiedMs == b.modifiedMs;  // the server has not computed one of the hashes yet
 }
 
 /// Returns the files that are not the same in both, except for layers, which are live.
@@ -55,11 +68,7 @@ std::vector<std::string> changedFiles(const Snapshot& before, const Snapshot& no
 }
 
 const char* live(const char* server, const char* prefix, const char* folder) {
-    const char* token = LiveProjects::ofProcess().add(server, prefix, folder);
-    if (!token) return nullptr;
-    if (const auto project = LiveProjects::ofProcess().findToken(token))
-        Remotes::ofProcess().allow(project->host);
-    return token;
+    return LiveProjects::ofProcess().add(server, prefix, folder);
 }
 
 void connected(const char* token, const char* server, int isConnected) {
@@ -79,25 +88,31 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
     const auto live = LiveProjects::ofProcess().findToken(token);
     if (!live) return 0;
     const auto located = locate(*live, "");
-    if (!located) return 0;
-    const auto now = located->project->newest(std::chrono::milliseconds(-1));
-    if (!now) return 0;
+    const auto now = located ? located->project->newest(std::chrono::milliseconds(-1))
+                             : Outcome<SnapshotPtr>(located.failure());
+    if (!now) {
+        reported().failed(token);
+        return 0;
+    }
     const SnapshotPtr before = reported().exchange(token, *now);
     if (!before || before == *now) return 1;
     for (const std::string& path : changedFiles(*before, **now)) changed(context, path.c_str());
     return 1;
 }
 
-void fetch(const char* token, const char* path, IsStopped isStopped, void* context) {
+int fetch(const char* token, const char* path, IsStopped isStopped, void* context) {
     const StoppableRequests requests([&] { return isStopped(context) != 0; });
     const auto live = LiveProjects::ofProcess().findToken(token);
-    if (!live) return;
-    const auto located = locate(*live, path);
+    const auto located = live ? locate(*live, path) : Outcome<Located>(Failure{});
     const SnapshotPtr files = located ? located->project->last() : nullptr;
-    if (!files) return;
+    if (!files) return 0;
     const auto entry = files->files.find(path);
-    if (entry != files->files.end())
-        static_cast<void>(located->project->openFile(path, entry->second.hash));
+    return entry == files->files.end() || located->project->openFile(path, entry->second.hash);
+}
+
+void close(const char* token) {
+    LiveProjects::ofProcess().setConnected(token, "", false);
+    reported().forget(token);
 }
 
 void notify(const char* token) {
@@ -115,7 +130,7 @@ void notify(const char* token) {
 extern "C" __attribute__((visibility("default"))) const usdlive::ResolverInterface*
 usdliveResolverInterface1() {
     static const usdlive::ResolverInterface functions{
-        usdlive::resolver::live, usdlive::resolver::connected, usdlive::resolver::refresh,
-        usdlive::resolver::fetch, usdlive::resolver::notify};
+        usdlive::resolver::live,  usdlive::resolver::connected, usdlive::resolver::refresh,
+        usdlive::resolver::fetch, usdlive::resolver::notify,    usdlive::resolver::close};
     return &functions;
 }

@@ -155,7 +155,7 @@ Outcome<SnapshotPtr> Project::known() {
         if (newest_.snapshot) return newest_.snapshot;
         if (newest_.failure) return *newest_.failure;
     }
-    return newest(kAskAgain);
+    return newest(milliseconds::max());
 }
 
 SnapshotPtr Project::last() const {

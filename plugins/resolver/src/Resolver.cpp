@@ -24,7 +24,6 @@ AR_NAMESPACE_OPEN_SCOPE
 using usdlive::resolver::Context;
 using usdlive::resolver::Entry;
 using usdlive::resolver::Failure;
-using usdlive::resolver::LiveProject;
 using usdlive::resolver::LiveProjects;
 using usdlive::resolver::Located;
 using usdlive::resolver::Outcome;

@@ -67,7 +67,8 @@ struct LayersChanged {
     std::vector<LayerId> layers;
 };
 /// Files of the project that are no layers were added, changed or removed: textures, packages, and
-/// others that asset paths name. What this process has loaded of them was loaded again.
+/// others that asset paths name. Loaded layers that were made from them are reloaded, except layers
+/// with unsaved edits.
 struct FilesChanged {
     std::vector<std::string> files;  ///< paths relative to the project
 };

@@ -97,7 +97,7 @@ public:
 
     // --- layers
 
-    /// Returns why files that are no layers are not found, although Options::addresses asks for it.
+    /// Returns why files that are no layers are not found, if Options::addresses is set.
     [[nodiscard]] std::optional<Error> filesProblem() const;
 
     /// Returns the layers of the project, sorted.
