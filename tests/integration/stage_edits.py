@@ -210,7 +210,7 @@ class Editor:
         muted = [one for one in self.muted if one != name] + ([] if name in self.muted else [name])
         self.stage.MuteAndUnmuteLayers([one for one in muted if one not in self.muted], [one for one in self.muted if one not in muted])
         self.watched.mute(muted)
-        self.muted = muted
+        self.muted[:] = muted
 
     def load(self):
         with_payload = [prim.GetPath() for prim in Usd.PrimRange(self.stage.GetPseudoRoot(), Usd.PrimAllPrimsPredicate) if prim.HasPayload()]

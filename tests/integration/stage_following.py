@@ -20,7 +20,7 @@ from stage_watch import PxrChanges, WatchedStage
 
 BIGGEST = 250  # prims of a stage
 SLOWEST = 0.8  # seconds of CPU time for one step: what arcs multiply takes longer and longer
-LONGEST = 20  # seconds for one seed
+LONGEST = 20  # seconds of CPU time for one seed
 
 
 def is_below(path, prefixes):
@@ -92,23 +92,37 @@ def missing(before, after, ours):
             yield "%s shows something else, and is not said to have changed: %s" % (path, what)
 
 
-class Following:
-    def __init__(self, seed, folder):
-        self.base = os.path.join(folder, "seed%d" % seed)
-        root, session = stage_seeds.make(seed, self.base)
-        self.layer = Sdf.Layer.FindOrOpen(root)
-        self.session = Sdf.Layer.FindOrOpen(session) if session else Sdf.Layer.CreateAnonymous()
-        self.stage = Usd.Stage.Open(self.layer, self.session)
-        self.ours = WatchedStage(self.layer, self.session)
-        self.theirs = PxrChanges(self.stage)
-        self.editor = Editor(seed, self.base, self.stage, self.ours)
+class Follower:
+    """A stage of pxr.Usd and one of ours over the same layers."""
+
+    def __init__(self, stage, base):
+        self.stage, self.base = stage, base
+        self.ours = WatchedStage(stage.GetRootLayer(), stage.GetSessionLayer())
+        self.theirs = PxrChanges(stage)
+        self.muted = []
 
     def is_small(self):
         return sum(1 for _ in itertools.islice(everything(self.stage), BIGGEST + 1)) <= BIGGEST
 
+    def anew(self):
+        """Returns the dump of a stage of pxr.Usd that is opened on the layers now."""
+        stage = Usd.Stage.OpenMasked(self.stage.GetRootLayer(), self.stage.GetSessionLayer(), self.stage.GetPopulationMask(), Usd.Stage.LoadNone)
+        stage.MuteAndUnmuteLayers(self.muted, [])
+        stage.SetLoadRules(self.stage.GetLoadRules())
+        return Dump(stage, self.base).all()
+
+
+class Following(Follower):
+    def __init__(self, seed, folder):
+        base = os.path.join(folder, "seed%d" % seed)
+        root, session = stage_seeds.make(seed, base)
+        layers = Sdf.Layer.FindOrOpen(root), Sdf.Layer.FindOrOpen(session) if session else Sdf.Layer.CreateAnonymous()
+        super().__init__(Usd.Stage.Open(*layers), base)
+        self.editor = Editor(seed, self.base, self.stage, self.ours)
+        self.muted = self.editor.muted
+
     def step(self):
         r = self.editor.r
-        self.editor.made.clear()
         choice = r.random()
         if choice < 0.06:
             self.editor.mute()
@@ -120,13 +134,6 @@ class Following:
             with Sdf.ChangeBlock():
                 for _ in range(r.randint(2, 4)):
                     self.editor.edit()
-
-    def anew(self):
-        """Returns the dump of a stage of pxr.Usd that is opened on the layers now."""
-        stage = Usd.Stage.OpenMasked(self.layer, self.session, self.stage.GetPopulationMask(), Usd.Stage.LoadNone)
-        stage.MuteAndUnmuteLayers(self.editor.muted, [])
-        stage.SetLoadRules(self.stage.GetLoadRules())
-        return Dump(stage, self.base).all()
 
 
 def shown(dump):
@@ -144,25 +151,31 @@ def compared(following, before, after):
     return found + ["missing: " + what for what in missing(before, after, changes[0])]
 
 
+def followed(seed, follower, editor, step, steps, slowest=SLOWEST):
+    """Makes steps and compares after each: (steps that were compared, what differs)."""
+    if not follower.is_small():
+        return 0, []
+    before = follower.ours.dump(follower.base)
+    for number in range(steps):
+        editor.made.clear()
+        begin = time.process_time()
+        step()
+        if time.process_time() - begin > slowest or not follower.is_small():
+            return number, []
+        after = follower.ours.dump(follower.base)
+        found = compared(follower, before, after)
+        if found:
+            made = "; ".join(editor.made)
+            return number, ["seed %d, step %d (%s): %s" % (seed, number, made, what) for what in found[:5]]
+        before = after
+    follower.ours.close()
+    return steps, []
+
+
 def follow(seed, folder, steps):
     """(steps that were compared, what differs)."""
     following = Following(seed, folder)
-    if not following.is_small():
-        return 0, []
-    before = following.ours.dump(following.base)
-    for number in range(steps):
-        begin = time.process_time()
-        following.step()
-        if time.process_time() - begin > SLOWEST or not following.is_small():
-            return number, []
-        after = following.ours.dump(following.base)
-        found = compared(following, before, after)
-        if found:
-            made = "; ".join(following.editor.made)
-            return number, ["seed %d, step %d (%s): %s" % (seed, number, made, what) for what in found[:5]]
-        before = after
-    following.ours.close()
-    return steps, []
+    return followed(seed, following, following.editor, following.step, steps)
 
 
 def in_a_child(work, seed, *arguments):
@@ -170,7 +183,7 @@ def in_a_child(work, seed, *arguments):
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        signal.alarm(LONGEST)
+        signal.setitimer(signal.ITIMER_PROF, LONGEST)
         try:
             result = work(seed, *arguments)
         except Tf.ErrorException:  # Pcp's own checks fail on a few stages of the seeds
@@ -182,7 +195,7 @@ def in_a_child(work, seed, *arguments):
     with os.fdopen(reading) as stream:
         text = stream.read()
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if status == -signal.SIGALRM:
+    if status == -signal.SIGPROF:
         return 0, []
     return json.loads(text) if status == 0 else (0, ["seed %d: ended with %d" % (seed, status)])
 

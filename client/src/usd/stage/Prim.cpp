@@ -141,8 +141,14 @@ pxr::TfTokenVector Prim::propertyNames(bool onlyAuthored) const {
     std::unordered_set<TfToken, TfToken::HashFunctor> known;
     pxr::TfTokenVector names, authored;
     if (!onlyAuthored) names = definition().propertyNames();
-    const auto& index = primIndex();
-    if (index.IsValid()) index.ComputePrimPropertyNames(&authored);
+    // PcpPrimIndex::ComputePrimPropertyNames() leaves out sites below culled nodes, though values
+    // come from them.
+    forEachSite(primIndex(), TfToken(), [&](const Site& site) {
+        pxr::TfTokenVector ofSite;
+        if (site.layer->HasField(site.path, pxr::SdfChildrenKeys->PropertyChildren, &ofSite))
+            authored.insert(authored.end(), ofSite.begin(), ofSite.end());
+        return true;
+    });
     if (authored.empty()) return names.empty() ? names : ordered(std::move(names));
     known.insert(names.begin(), names.end());
     for (auto& name : authored)

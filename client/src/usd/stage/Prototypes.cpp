@@ -14,7 +14,7 @@ bool Prototypes::found(const SdfPath& index, InstanceKey key) {
     auto& prototype = forKey(key);
     found_.emplace_back(index, &prototype);
     const auto waiting = sourceless_.find(&prototype);
-    if (waiting != sourceless_.end() && (waiting->second == index || prototype.instances.empty())) {
+    if (waiting != sourceless_.end() && (waiting->second == index || waiting->second.IsEmpty())) {
         giveSource(prototype, index);
         sourceless_.erase(waiting);
     }
@@ -38,6 +38,7 @@ void Prototypes::forget(const SdfPath& prefix) {
     auto at = byInstance_.lower_bound(prefix);
     while (at != byInstance_.end() && at->first.HasPrefix(prefix)) {
         leave(*at->second, at->first);
+        forgotten_.insert(*at);
         at = byInstance_.erase(at);
     }
 }
@@ -55,21 +56,31 @@ Prototype& Prototypes::forKey(const InstanceKey& key) {
 }
 
 pxr::SdfPathVector Prototypes::settle(std::set<Prototype*>& changed) {
+    const auto forgotten = std::exchange(forgotten_, {});
+    std::set<SdfPath> added;
+    std::map<Prototype*, SdfPath> firstAdded;
     for (const auto& [path, prototype] : std::exchange(found_, {})) {
+        const auto before = forgotten.find(path);
         auto& known = byInstance_[path];
+        if (known != prototype && (before == forgotten.end() || before->second != prototype)) {
+            added.insert(path);
+            firstAdded.try_emplace(prototype, path);
+        }
         if (known && known != prototype) leave(*known, path);
         known = prototype;
         prototype->instances.insert(path);
     }
     pxr::SdfPathVector sources;
     for (auto at = sourceless_.begin(); at != sourceless_.end();) {
-        auto& [prototype, before] = *at;
+        auto* prototype = at->first;
         if (prototype->instances.empty()) {
             ++at;
             continue;
         }
-        giveSource(*prototype,
-                   prototype->instances.contains(before) ? before : *prototype->instances.begin());
+        const auto& instances = prototype->instances;
+        const auto kept = std::ranges::find_if(
+            instances, [&](const SdfPath& one) { return !added.contains(one); });
+        giveSource(*prototype, kept == instances.end() ? firstAdded.at(prototype) : *kept);
         sources.push_back(prototype->source);
         at = sourceless_.erase(at);
     }

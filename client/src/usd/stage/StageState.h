@@ -75,10 +75,17 @@ private:
 
     // Following changes (StageUpdates.cpp)
     struct Gathered;
+    struct Exchanged;
     void onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice);
-    void gather(const pxr::SdfLayerHandle& layer, const pxr::SdfPath& path,
-                const pxr::SdfChangeList::Entry& entry, Gathered& into) const;
-    void follow(const pxr::PcpChanges& changes, Gathered& gathered);
+    void gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfLayerHandle& layer,
+                const pxr::SdfChangeList& changes, Gathered& into) const;
+    void gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfLayerHandle& layer,
+                const pxr::SdfPath& path, const pxr::SdfChangeList::Entry& entry,
+                Gathered& into) const;
+    [[nodiscard]] std::vector<Exchanged> gatherLeaving(const pxr::PcpChanges& changes,
+                                                       Gathered& into) const;
+    void gatherComing(const std::vector<Exchanged>& exchanged, Gathered& into);
+    void follow(pxr::PcpChanges& changes, Gathered& gathered);
     void becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose);
     void recompose(Paths& resynced);
     [[nodiscard]] bool isComposed(const pxr::SdfPath& path) const;

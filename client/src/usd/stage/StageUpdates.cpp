@@ -39,18 +39,21 @@ bool isClipField(const TfToken& field) {
     return field == SdfFieldKeys->Clips || field == SdfFieldKeys->ClipSets;
 }
 
-// Calls `add` for each path of the stage that a spec contributes to. Specs in a variant contribute
-// only if the variant is selected.
+// Calls `add` for each path of the stage that a spec in these layer stacks contributes to. Specs in
+// a variant contribute only if the variant is selected.
 template <class Add>
-void forAffected(const pxr::PcpCache& cache, const pxr::SdfLayerHandle& layer, const SdfPath& path,
-                 Add&& add) {
-    if (!path.ContainsPrimVariantSelection() && cache.GetLayerStack()->HasLayer(layer)) add(path);
-    const auto dependencies = cache.FindSiteDependencies(
-        layer, path,
-        pxr::PcpDependencyTypeDirect | pxr::PcpDependencyTypeAncestral |
-            pxr::PcpDependencyTypeNonVirtual | pxr::PcpDependencyTypeVirtual,
-        true, false, false);
-    for (const auto& dependency : dependencies) add(dependency.indexPath);
+void forAffected(const pxr::PcpCache& cache, const pxr::PcpLayerStackPtrVector& stacks,
+                 const SdfPath& path, Add&& add) {
+    for (const auto& stack : stacks) {
+        if (!path.ContainsPrimVariantSelection() && get_pointer(stack) == &*cache.GetLayerStack())
+            add(path);
+        const auto dependencies = cache.FindSiteDependencies(
+            stack, path,
+            pxr::PcpDependencyTypeDirect | pxr::PcpDependencyTypeAncestral |
+                pxr::PcpDependencyTypeNonVirtual | pxr::PcpDependencyTypeVirtual,
+            true, false, false);
+        for (const auto& dependency : dependencies) add(dependency.indexPath);
+    }
 }
 
 // Removes specs below inactive prims or outside of the mask. They contribute to no prim.
@@ -77,6 +80,13 @@ struct StageState::Gathered {
                     // order
 };
 
+// The specs of a layer that a layer stack gains or loses.
+struct StageState::Exchanged {
+    pxr::SdfLayerHandle layer;
+    pxr::SdfChangeList specs;
+    pxr::PcpLayerStackPtrVector before;  // the layer stacks that used the layer
+};
+
 void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) {
     if (std::this_thread::get_id() != thread_) return;
     auto& cache = composition.cache();
@@ -84,29 +94,36 @@ void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) 
     pxr::PcpChanges changes;
     bool concerned = composition.guard(notice.GetChangeListVec(), changes);
     for (const auto& [layer, list] : notice.GetChangeListVec()) {
-        if (!layer || cache.FindAllLayerStacksUsingLayer(layer).empty()) continue;
+        const auto& stacks = cache.FindAllLayerStacksUsingLayer(layer);
+        if (!layer || stacks.empty()) continue;
         concerned = true;
-        for (const auto& [path, entry] : list.GetEntryList())
-            if (!path.IsTargetPath()) gather(layer, path, entry, gathered);
+        gather(stacks, layer, list, gathered);
     }
     if (!concerned) return;
     changes.DidChange(&cache, notice.GetChangeListVec());
-    for (const auto& path : gathered.activity) changes.DidChangeSignificantly(&cache, path);
     for (const auto& [stack, change] : changes.GetLayerStackChanges()) {
         if (!change.didChangeExpressionVariables) continue;
-        for (const auto& dependency : cache.FindSiteDependencies(
-                 stack, SdfPath::AbsoluteRootPath(), pxr::PcpDependencyTypeAnyIncludingVirtual,
-                 true, false, false))
+        for (const auto& dependency :
+             cache.FindSiteDependencies(stack, SdfPath::AbsoluteRootPath(),
+                                        pxr::PcpDependencyTypeAnyNonVirtual, true, false, false))
             gathered.assets.insert(dependency.indexPath);
     }
     follow(changes, gathered);
 }
 
-void StageState::gather(const pxr::SdfLayerHandle& layer, const SdfPath& path,
-                        const pxr::SdfChangeList::Entry& entry, Gathered& into) const {
+void StageState::gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfLayerHandle& layer,
+                        const pxr::SdfChangeList& changes, Gathered& into) const {
+    if (stacks.empty()) return;
+    for (const auto& [path, entry] : changes.GetEntryList())
+        if (!path.IsTargetPath()) gather(stacks, layer, path, entry, into);
+}
+
+void StageState::gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfLayerHandle& layer,
+                        const SdfPath& path, const pxr::SdfChangeList::Entry& entry,
+                        Gathered& into) const {
     const auto& cache = composition.cache();
     const auto add = [&](Paths& paths) {
-        forAffected(cache, layer, path, [&](const SdfPath& one) { paths.insert(one); });
+        forAffected(cache, stacks, path, [&](const SdfPath& one) { paths.insert(one); });
     };
     const auto changed = [&](auto&&... fields) {
         return std::ranges::any_of(entry.infoChanged, [&](const auto& change) {
@@ -118,10 +135,10 @@ void StageState::gather(const pxr::SdfLayerHandle& layer, const SdfPath& path,
     const bool cameOrWent = flags.didAddInertPrim || flags.didAddNonInertPrim ||
                             flags.didRemoveInertPrim || flags.didRemoveNonInertPrim;
     if (path.IsPrimPath() && cameOrWent)
-        forAffected(cache, layer, path,
+        forAffected(cache, stacks, path,
                     [&](const SdfPath& one) { into.parents.insert(one.GetParentPath()); });
     if (path.IsPrimVariantSelectionPath() && cameOrWent)
-        forAffected(cache, layer, path.GetParentPath(), [&](const SdfPath& one) {
+        forAffected(cache, stacks, path.GetParentPath(), [&](const SdfPath& one) {
             into.info[one].insert(pxr::SdfChildrenKeys->VariantChildren);
         });
     if (path == SdfPath::AbsoluteRootPath() || path.IsPrimOrPrimVariantSelectionPath()) {
@@ -148,12 +165,59 @@ void StageState::gather(const pxr::SdfLayerHandle& layer, const SdfPath& path,
     if (entry.flags.didChangeAttributeTimeSamples) fields.insert(SdfFieldKeys->TimeSamples);
     if (entry.flags.didChangeAttributeConnection) fields.insert(SdfFieldKeys->ConnectionPaths);
     if (entry.flags.didChangeRelationshipTargets) fields.insert(SdfFieldKeys->TargetPaths);
-    forAffected(cache, layer, path,
+    forAffected(cache, stacks, path,
                 [&](const SdfPath& one) { into.info[one].insert(fields.begin(), fields.end()); });
 }
 
-void StageState::follow(const pxr::PcpChanges& changes, Gathered& gathered) {
+// Pcp reports the specs of layers that are muted, unmuted, or added to and removed from sublayers,
+// unless all prims are composed again. Specs that come are found after the composition follows, and
+// specs that go before.
+std::vector<StageState::Exchanged> StageState::gatherLeaving(const pxr::PcpChanges& changes,
+                                                             Gathered& into) const {
+    const auto& cache = composition.cache();
+    std::vector<Exchanged> exchanged;
+    for (const auto& [changed, change] : changes.GetCacheChanges()) {
+        if (changed != &cache) continue;
+        for (const auto& [layer, specs] : change.layerChangeListVec)
+            if (layer)
+                exchanged.push_back({layer, specs, cache.FindAllLayerStacksUsingLayer(layer)});
+    }
+    const auto& ofStacks = changes.GetLayerStackChanges();
+    for (const auto& one : exchanged) {
+        auto leaving = one.before;
+        std::erase_if(leaving, [&](const auto& stack) {
+            const auto change = ofStacks.find(stack);
+            return change == ofStacks.end() || !change->second.didChangeLayers;
+        });
+        gather(leaving, one.layer, one.specs, into);
+    }
+    return exchanged;
+}
+
+void StageState::gatherComing(const std::vector<Exchanged>& exchanged, Gathered& into) {
+    auto& cache = composition.cache();
+    for (const auto& [layer, specs, before] : exchanged) {
+        auto coming = cache.FindAllLayerStacksUsingLayer(layer);
+        std::erase_if(coming, [&](const auto& stack) {
+            return std::ranges::find(before, stack) != before.end();
+        });
+        gather(coming, layer, specs, into);
+    }
+}
+
+void StageState::follow(pxr::PcpChanges& changes, Gathered& gathered) {
+    const auto exchanged = gatherLeaving(changes, gathered);
+    for (const auto& path : gathered.activity)
+        changes.DidChangeSignificantly(&composition.cache(), path);
     composition.apply(changes);
+    if (!exchanged.empty()) {
+        gathered.activity.clear();
+        gatherComing(exchanged, gathered);
+        pxr::PcpChanges coming;
+        for (const auto& path : gathered.activity)
+            coming.DidChangeSignificantly(&composition.cache(), path);
+        composition.apply(coming);
+    }
     for (const auto& [cache, change] : changes.GetCacheChanges()) {
         if (cache != &composition.cache()) continue;
         gathered.recompose.insert(change.didChangeSignificantly.begin(),
@@ -290,16 +354,29 @@ void StageState::reorder(Gathered& gathered) {
         if (!node) continue;
         node->index = composition.cache().FindPrimIndex(path);
         if (!node->index) continue;
-        const auto names = childNames(*node);
-        const bool same =
-            std::ranges::equal(names, node->children, {}, {},
-                               [](const PrimNodePtr& child) { return child->path.GetNameToken(); });
-        if (same) continue;
+        const auto namesOf = [](const std::vector<PrimNodePtr>& children) {
+            pxr::TfTokenVector names;
+            for (const auto& child : children) names.push_back(child->path.GetNameToken());
+            return names;
+        };
+        auto before = namesOf(node->children);
+        if (childNames(*node) == before) continue;
         const Paths none;
         composeChildren(*node, &none);
         for (const auto& child : node->children)
             if (!nodes_.contains(child->path)) enter(*child);
-        gathered.info[path].insert(pxr::SdfChildrenKeys->PrimChildren);
+        auto after = namesOf(node->children);
+        const auto resync = [&](pxr::TfTokenVector& names, const pxr::TfTokenVector& others) {
+            const std::set<TfToken> kept(others.begin(), others.end());
+            std::erase_if(names, [&](const TfToken& name) {
+                if (!kept.contains(name)) gathered.recompose.insert(path.AppendChild(name));
+                return !kept.contains(name);
+            });
+        };
+        const auto all = before;
+        resync(before, after);
+        resync(after, all);
+        if (before != after) gathered.info[path].insert(pxr::SdfChildrenKeys->PrimChildren);
     }
     for (const auto& node : std::exchange(retired_, {})) bury(*node);
 }
@@ -354,7 +431,8 @@ void StageState::setMask(const PopulationMask& wanted) {
     mask = wanted;
     Gathered gathered;
     gathered.recompose.insert(SdfPath::AbsoluteRootPath());
-    follow(pxr::PcpChanges(), gathered);
+    pxr::PcpChanges none;
+    follow(none, gathered);
 }
 
 void StageState::setMuted(const std::vector<std::string>& identifiers) {

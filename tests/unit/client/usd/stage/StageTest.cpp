@@ -6,6 +6,7 @@
 #include <pxr/base/tf/errorMark.h>
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
+#include <pxr/usd/sdf/copyUtils.h>
 #include <pxr/usd/sdf/layer.h>
 #include <pxr/usd/sdf/primSpec.h>
 #include <pxr/usd/sdf/schema.h>
@@ -185,6 +186,71 @@ TEST(Stage, LoadsUnloadsMutesAndMasks) {
     EXPECT_THAT(pathsOf(stage.traverse()), ElementsAre("/A", "/A/Part"));
     stage.setMask({});
     EXPECT_TRUE(stage.prim(s));
+}
+
+// Pcp composes no prim again for specs without arcs, so the stage has to find what they change.
+TEST(Stage, SpecsOfMutedLayersAreFollowed) {
+    const auto root = layerOf("def \"A\" { def \"Below\" {} }\ndef \"B\" ( references = </A> ) {}");
+    const auto weak = layerOf("over \"A\" ( active = false ) { custom int x = 1 }");
+    const auto only = layerOf("over \"A\" { custom int y = 1 }");
+    Stage stage(root);
+    StageChanges told;
+    const auto subscription = stage.subscribe([&](const StageChanges& one) { told = one; });
+    const auto change = [&](auto&& edit) {
+        told = {};
+        edit();
+        EXPECT_EQ(described(stage),
+                  described(Stage(root, stage.sessionLayer(), {.muted = stage.mutedLayers()})));
+        return pathsOf(told.resynced);
+    };
+    const auto add = [&] {
+        root->SetSubLayerPaths({weak->GetIdentifier(), only->GetIdentifier()});
+    };
+    EXPECT_THAT(change(add), ElementsAre("/A", "/B"));
+    EXPECT_FALSE(stage.prim(SdfPath("/B/Below")));
+    EXPECT_THAT(change([&] { stage.setMutedLayers({weak->GetIdentifier()}); }),
+                ElementsAre("/A", "/B"));
+    EXPECT_TRUE(stage.prim(SdfPath("/B/Below")));
+    EXPECT_THAT(change([&] { stage.setMutedLayers({}); }), ElementsAre("/A", "/B"));
+    EXPECT_FALSE(stage.prim(SdfPath("/B/Below")));
+    EXPECT_THAT(change([&] { stage.setMutedLayers({only->GetIdentifier()}); }),
+                ElementsAre("/A.y", "/B.y"));
+    EXPECT_THAT(change([&] { root->SetSubLayerPaths({}); }), ElementsAre("/A", "/B"));
+}
+
+TEST(Stage, AChildThatNoSpecNamesAnyMoreIsReported) {
+    const auto root =
+        layerOf("def \"A\" { over \"Child\" {} }\ndef \"B\" ( references = </A> ) {}");
+    Stage stage(root);
+    StageChanges told;
+    const auto subscription = stage.subscribe([&](const StageChanges& one) { told = one; });
+    ASSERT_TRUE(stage.prim(SdfPath("/B/Child")));
+    root->GetPrimAtPath(SdfPath("/A"))->RemoveNameChild(root->GetPrimAtPath(SdfPath("/A/Child")));
+    EXPECT_FALSE(stage.prim(SdfPath("/B/Child")));
+    EXPECT_THAT(pathsOf(told.resynced), ElementsAre("/A/Child", "/B/Child"));
+    EXPECT_THAT(told.changedInfo, IsEmpty());
+}
+
+// Instances with equal keys can differ below, so the choice of the source can be seen.
+TEST(Stage, APrototypeThatLosesItsSourceShowsAnOlderInstanceBeforeANewOne) {
+    const auto root = layerOf(kScene);
+    const Stage stage(root);
+    const auto sourceOf = [&](const char* instance) {
+        const auto wheel = stage.prim(SdfPath(instance)).prototype().child(TfToken("Wheel"));
+        return wheel.primIndex().GetPath().GetParentPath();
+    };
+    const SdfPath old = sourceOf("/World/Car");
+    const SdfPath other(old == SdfPath("/World/Car") ? "/World/Bus" : "/World/Car");
+    {
+        const pxr::SdfChangeBlock block;
+        const auto world = root->GetPrimAtPath(SdfPath("/World"));
+        world->RemoveNameChild(root->GetPrimAtPath(old));
+        pxr::SdfCopySpec(root, other, root, SdfPath("/World/A"));
+        world->SetTypeName("Scope");
+        world->SetKind(TfToken("group"));
+    }
+    EXPECT_EQ(stage.instances(stage.prim(other).prototype()).size(), 2u);
+    EXPECT_EQ(sourceOf("/World/A"), other);
 }
 
 TEST(Stage, EditTargetsMapPathsIntoVariantsAndAcrossArcs) {
