@@ -8,7 +8,6 @@ compared. Returns 1 if there are differences.
 
 import sys
 
-import stage_seeds
 import usdlive
 from pxr import Sdf
 from stage_edits import Editor
@@ -20,16 +19,6 @@ STEPS = 16
 class LiveEditor(Editor):
     def layers(self):
         return [layer for layer in super().layers() if not layer.anonymous]
-
-    def edit_stage(self, layer, spec):
-        """Leaves expression variables alone: pxr.Usd 26.8 crashes when they change (PcpLayerStack::Apply), depending on the arcs."""
-        choice = self.r.randrange(3)
-        if choice == 0:
-            layer.defaultPrim = self.r.choice(stage_seeds.NAMES)
-        elif choice == 1:
-            layer.startTimeCode, layer.endTimeCode = 1, self.r.choice((11, 20))
-        else:
-            layer.customLayerData = {"k": {"x": self.r.randrange(3)}}
 
 
 def follow_live(seed, url):

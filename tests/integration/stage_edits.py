@@ -176,7 +176,7 @@ class Editor:
         if choice == 0:
             layer.defaultPrim = self.r.choice(stage_seeds.NAMES)
         elif choice == 1:
-            layer.expressionVariables = {"WHICH": self.r.choice(("asset0", "asset1", "asset2", "gone"))}
+            layer.expressionVariables = stage_seeds.variables(layer, self.r.choice(("asset0", "asset1", "asset2", "gone")))
         else:
             self.maker.stage_facts(layer)
 

@@ -39,6 +39,11 @@ ASSETS = ("./root.usda", "./asset1.usda", "gone.png", "", "`\"./${WHICH}.usda\"`
 RELATIONSHIPS = ("r:one", "r:two", "material:binding", "proxyPrim")
 
 
+def variables(layer, which):
+    """pxr.Usd 26.8 crashes if a layer stack gets the same variables from another layer (PcpLayerStack::Apply): no two layers have the same."""
+    return {"WHICH": which, layer.GetDisplayName(): "set"}
+
+
 def some_path(r, depth=3):
     return Sdf.Path("/" + "/".join(r.choice(NAMES) for _ in range(r.randint(1, depth))))
 
@@ -237,7 +242,7 @@ class Maker:
     def stage_facts(self, layer):
         r = self.r
         if self.chance(0.4):
-            layer.expressionVariables = {"WHICH": r.choice(("asset0", "asset1", "gone"))}
+            layer.expressionVariables = variables(layer, r.choice(("asset0", "asset1", "gone")))
         if self.chance(0.3):
             layer.startTimeCode, layer.endTimeCode = 1, 11
         if self.chance(0.3):
@@ -278,7 +283,7 @@ class Maker:
         for layer in assets:
             self.content(layer, r.randint(1, 2))
             if self.chance(0.3):
-                layer.expressionVariables = {"WHICH": r.choice(("asset1", "asset2"))}
+                layer.expressionVariables = variables(layer, r.choice(("asset1", "asset2")))
         self.sublayers(root, [n for n in ("sub0.usda", "sub1.usda") if self.chance(0.6)])
         if self.chance(0.3):
             self.sublayers(assets[0], ["sub1.usda"])

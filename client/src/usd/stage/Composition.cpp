@@ -3,6 +3,7 @@
 
 #include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/ar/resolverContextBinder.h>
+#include <pxr/usd/pcp/expressionVariables.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/primIndex.h>
 
@@ -25,6 +26,21 @@ pxr::ArResolverContext contextOf(const pxr::SdfLayerHandle& root) {
 Composition::Scope everything(Composition::Payloads payloads) {
     return {[](const pxr::PcpPrimIndex&, pxr::TfTokenVector*) { return true; },
             [payloads](const SdfPath&) { return payloads == Composition::Payloads::All; }};
+}
+
+// PcpLayerStack::Apply() of OpenUSD 26.8 reads freed memory if a layer stack has the same
+// expression variables from another source, for example because its root layer no longer sets those
+// that the stage also sets. A copy of the variables avoids this: they are then replaced.
+void keepVariables(pxr::PcpChanges& changes, const pxr::PcpLayerStackIdentifier& root) {
+    for (const auto& [stack, listed] : changes.GetLayerStackChanges()) {
+        if (!stack || listed.didChangeSignificantly || listed.didChangeExpressionVariables)
+            continue;
+        auto now = pxr::PcpExpressionVariables::Compute(stack->GetIdentifier(), root);
+        if (now.GetSource() == stack->GetExpressionVariables().GetSource()) continue;
+        auto& change = const_cast<pxr::PcpLayerStackChanges&>(listed);
+        change.didChangeExpressionVariables = true;
+        change.newExpressionVariables = now.GetVariables();
+    }
 }
 
 }  // namespace
@@ -131,8 +147,9 @@ void Composition::mute(pxr::PcpChanges* changes) {
     allMuted_ = std::move(all);
 }
 
-void Composition::apply(const pxr::PcpChanges& changes) {
+void Composition::apply(pxr::PcpChanges& changes) {
     if (changes.IsEmpty()) return;
+    keepVariables(changes, cache_->GetLayerStackIdentifier());
     complete_ = false;
     if (changes.GetLayerStackChanges().contains(pxr::PcpLayerStackPtr(cache_->GetLayerStack())))
         ++localRevision_;

@@ -66,7 +66,7 @@ public:
         return guard_.problems();
     }
     /// Applies changes that the owner computed itself. It is an alternative to follow().
-    void apply(const pxr::PcpChanges& changes);
+    void apply(pxr::PcpChanges& changes);
     /// Composes the prims at and below the paths on all cores, within the scope.
     void composeInParallel(const pxr::SdfPathVector& all);
     /// Returns the cache, for code that reads all composed prims or plans edits of them.

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <malloc.h>
 #include <pxr/base/tf/errorMark.h>
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
@@ -229,6 +230,29 @@ TEST(Stage, AChildThatNoSpecNamesAnyMoreIsReported) {
     EXPECT_FALSE(stage.prim(SdfPath("/B/Child")));
     EXPECT_THAT(pathsOf(told.resynced), ElementsAre("/A/Child", "/B/Child"));
     EXPECT_THAT(told.changedInfo, IsEmpty());
+}
+
+// OpenUSD 26.8 reads freed memory when only the source of expression variables changes. The test
+// overwrites memory that is freed, so that reading it ends the process.
+TEST(Stage, VariablesOfAReferencedLayerCanComeFromTheStageInstead) {
+    const auto asset = layerOf("def \"A\" { asset file }");
+    asset->SetField(SdfPath("/A.file"), SdfFieldKeys->Default,
+                    pxr::VtValue(pxr::SdfAssetPath("`\"./${WHICH}.png\"`")));
+    const pxr::VtDictionary one{{"WHICH", pxr::VtValue("one")}},
+        two{{"WHICH", pxr::VtValue("two")}};
+    asset->SetExpressionVariables(one);
+    const auto root = layerOf("def \"P\" ( references = @" + asset->GetIdentifier() + "@</A> ) {}");
+    const Stage stage(root);
+    const auto shown = [&] {
+        return stage.property(SdfPath("/P.file")).value().Get<pxr::SdfAssetPath>().GetAssetPath();
+    };
+    EXPECT_EQ(shown(), "./one.png");
+    mallopt(M_PERTURB, 165);
+    root->SetExpressionVariables(one);
+    mallopt(M_PERTURB, 0);
+    EXPECT_EQ(shown(), "./one.png");
+    root->SetExpressionVariables(two);
+    EXPECT_EQ(shown(), "./two.png");
 }
 
 // Instances with equal keys can differ below, so the choice of the source can be seen.
