@@ -36,6 +36,8 @@ std::vector<Bytes> fuzz::seeds() {
              AlreadyCommitted{4, 7},
              SaveLayers{2, {layer}, true},
              ReloadLayers{4, {layer}},
+             UploadFile{4, "tex/a.png", hash, 9, true},
+             FileUploaded{4, "tex/a.png", true},
              CreateCheckpoint{5, "lunch"},
              ListCheckpoints{6},
              CompactHistory{6, 30},

@@ -5,6 +5,7 @@
 #include <filesystem>
 
 #include "Fuzz.h"
+#include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/layer/SpecPath.h"
 #include "usdlive/common/usd/TfComplaints.h"
@@ -87,12 +88,22 @@ void checkLayer(std::string_view text) {
     require(!inside.empty() && *inside.begin() != "..", "LN1: a name leads into the project");
 }
 
+void checkFile(std::string_view text) {
+    if (!checkFilePath(text)) return;
+    require(!parseLayerId(text), "FI7: an uploaded file is no layer");
+    const fs::path path(text);
+    require(path.is_relative() && path.lexically_normal() == path, "FI7: a file has one name");
+    for (const fs::path& part : path)
+        require(!part.empty() && !part.native().starts_with('.'), "FI7: no file is hidden");
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const std::string_view text = asText({data, size});
     checkPath(text);
     checkLayer(text);
+    checkFile(text);
     return 0;
 }
 
@@ -120,7 +131,9 @@ std::vector<Bytes> fuzz::seeds() {
                                         "%2e%2e/a.usda",
                                         ".usdlive/a.usda",
                                         "http://a/b.usda",
-                                        "a/./b.usda"})
+                                        "a/./b.usda",
+                                        "tex/brick.png",
+                                        "tex/.a/b.png"})
         all.push_back(copyOf(asBytes(text)));
     return all;
 }

@@ -71,7 +71,7 @@ def test_saving_writes_the_files(served, editor):
     assert (served.folder / "root.usda").read_text() == ada.text("root.usda")
 
 
-VERBS = ("serve", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", "checkpoint", "checkpoints", "mute",
+VERBS = ("serve", "ls", "who", "cat", "tree", "log", "watch", "save", "reload", "upload", "checkpoint", "checkpoints", "mute",
          "unmute", "lock", "unlock", "completion")
 
 
@@ -98,7 +98,7 @@ def test_wrong_words_are_explained_and_end_with_2():
     code, out, error = ended("lgo")
     assert (code, out) == (2, "") and "unknown command: lgo. Did you mean `usdlive log`?" in error
     for words in (("log", "-n", "-3"), ("log", "-n", "0"), ("log", "-n", "many"), ("ls", "--bogus"), (), ("cat",),
-                  ("lock", "http://h"), ("checkpoint",), ("completion", "tcsh"), ("cat", "../up.usda")):
+                  ("lock", "http://h"), ("checkpoint",), ("upload", "a.png"), ("completion", "tcsh"), ("cat", "../up.usda")):
         code, out, error = ended(*words, USDLIVE_URL="127.0.0.1:1")
         assert (code, out) == (2, "") and error, words
     code, _, error = ended("ls", "127.0.0.1:1")

@@ -46,7 +46,8 @@ def test_every_function_of_a_closed_connection_raises(server):
              live.layer_states, live.show_presence, live.hide_presence, live.presences,
              lambda: live.lost_work_as_layer(0, "shot.usda"), live.unsent_work,
              lambda: live.layer_name(stage.GetRootLayer()), lambda: live.wait(lambda: False, 0.1),
-             lambda: live.create_layer("new.usda"), live.skipped_files, lambda: live.gesture().__enter__(),
+             lambda: live.create_layer("new.usda"), lambda: live.upload("/tmp/a.png", "a.png"),
+             lambda: live.request_upload("/tmp/a.png", "a.png"), live.skipped_files, lambda: live.gesture().__enter__(),
              lambda: live.connected, lambda: live.revision, lambda: live.pending, lambda: live.id,
              lambda: live.cache_folder]
     for call in calls:

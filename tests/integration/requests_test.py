@@ -10,7 +10,7 @@ from conftest import connect
 import usdlive
 from usdlive import _usdlive, events
 
-FIELDS = {"createLayer": {"layer": "new.usda"}, "createCheckpoint": {"name": "lunch"}, "compactHistory": {"days": 30}}
+FIELDS = {"createLayer": {"layer": "new.usda"}, "uploadFile": {"path": "a.png", "hash": "ab" * 32, "size": 3}, "createCheckpoint": {"name": "lunch"}, "compactHistory": {"days": 30}}
 
 
 @pytest.fixture

@@ -224,6 +224,7 @@ public:
     void checkFile(const LayerId&) override { notModelled(); }
     void reloadLayer(SessionId, std::uint64_t, const LayerId&, LayerDoc) override { notModelled(); }
     void createLayerFile(SessionId, std::uint64_t, const LayerId&) override { notModelled(); }
+    void storeFile(SessionId, std::uint64_t, UploadJob) override { notModelled(); }
     void listSkipped(SessionId, std::uint64_t) override { notModelled(); }
 
 private:

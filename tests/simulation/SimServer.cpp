@@ -341,6 +341,12 @@ void SimServer::createLayerFile(SessionId session, std::uint64_t request, const 
     });
 }
 
+void SimServer::storeFile(SessionId session, std::uint64_t request, UploadJob job) {
+    later(diskUs(), [this, session, request, job = std::move(job)] {
+        project_->fileStored(session, request, job.path, disk.blobs->has(job.hash));
+    });
+}
+
 void SimServer::listSkipped(SessionId session, std::uint64_t request) {
     later(diskUs(), [this, session, request] {
         project_->skippedListed(session, request, std::vector<SkippedFile>());

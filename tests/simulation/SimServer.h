@@ -62,6 +62,8 @@ public:
                      LayerDoc present) override;
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
+    void storeFile(server::SessionId session, std::uint64_t request,
+                   server::UploadJob job) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
     // The simulation does not test the entries of the activity log.
     void record(const server::ActivityEvent&) override {}

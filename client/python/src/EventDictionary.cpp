@@ -143,6 +143,21 @@ nb::dict convert(const client::event::LayerOpenFailed& event) {
     return d;
 }
 
+nb::dict convert(const client::event::Uploaded& event) {
+    nb::dict d = make("Uploaded");
+    d["request"] = event.request;
+    d["path"] = text(event.path);
+    return d;
+}
+
+nb::dict convert(const client::event::UploadFailed& event) {
+    nb::dict d = make("UploadFailed");
+    d["request"] = event.request;
+    d["path"] = text(event.path);
+    put(d, event.reason);
+    return d;
+}
+
 nb::dict convert(const client::event::Committed& event) {
     const Commit& commit = event.commit;
     nb::dict d = make("Committed");

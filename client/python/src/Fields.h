@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "Errors.h"
+#include "usdlive/common/core/Hash.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/protocol/Fields.h"
@@ -89,6 +90,11 @@ void fromPython(nanobind::handle object, T& value) {
 }
 inline void fromPython(nanobind::handle object, LayerId& layer) {
     layer = orRaise(parseLayerId(nanobind::cast<std::string>(object)));
+}
+inline void fromPython(nanobind::handle object, Hash& hash) {
+    const auto found = hashFromHex(nanobind::cast<std::string>(object));
+    if (!found) raise({ErrorCode::InvalidArgument, "a hash has 64 hexadecimal digits"});
+    hash = *found;
 }
 template <class T>
 void fromPython(nanobind::handle object, std::vector<T>& values) {

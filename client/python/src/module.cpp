@@ -120,6 +120,18 @@ public:
             ->GetIdentifier();
     }
 
+    void upload(const nb::bytes& file, const std::string& path, bool overwrite) {
+        const std::filesystem::path from(std::string(file.c_str(), file.size()));
+        const auto done =
+            work("upload", true, [&](Client& live) { return live.upload(from, path, overwrite); });
+        if (!done) raise(done.error());
+    }
+
+    std::uint64_t requestUpload(const nb::bytes& file, const std::string& path, bool overwrite) {
+        return client("request_upload")
+            .requestUpload(std::string(file.c_str(), file.size()), path, overwrite);
+    }
+
     std::vector<std::string> attach(const std::string& projectFolder) {
         const auto attached =
             orRaise(work("attach", true, [&](Client& live) { return live.attach(projectFolder); }));
@@ -365,6 +377,8 @@ NB_MODULE(_usdlive, module) {
         .def("opened_layer", &PythonClient::openedLayer)
         .def("identifier_of", &PythonClient::identifierOf)
         .def("create_layer", &PythonClient::createLayer)
+        .def("upload", &PythonClient::upload)
+        .def("request_upload", &PythonClient::requestUpload)
         .def("attach", &PythonClient::attach)
         .def("close_layer", &PythonClient::closeLayer)
         .def("tick", &PythonClient::tick)

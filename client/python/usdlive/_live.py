@@ -43,6 +43,14 @@ def connect(url: str, *, user: str = "", application: str = "python", cache_fold
     return Live(client, url, user)
 
 
+def _file_name(path: str) -> str:
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        raise Error("invalidFileName", f"the file name {path!a} is not UTF-8") from None
+    return path
+
+
 _warned: set[str] = set()
 
 
@@ -166,6 +174,27 @@ class Live:
         handler during `tick()`.
         """
         return Sdf.Layer.Find(self._client.create_layer(layer))
+
+    def upload(self, file: "str | os.PathLike[str]", path: str, overwrite: bool = False) -> None:
+        """Uploads a file of this machine that is no layer, such as a texture or a package, and waits until it is a
+        file of the project that everybody can open:
+
+            live.upload("/home/ada/brick.png", "tex/brick.png")
+
+        `path` is its name relative to the project; folders are created as needed. If the project has another file of
+        this name, it is replaced only with `overwrite`; the same content is a success. The server writes the whole
+        file or nothing. Raises an Error: `invalidFileName`; `fileExists`; `notConnected`, also if the connection is
+        lost meanwhile: upload it again; `invalidArgument` if the file cannot be read, if it changes meanwhile, or
+        inside a notice handler during `tick()`; `blobTooLarge` (`--max-blob-mib` of the server); `saveFailed` and
+        `storageFull` if the server cannot write it.
+        """
+        self._client.upload(os.fsencode(file), _file_name(path), overwrite)
+
+    def request_upload(self, file: "str | os.PathLike[str]", path: str, overwrite: bool = False) -> int:
+        """Begins an `upload()` and returns at once: ticks send the file, which another thread reads. The answer is
+        an `events.Uploaded` or an `events.UploadFailed` with the number that this returns; `events.Progress` comes
+        meanwhile if it takes long. Uploads are done one after the other."""
+        return self._client.request_upload(os.fsencode(file), _file_name(path), overwrite)
 
     def skipped_files(self, timeout: float = 10.0) -> list[tuple[str, str]]:
         """Returns the files in the project's folder that look like layers but are not served, as (path,

@@ -239,6 +239,25 @@ class SkippedListed:
 
 
 @dataclasses.dataclass(frozen=True)
+class Uploaded:
+    """A file is in the project, and everybody can open it. `request`: the number that `Live.request_upload()`
+    returned."""
+
+    request: int
+    path: str
+
+
+@dataclasses.dataclass(frozen=True)
+class UploadFailed:
+    """A file is not in the project, with the reason; the project is unchanged."""
+
+    request: int
+    path: str
+    code: str
+    message: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Answered:
     """The answer to a request that has no class of its own here. `type` and `fields` are those of PROTOCOL.md,
     with names in snake_case and times in seconds: `("historyCompacted", {"base": 7, ...})`."""
@@ -252,7 +271,7 @@ class Answered:
 class Progress:
     """The progress of a slow operation, about twice a second. `task`: "import" (the server reads the file of
     `layer`; sent once), "save" (`done` of `total` layers, now `layer`; `request` as in `Saved`), "upload"
-    (bytes of big values) or "fetch" (specs). `total`: 0 if unknown. A layer that is being received sends
+    (bytes of big values; for a file, `request` is the number of `Live.request_upload()`) or "fetch" (specs). `total`: 0 if unknown. A layer that is being received sends
     `Joining` instead."""
 
     task: str
@@ -334,7 +353,7 @@ Event = (
     Connected | Disconnected | LayersChanged | Joining | Joined | JoinFailed | Committed | Lost
     | PreviewChanged | Saved | Reloaded | CheckpointMade | CheckpointsListed | ServerError
     | LayerStatesChanged | PresenceChanged | UnsentFound | LayerMade | SkippedListed | Answered | Progress
-    | LayerOpened | LayerOpenFailed | FilesChanged | PathOutside
+    | LayerOpened | LayerOpenFailed | FilesChanged | PathOutside | Uploaded | UploadFailed
 )
 
 _ANSWERS = {"layersSaved": Saved, "layersReloaded": Reloaded, "layerCreated": LayerMade, "skippedFiles": SkippedListed,
@@ -345,7 +364,7 @@ _TYPES = _ANSWERS | {
     kind.__name__: kind
     for kind in (Connected, Disconnected, LayersChanged, Joining, Joined, JoinFailed, Committed, Lost, PreviewChanged,
                  ServerError, LayerStatesChanged, PresenceChanged, UnsentFound, Progress, LayerOpened, LayerOpenFailed,
-                 FilesChanged, PathOutside)
+                 FilesChanged, PathOutside, Uploaded, UploadFailed)
 }
 
 # The classes of what events contain, by field.

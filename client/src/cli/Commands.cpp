@@ -626,6 +626,17 @@ Result<void> reload(const Common& options) {
     return askForFiles(options, ReloadLayers{}, "reloaded", &LayersReloaded::reloaded);
 }
 
+Result<void> upload(const UploadOptions& options) {
+    const auto link = reach(options);
+    if (!link) return tl::unexpected(link.error());
+    return (*link)->upload(options.file, options.path, options.overwrite).map([&] {
+        if (options.json)
+            std::cout << line(nlohmann::json{{"uploaded", options.path}});
+        else
+            std::cout << "uploaded " << options.path << "\n";
+    });
+}
+
 Result<void> createCheckpoint(const CheckpointOptions& options) {
     const auto link = reach(options);
     if (!link) return tl::unexpected(link.error());

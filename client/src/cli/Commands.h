@@ -51,6 +51,11 @@ struct MuteOptions : Common {
 struct CheckpointOptions : Common {
     std::string name;
 };
+struct UploadOptions : Common {
+    std::string file;  ///< on this machine
+    std::string path;  ///< in the project
+    bool overwrite = false;
+};
 
 Result<void> list(const ListOptions& options);
 /// Lists the connected users with selection, edit target and time.
@@ -66,6 +71,8 @@ Result<void> setLocked(const Common& options, bool locked);
 Result<void> unlockAll(const Common& options);
 Result<void> save(const SaveOptions& options);
 Result<void> reload(const Common& options);
+/// Makes a file of this machine that is no layer a file of the project.
+Result<void> upload(const UploadOptions& options);
 /// Gives the current revision of the project a name.
 Result<void> createCheckpoint(const CheckpointOptions& options);
 Result<void> listCheckpoints(const Common& options);

@@ -66,6 +66,7 @@ public:
         addSave();
         addPlain("reload", "Replace layers by the content of their files on the server",
                  "[URL] [LAYER...]", kAny, reload);
+        addUpload();
         addCheckpoint();
         addPlain("checkpoints", "List the named revisions of the project", "[URL]", kNone,
                  listCheckpoints);
@@ -258,6 +259,27 @@ private:
                          "[URL] [LAYER...]", kAny, options, save);
         verb->add_flag("-f,--force", options->force,
                        "Also overwrite changes that others have made to the files");
+    }
+
+    void addUpload() {
+        const auto read = [](Words words, UploadOptions& into) {
+            if (words.size() < 2)
+                usageError(
+                    "name the file and its path in the project: usdlive upload [URL] FILE "
+                    "PATH");
+            into.path = words.back();
+            words.pop_back();
+            into.file = words.back();
+            words.pop_back();
+            into.target = orUsageError(parseTarget(words));
+            if (!into.target.layers.empty())
+                usageError("too many words: usdlive upload [URL] FILE PATH");
+        };
+        auto options = std::make_shared<UploadOptions>();
+        auto* verb = add("upload", "Add a file to the project that is no layer, such as a texture",
+                         "[URL] FILE PATH", options, read, upload);
+        verb->add_flag("--overwrite", options->overwrite,
+                       "Also replace a file of the project that has another content");
     }
 
     void addCheckpoint() {

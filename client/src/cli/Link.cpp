@@ -18,6 +18,8 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kMessagesPerStep = 4096;
 constexpr double kBudgetMs = 1000;
+// The pause after which more of a file is sent, if nothing is received.
+constexpr milliseconds kUploadPause{2};
 
 client::Session::Options sessionOptions(UserName user) {
     client::Session::Options options;
@@ -70,7 +72,7 @@ Result<std::unique_ptr<Link>> Link::connect(const client::ServerAddress& server,
 }
 
 Result<std::vector<client::Event>> Link::step() {
-    connection_->wait(milliseconds(100));
+    connection_->wait(uploads_ ? kUploadPause : milliseconds(100));
     std::optional<Error> lost;
     for (auto& happening : connection_->poll(kMessagesPerStep)) {
         if (std::holds_alternative<client::Connection::Opened>(happening)) {
@@ -109,6 +111,27 @@ Result<void> Link::run(const std::function<bool(const std::vector<client::Event>
         }
         if (done(*events)) return {};
     }
+}
+
+Result<void> Link::upload(const std::string& file, const std::string& path, bool overwrite) {
+    auto& uploads = uploads_.emplace(*session_, *this);
+    static_cast<void>(uploads.add(file, path, overwrite));
+    std::vector<client::FileUploads::Ended> ended;
+    ProgressBar bar(std::cerr, Clock::now());
+    const auto ran = run([&](const std::vector<client::Event>& events) {
+        for (const auto& one : events) static_cast<void>(uploads.note(one));
+        uploads.advance(nowMs());
+        if (const auto progress = uploads.progress(nowMs()); progress && showsProgress_)
+            bar.show(describe(*progress), progress->done, progress->total, Clock::now());
+        ended = uploads.takeEnded();
+        return !ended.empty();
+    });
+    uploads_.reset();
+    if (ended.empty())
+        return fail(ran.error().code,
+                    file + " was not uploaded: " + ran.error().message +
+                        ". The project has the whole file or none of it: upload it again");
+    return std::move(ended.front().outcome);
 }
 
 Result<Link::Layer> Link::fetch(const LayerId& layer, Revision revision) {

@@ -11,6 +11,7 @@
 
 #include "session/Session.h"
 #include "transport/Connection.h"
+#include "usd/FileUploads.h"
 #include "usdlive/common/usd/ValueCodec.h"
 
 namespace usdlive::cli {
@@ -52,6 +53,9 @@ public:
         return *std::move(answer);
     }
 
+    /// Uploads a file of this machine, which becomes `path` in the project.
+    Result<void> upload(const std::string& file, const std::string& path, bool overwrite);
+
     /// A layer at a revision (0: the current one), with the actual revision.
     struct Layer {
         LayerDoc doc;
@@ -69,6 +73,10 @@ private:
     Link(std::unique_ptr<client::Connection> connection, UserName user);
 
     void send(SharedBytes frames) override;
+    bool takesMore() override { return connection_->queuedBytes() < client::kMaxQueuedBytes; }
+    void blobStored(const Hash& hash) override {
+        if (uploads_) uploads_->blobStored(hash);
+    }
     [[nodiscard]] SharedBytes localBlob(const Hash& hash) override { return blob(hash); }
     void blobArrived(const Hash& hash, SharedBytes bytes, bool) override;
     // Never called, because this session opens no layers.
@@ -79,6 +87,7 @@ private:
 
     std::unique_ptr<client::Connection> connection_;
     std::unique_ptr<client::Session> session_;
+    std::optional<client::FileUploads> uploads_;
     std::unordered_map<Hash, SharedBytes> blobs_;
     bool open_ = false;
     bool showsProgress_ = false;

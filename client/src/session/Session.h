@@ -43,6 +43,8 @@ public:
     [[nodiscard]] virtual SharedBytes localBlob(const Hash& hash) = 0;
     /// Returns whether localBlob() has the value. Cheap.
     [[nodiscard]] virtual bool holdsBlob(const Hash& hash) { return localBlob(hash) != nullptr; }
+    /// Called when the server has stored an uploaded big value.
+    virtual void blobStored(const Hash& /*hash*/) {}
     /// Called when a big value is complete and has the right hash. The host keeps it. A value that
     /// is not `lasting` is only part of a preview, and is kept while there is room.
     virtual void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) = 0;

@@ -106,6 +106,9 @@ void Session::Impl::requestBlobs(const std::vector<Hash>& hashes) {
     for (const Hash& hash : hashes) sendControl(RequestBlob{hash, 0});
 }
 
-void Session::Impl::on(const BlobStored& message) { uploads_.stored(message.hash); }
+void Session::Impl::on(const BlobStored& message) {
+    uploads_.stored(message.hash);
+    host_.blobStored(message.hash);
+}
 
 }  // namespace usdlive::client

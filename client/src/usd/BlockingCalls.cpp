@@ -1,6 +1,7 @@
 // The calls of a Client that wait for the server: loops around tick(), each with a time limit.
 #include <algorithm>
 #include <chrono>
+#include <utility>
 
 #include "usd/ClientImpl.h"
 #include "usd/Clocks.h"
@@ -20,6 +21,8 @@ namespace {
 constexpr double kRefusedMs = 1000;
 // A call fails if a connected server sends nothing for this time.
 constexpr double kSilenceMs = 60'000;
+// A file is uploaded in vain if the disk of the server takes less than this.
+constexpr double kSlowDiskBytesPerMs = 5'000;
 // The budget for each tick of a blocking call.
 constexpr double kBlockingBudgetMs = 50;
 
@@ -79,6 +82,28 @@ Result<pxr::SdfLayerRefPtr> Client::Impl::createLayer(const LayerId& id) {
                                                  id.value + " was created; it may exist");
     if (!*answer) return tl::unexpected(answer->error());
     return openLayer(id, client::LoadSet::All);
+}
+
+Result<void> Client::Impl::upload(const fs::path& file, const std::string& path, bool overwrite) {
+    const auto number = uploads_.add(file, path, overwrite);
+    auto& outcome = awaitedUploads_[number];
+    Stopwatch silent;
+    auto steps = uploads_.steps();
+    while (!outcome) {
+        tick(kBlockingBudgetMs);
+        if (outcome) break;
+        const bool isHeard = line_.connection().wait(milliseconds(1));
+        if (isHeard || std::exchange(steps, uploads_.steps()) != uploads_.steps())
+            silent = Stopwatch();
+        // The server writes a large file without a word.
+        if (silent.ms() <= kSilenceMs + double(uploads_.beingWritten()) / kSlowDiskBytesPerMs)
+            continue;
+        uploads_.drop(number);
+        outcome =
+            fail(ErrorCode::NotConnected, "the server did not report in time whether " + path +
+                                              " was written; upload it again to find out");
+    }
+    return *awaitedUploads_.extract(number).mapped();
 }
 
 Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder) {

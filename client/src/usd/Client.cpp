@@ -90,6 +90,15 @@ Result<pxr::SdfLayerRefPtr> Client::createLayer(const LayerId& layer) {
     return impl_->createLayer(layer);
 }
 
+Result<void> Client::upload(const fs::path& file, const std::string& path, bool overwrite) {
+    if (auto error = misuse("upload", true)) return tl::unexpected(*error);
+    return impl_->upload(file, path, overwrite);
+}
+
+std::uint64_t Client::requestUpload(const fs::path& file, const std::string& path, bool overwrite) {
+    return here("requestUpload").uploads().add(file, path, overwrite);
+}
+
 Result<std::vector<LayerId>> Client::attach(const fs::path& projectFolder) {
     if (auto error = misuse("attach", true)) return tl::unexpected(*error);
     return impl_->attach(projectFolder);

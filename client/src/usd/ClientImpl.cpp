@@ -59,7 +59,8 @@ Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options optio
       layers_({session_, places_, events_, lost_, values_, frame_.sink(), filler_, *background_,
                UserName{options_.user}}),
       opens_(layers_, values_, events_),
-      locks_(layers_.live(), frame_, session_, UserName{options_.user}) {
+      locks_(layers_.live(), frame_, session_, UserName{options_.user}),
+      uploads_(session_, *this) {
     session_.showPresence({});
     if (ownFolder_)
         removing_ = std::async(std::launch::async, [parent = cache_.folder().parent_path()] {
@@ -140,6 +141,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     result.more = opens_.advance(left()) || result.more;
     for (auto& outside : frame_.takeOutside()) events_.push(std::move(outside));
     followFiles();
+    followUploads();
     lost_.reportDue(steadyMs());
     if (unsent_)
         if (auto error = unsent_->takeError()) events_.report(std::move(*error));
@@ -160,6 +162,30 @@ void Client::Impl::followFiles() {
     if (changed.empty()) return;
     files_.reload(changed, [this](const auto& layer) { return layers_.idOf(layer).has_value(); });
     events_.push(event::FilesChanged{std::move(changed)});
+}
+
+// An upload ends when this process can resolve the file, too.
+void Client::Impl::followUploads() {
+    const auto now = steadyMs();
+    uploads_.advance(now);
+    if (auto progress = uploads_.progress(now)) events_.push(*progress);
+    for (auto& ended : uploads_.takeEnded()) {
+        const bool isShown = ended.outcome && files_.isStarted();
+        uploaded_.emplace_back(std::move(ended), isShown ? files_.askSoon() : 0);
+    }
+    std::erase_if(uploaded_, [this](auto& one) {
+        auto& [ended, list] = one;
+        if (list != 0 && !files_.isReported(list)) return false;
+        if (const auto awaited = awaitedUploads_.find(ended.number);
+            awaited != awaitedUploads_.end())
+            awaited->second = std::move(ended.outcome);
+        else if (ended.outcome)
+            events_.push(event::Uploaded{ended.number, std::move(ended.path)});
+        else
+            events_.push(event::UploadFailed{ended.number, std::move(ended.path),
+                                             std::move(ended.outcome.error())});
+        return true;
+    });
 }
 
 // Sends the editor's writes and applies received edits. Returns false if there is more to do.
@@ -216,6 +242,7 @@ void Client::Impl::reportJoined() {
 }
 
 bool Client::Impl::note(client::Event& one) {
+    if (uploads_.note(one)) return false;
     std::visit(
         [&](const auto& each) {
             if constexpr (requires { each.answer.request; })

@@ -17,6 +17,7 @@
 #include "usd/ClientInternals.h"
 #include "usd/EditorEvents.h"
 #include "usd/EditorFrame.h"
+#include "usd/FileUploads.h"
 #include "usd/FolderPlaces.h"
 #include "usd/LocksAndMutes.h"
 #include "usd/LostWorkReports.h"
@@ -70,6 +71,7 @@ public:
     Result<void> greet();
     Result<pxr::SdfLayerRefPtr> openLayer(const LayerId& id, client::LoadSet load);
     Result<pxr::SdfLayerRefPtr> createLayer(const LayerId& id);
+    Result<void> upload(const std::filesystem::path& file, const std::string& path, bool overwrite);
     Result<std::vector<LayerId>> attach(const std::filesystem::path& projectFolder);
     void close(const LayerId& id);
     bool flush(double timeoutMs);
@@ -103,6 +105,7 @@ public:
     [[nodiscard]] const client::LostWorkReports& lost() const { return lost_; }
     [[nodiscard]] client::OpenLayers& layers() { return layers_; }
     [[nodiscard]] client::OpenRequests& opens() { return opens_; }
+    [[nodiscard]] client::FileUploads& uploads() { return uploads_; }
     [[nodiscard]] client::LocksAndMutes& locks() { return locks_; }
     /// Gives layers addresses, if the resolver plug-in is there.
     void useAddresses();
@@ -118,6 +121,7 @@ public:
     void blobArrived(const Hash& hash, SharedBytes bytes, bool lasting) override {
         values_.arrived(hash, std::move(bytes), lasting);
     }
+    void blobStored(const Hash& hash) override { uploads_.blobStored(hash); }
     bool needsBlob(const Hash& hash) override;
     void pending(const client::PendingWork& work) override;
     void answered(std::uint64_t sequence) override;
@@ -140,6 +144,7 @@ private:
     bool noteError(const ErrorMessage& message);
     void reportJoined();
     void followFiles();
+    void followUploads();
 
     Result<void> waitForOpen(std::uint64_t request);
     [[nodiscard]] Error notConfirmed(double timeoutMs) const;
@@ -165,6 +170,10 @@ private:
     client::OpenRequests opens_;
     client::LocksAndMutes locks_;
     client::ProjectFiles files_;
+    client::FileUploads uploads_;
+    /// Uploads that ended, and for which the list of files is awaited, with its number.
+    std::vector<std::pair<client::FileUploads::Ended, std::uint64_t>> uploaded_;
+    std::map<std::uint64_t, std::optional<Result<void>>> awaitedUploads_;  // by blocking calls
     client::Answers answers_;
     std::vector<client::event::Joined> joined_;  // events for layers that are not filled yet
     bool ticking_ = false;

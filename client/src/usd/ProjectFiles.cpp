@@ -86,6 +86,8 @@ struct ProjectFiles::State {
     std::set<std::string> found;    // have changed
     std::set<std::string> late;     // have changed, and did not arrive; tried again
     std::set<std::string> changed;  // have changed, and are in the cache if a layer is made of them
+    std::uint64_t asked = 0, answered = 0;  // lists
+    int fetching = 0;                       // tasks that fetch files
     bool isAsking = false;
     double tookMs = 0;
     std::atomic<bool> stops = false;
@@ -144,9 +146,12 @@ void ProjectFiles::follow(bool isConnected, const Connection& connection, std::i
 
 void ProjectFiles::ask(std::int64_t nowMs) {
     const std::lock_guard lock(state_->mutex);
-    dueAtMs_ = nowMs + kFilesEveryMs;
-    if (state_->isAsking) return;
+    if (state_->isAsking) {
+        if (wanted_ <= state_->asked) dueAtMs_ = nowMs + kFilesEveryMs;
+        return;
+    }
     state_->isAsking = true;
+    ++state_->asked;
     state_->found.merge(state_->late);
     dueAtMs_ = nowMs + std::max(kFilesEveryMs, std::int64_t(state_->tookMs * kFilesPart));
     worker_->post([state = state_] {
@@ -154,8 +159,22 @@ void ProjectFiles::ask(std::int64_t nowMs) {
         state->ask();
         const std::lock_guard end(state->mutex);
         state->isAsking = false;
+        state->answered = state->asked;
         state->tookMs = watch.ms();
     });
+}
+
+std::uint64_t ProjectFiles::askSoon() {
+    const std::lock_guard lock(state_->mutex);
+    dueAtMs_ = 0;
+    return wanted_ = state_->asked + 1;  // one that was asked for before may be too old
+}
+
+bool ProjectFiles::isReported(std::uint64_t list) const {
+    if (!isConnected_) return true;
+    const std::lock_guard lock(state_->mutex);
+    return state_->answered >= list && state_->found.empty() && state_->changed.empty() &&
+           state_->fetching == 0;
 }
 
 // A tick must not wait until a package has arrived that a stage uses.
@@ -164,8 +183,9 @@ void ProjectFiles::fetchUsed() {
     {
         const std::lock_guard lock(state_->mutex);
         found.swap(state_->found);
+        if (found.empty()) return;
+        ++state_->fetching;
     }
-    if (found.empty()) return;
     std::vector<std::string> used;
     for (const auto& layer : pxr::SdfLayer::GetLoadedLayers())
         if (const auto file = layer ? fileOf(layer, base_) : std::nullopt)
@@ -178,6 +198,7 @@ void ProjectFiles::fetchUsed() {
         const std::lock_guard lock(state->mutex);
         state->changed.merge(found);
         state->late.merge(late);
+        --state->fetching;
     });
 }
 

@@ -38,6 +38,11 @@ public:
 
     /// Call it in every tick. Asks for the list of files if that is due.
     void follow(bool isConnected, const Connection& connection, std::int64_t nowMs);
+    /// Requests the list of files as soon as possible. Returns a number for isReported().
+    [[nodiscard]] std::uint64_t askSoon();
+    /// Returns true when the list that askSoon() has requested is here, or could not be fetched,
+    /// and takeChanged() has returned what it changed.
+    [[nodiscard]] bool isReported(std::uint64_t list) const;
     /// Returns the files that have changed since the last call, sorted.
     [[nodiscard]] std::vector<std::string> takeChanged();
     /// Loads layers again that were made from these files, except for unsaved and live ones, and
@@ -54,6 +59,7 @@ private:
     const char* token_ = nullptr;
     std::string base_;
     bool isConnected_ = true;
+    std::uint64_t wanted_ = 0;  // the last number of askSoon()
     std::int64_t dueAtMs_ = 0;
     std::optional<Error> problem_;
     std::shared_ptr<State> state_;    // shared with the worker's task

@@ -127,7 +127,8 @@ void addLimits(CLI::App& app, ServerOptions& options) {
             ->group(group);
     };
     add("--max-frame-mib", options.maxFrameMib, 1, 2047, "Largest message from a client");
-    add("--max-blob-mib", options.maxBlobMib, 1, 1 << 20, "Largest big value");
+    add("--max-blob-mib", options.maxBlobMib, 1, 1 << 20,
+        "Largest big value, and largest uploaded file");
     add("--max-transaction-mib", options.maxTransactionMib, 1, kMostTransactionMib,
         "Largest transaction, the edits of one frame of an editor;\n"
         "the server's memory holds it several times");

@@ -118,14 +118,14 @@ FileJson describe(const AssetFile& file) {
 
 }  // namespace
 
-ServedAssets::ServedAssets(std::string project, const std::filesystem::path& folder,
-                           LayerFiles& layers, SharedStore& store, WorkerLanes& workers, Log& log)
+ServedAssets::ServedAssets(std::string project, AssetFiles& assets, LayerFiles& layers,
+                           SharedStore& store, WorkerLanes& workers, Log& log)
     : project_(std::move(project)),
       layers_(layers),
       store_(store),
       workers_(workers),
       log_(log),
-      assets_(folder) {}
+      assets_(assets) {}
 
 void ServedAssets::answer(const FileRequest& request, const HttpAnswer& answer) {
     asio::post(workers_.history, [this, request, answer] {

@@ -20,11 +20,14 @@ constexpr milliseconds kProgressPause{500};
 }  // namespace
 
 ServedFiles::ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles& files,
-                         SharedStore& store, Log& log)
+                         AssetFiles& assets, const BlobStore& blobs, SharedStore& store, Log& log)
     : strand_(strand),
       workers_(workers),
       saver_(boost::asio::make_strand(workers.files.get_executor())),
+      uploader_(boost::asio::make_strand(workers.files.get_executor())),
       files_(files),
+      assets_(assets),
+      blobs_(blobs),
       store_(store),
       log_(log) {}
 
@@ -163,6 +166,24 @@ void ServedFiles::createLayerFile(SessionId session, std::uint64_t request, cons
         saver_, session, Intake::kJobBytes, [this, layer] { return files_.create(layer); },
         [session, request, layer](Project& project, const Result<void>& created) {
             project.layerCreated(session, request, layer, created);
+        });
+}
+
+void ServedFiles::storeFile(SessionId session, std::uint64_t request, UploadJob job) {
+    const std::string path = job.path;
+    strand_.inBackground(
+        uploader_, session, Intake::kJobBytes,
+        [this, job = std::move(job)]() -> Result<bool> {
+            auto stored = assets_.store({job.path, job.hash, job.size, job.overwrite}, blobs_,
+                                        [] { faultPoint("upload-before"); });
+            if (!stored)
+                log_.write(LogLevel::Warning, "file not written",
+                           {{"file", job.path}, {"error", stored.error().message}});
+            if (stored && *stored) faultPoint("upload-after");
+            return stored;
+        },
+        [session, request, path](Project& project, const Result<bool>& complete) {
+            project.fileStored(session, request, path, complete);
         });
 }
 

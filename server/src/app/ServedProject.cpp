@@ -241,13 +241,14 @@ private:
         if (!files) return tl::unexpected(files.error());
         files_ = std::move(*files);
 
-        assets_ = std::make_unique<ServedAssets>(name_, files_->folder(), *files_, store_, workers_,
-                                                 log_);
+        assetFiles_ = std::make_unique<AssetFiles>(files_->folder());
+        assets_ =
+            std::make_unique<ServedAssets>(name_, *assetFiles_, *files_, store_, workers_, log_);
 
         const auto list = [this] { return servedLayers(*files_, store_); };
         runtime_ = std::make_unique<ProjectRuntime>(
             network_, workers_, store_, storage_, *blobs_,
-            ProjectFiles{std::filesystem::canonical(folder_), list, *files_},
+            ProjectFiles{std::filesystem::canonical(folder_), list, *files_, *assetFiles_},
             std::chrono::minutes(options_.keepUnusedBlobsMinutes), metrics_, wallClockMs, log_);
         if (auto made = runtime_->start(setup()); !made) return made;
         webSockets_ = createWebSocketTransport(network_, webSocketOptions(options_), *runtime_,
@@ -280,6 +281,7 @@ private:
     mutable SharedStore store_;
     std::unique_ptr<BlobStore> blobs_;
     std::unique_ptr<LayerFiles> files_;
+    std::unique_ptr<AssetFiles> assetFiles_;
 
     // Run by the project's thread.
     asio::io_context network_{1};

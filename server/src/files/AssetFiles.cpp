@@ -11,8 +11,10 @@
 #include <cstring>
 #include <unordered_set>
 
+#include "AssetWriter.h"
 #include "FileStamps.h"
 #include "FolderWalk.h"
+#include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Utf8.h"
 
@@ -30,6 +32,8 @@ constexpr std::size_t kHashBufferBytes = 1024 * 1024;
 // A file that was written so recently may be written again without any change of its times, which
 // have the resolution of the system's clock. Its hash is not remembered.
 constexpr std::int64_t kSettledNs = 2'000'000'000;
+// The times of files are exact to a tick of the kernel's clock, which is 10 ms at most.
+constexpr std::int64_t kTickNs = 20'000'000;
 
 tl::unexpected<AssetRefusal> refuse(Reason reason, const std::string& path,
                                     const std::string& why) {
@@ -209,6 +213,62 @@ AssetResult<std::shared_ptr<const OpenedAsset>> AssetFiles::openReal(const std::
         return std::make_shared<const HashedFile>(std::move(file), path, trace, *hash);
     }
     return refuse(Reason::Changed, path, "is being written at this moment");
+}
+
+Result<bool> AssetFiles::store(const NewFile& file, const BlobStore& blobs,
+                               const std::function<void()>& ready) {
+    auto stored = tryToStore(file, blobs, ready);
+    // Another program may have created the same file meanwhile.
+    if (!stored && stored.error().code == ErrorCode::FileExists)
+        stored = tryToStore(file, blobs, ready);
+    if (stored) return stored;
+    const Error& error = stored.error();
+    if (error.code == ErrorCode::InvalidFileName) return stored;
+    if (error.code == ErrorCode::FileExists)
+        return fail(ErrorCode::FileExists,
+                    "the project has another file " + inQuotes(file.path) +
+                        ": choose another name, or ask to overwrite it (overwrite)");
+    return fail(error.code, inQuotes(file.path) + " could not be written: " + error.message);
+}
+
+Result<bool> AssetFiles::tryToStore(const NewFile& file, const BlobStore& blobs,
+                                    const std::function<void()>& ready) {
+    if (auto valid = checkFilePath(file.path); !valid) return tl::unexpected(valid.error());
+    const auto place = placeOfAsset(folder_, file.path);
+    if (!place) return tl::unexpected(place.error());
+    const fs::path real = folder_ / place->folder / place->name;
+    if (place->present) {
+        const auto present = openReal(file.path, real);
+        if (present && (*present)->hash() == file.hash) return true;
+        if (!file.overwrite) return fail(ErrorCode::FileExists, "there is another file");
+    }
+    const bool isEmpty = file.size == 0 && file.hash == sha256(ByteView());
+    if (!isEmpty && !blobs.has(file.hash)) return false;
+    if (!isEmpty) {
+        const auto size = blobs.size(file.hash);
+        if (!size) return false;  // dropped meanwhile
+        if (*size != file.size)
+            return fail(ErrorCode::BlobMismatch, "its content has " + std::to_string(*size) +
+                                                     " bytes, and not " +
+                                                     std::to_string(file.size));
+    }
+    const AssetContents contents{file.size, [&](std::uint64_t offset, std::size_t count) {
+                                     return blobs.read(file.hash, offset, count);
+                                 }};
+    const auto written =
+        writeAsset(folder_, *place, contents, file.overwrite, [&]() -> Result<void> {
+            if (ready) ready();
+            return {};
+        });
+    if (!written && written.error().code == ErrorCode::BlobNotFound) return false;
+    if (!written) return tl::unexpected(written.error());
+    // The file got its name well after the last byte was written: a later change shows in its
+    // times.
+    if (written->changedNs - written->modifiedNs > kTickNs) {
+        const std::lock_guard lock(mutex_);
+        known_.insert_or_assign(real.native(), Known{*written, file.hash});
+    }
+    return true;
 }
 
 }  // namespace usdlive::server

@@ -30,9 +30,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// No part of a layer's name begins like this (LN1).
-constexpr std::string_view kTemporaryPrefix = ".usdlive-save-";
-
 std::string lowerCase(std::string text) {
     for (char& c : text)
         if (c >= 'A' && c <= 'Z') c = char(c - 'A' + 'a');

@@ -12,6 +12,10 @@
 
 namespace usdlive::server {
 
+/// Temporary files have names that begin like this. No name of a layer or of another file of the
+/// project does (LN1, FI7). createLayerFiles() removes those that an earlier process has left.
+inline constexpr std::string_view kTemporaryPrefix = ".usdlive-save-";
+
 /// Returns true if this process may write the file and its permissions allow it to anybody. (Root
 /// may write any file, but respects a file without write permission.)
 [[nodiscard]] bool isWritable(const std::filesystem::path& path, mode_t mode);

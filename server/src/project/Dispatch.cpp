@@ -77,6 +77,7 @@ void Project::Impl::receive(Session& session, const ControlMessage& message) {
                    [&](const ReloadLayers& request) { reloads_.request(session, request); },
                    [&](const RequestLog& request) { catchup_.sendLog(session, request); },
                    [&](const CreateLayer& request) { newLayers_.create(session, request); },
+                   [&](const UploadFile& request) { newFiles_.upload(session, request); },
                    [&](const ListSkipped& request) { newLayers_.listSkipped(session, request); },
                    [&](const CreateCheckpoint& request) { checkpoints_.create(session, request); },
                    [&](const ListCheckpoints& request) { checkpoints_.list(session, request); },

@@ -97,6 +97,10 @@ void Project::layerCreated(SessionId session, std::uint64_t request, const Layer
     impl_->newLayers_.created(session, request, layer, created);
     impl_->states_.announce();
 }
+void Project::fileStored(SessionId session, std::uint64_t request, const std::string& path,
+                         const Result<bool>& complete) {
+    impl_->newFiles_.stored(session, request, path, complete);
+}
 void Project::skippedListed(SessionId session, std::uint64_t request,
                             Result<std::vector<SkippedFile>> skipped) {
     impl_->newLayers_.skippedListed(session, request, std::move(skipped));

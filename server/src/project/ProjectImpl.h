@@ -4,6 +4,7 @@
 #include "access/ProjectFacts.h"
 #include "clients/Greeting.h"
 #include "clients/Submissions.h"
+#include "files/NewFiles.h"
 #include "files/NewLayers.h"
 #include "files/Reloads.h"
 #include "files/Saves.h"
@@ -87,6 +88,7 @@ private:
     Saves saves_;
     Reloads reloads_;
     NewLayers newLayers_;
+    NewFiles newFiles_;
 
     CheckpointRequests checkpoints_;
     Compaction compaction_;

@@ -106,4 +106,9 @@ std::optional<Error> AccessPolicy::toNewLayer(const Subject& /*subject*/,
     return std::nullopt;
 }
 
+std::optional<Error> AccessPolicy::toFile(const Subject& /*subject*/,
+                                          const std::string& /*path*/) const {
+    return std::nullopt;
+}
+
 }  // namespace usdlive::server

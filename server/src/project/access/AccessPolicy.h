@@ -67,6 +67,9 @@ public:
     /// Decides about a new layer (FI6). Always allowed.
     [[nodiscard]] std::optional<Error> toNewLayer(const Subject& subject,
                                                   const LayerId& layer) const;
+    /// Decides about a new file that is no layer, and about replacing one (FI7). Always allowed.
+    [[nodiscard]] std::optional<Error> toFile(const Subject& subject,
+                                              const std::string& path) const;
 
     /// Returns the root layers that lock specs.
     [[nodiscard]] const std::set<LayerId>& lockingRoots() const { return lockingRoots_; }

@@ -48,6 +48,8 @@ const std::vector<ClientFunction> kFunctions{
     RETURNS(openLayer, kThreadLayer),
     THROWS(requestOpenLayer, kThreadLayer),
     RETURNS(createLayer, LayerId{"new.usda"}),
+    RETURNS(upload, "/tmp/a.png", "a.png"),
+    THROWS(requestUpload, "/tmp/a.png", "a.png"),
     RETURNS(attach, "/"),
     THROWS(close, kThreadLayer),
     THROWS(layer, kThreadLayer),

@@ -204,6 +204,20 @@ void MemoryServer::createLayerFile(server::SessionId session, std::uint64_t requ
     });
 }
 
+void MemoryServer::storeFile(server::SessionId session, std::uint64_t request,
+                             server::UploadJob job) {
+    post([this, session, request, job = std::move(job)] {
+        const auto content = blobs.find(job.hash);
+        if (content == blobs.end()) return project_->fileStored(session, request, job.path, false);
+        const auto [file, isNew] = uploaded.try_emplace(job.path, content->second);
+        if (!isNew && file->second != content->second && !job.overwrite)
+            return project_->fileStored(session, request, job.path,
+                                        fail(ErrorCode::FileExists, "there is another file"));
+        file->second = content->second;
+        project_->fileStored(session, request, job.path, true);
+    });
+}
+
 void MemoryServer::listSkipped(server::SessionId session, std::uint64_t request) {
     post([this, session, request] {
         project_->skippedListed(session, request, std::vector<SkippedFile>());

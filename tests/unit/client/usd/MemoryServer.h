@@ -33,6 +33,7 @@ public:
 
     std::map<LayerId, LayerDoc> files;
     std::map<Hash, Bytes> blobs;
+    std::map<std::string, Bytes> uploaded;  ///< by path
     std::vector<LayerId> saved;
     std::vector<std::string> logged;
 
@@ -59,6 +60,8 @@ public:
                     std::vector<server::SaveJob> jobs) override;
     void createLayerFile(server::SessionId session, std::uint64_t request,
                          const LayerId& layer) override;
+    void storeFile(server::SessionId session, std::uint64_t request,
+                   server::UploadJob job) override;
     void listSkipped(server::SessionId session, std::uint64_t request) override;
     void record(const server::ActivityEvent& event) override { logged.emplace_back(event.what); }
     // A connection accepts all data, and these tests need none of the other functions.

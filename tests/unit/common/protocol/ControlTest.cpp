@@ -45,6 +45,8 @@ TEST(Control, EveryMessageComesBackAsItWas) {
     expectRoundTrip(LayersReloaded{8, 9, {{"a.usda"}}, {{{"b.usda"}, "locked", "by Zoë"}}});
     expectRoundTrip(LayersSaved{6, 9, {{"a.usda"}}, {{{"b.usda"}, "saveFailed", "no space"}}});
     expectRoundTrip(CreateLayer{8, {"fx.usda"}});
+    expectRoundTrip(UploadFile{8, "tex/a.png", sha256(asBytes("a")), 1, true});
+    expectRoundTrip(FileUploaded{8, "tex/a.png", true});
     expectRoundTrip(LayerCreated{8, {"fx.usda"}});
     expectRoundTrip(ListSkipped{9});
     expectRoundTrip(SkippedFiles{9, 12, {{"a:b.usda", "holds a colon"}}});

@@ -8,6 +8,8 @@
 
 #include <fstream>
 
+#include "usdlive/server/storage/BlobStore.h"
+
 using namespace usdlive;
 using namespace usdlive::server;
 using testing::ElementsAre;
@@ -139,4 +141,142 @@ TEST_F(AssetFilesTest, AS3AFileThatIsReplacedWhileItIsReadIsReadToItsEnd) {
     fs::rename(folder / "b.png", folder / "a.png");
     EXPECT_EQ(textOf(*opened), "old content");
     EXPECT_EQ(textOf(**files->open("a.png")), "new content");
+}
+
+namespace {
+
+/// Stores files, and looks at the folder afterwards.
+class StoredFilesTest : public AssetFilesTest {
+protected:
+    Hash keep(const std::string& content) {
+        const Hash hash = sha256(asBytes(content));
+        EXPECT_TRUE(*blobs->write(hash, content.size(), 0, asBytes(content)));
+        return hash;
+    }
+    Result<bool> store(const std::string& path, const std::string& content, bool overwrite = false,
+                       const std::function<void()>& ready = {}) {
+        return files->store({path, keep(content), content.size(), overwrite}, *blobs, ready);
+    }
+    ErrorCode whyNotStored(const std::string& path, const std::string& content = "new",
+                           bool overwrite = false) {
+        const auto stored = store(path, content, overwrite);
+        EXPECT_FALSE(stored) << path;
+        if (stored) return ErrorCode::Internal;
+        EXPECT_NE(stored.error().message.find(path.substr(path.rfind('/') + 1)), std::string::npos)
+            << stored.error().message;
+        return stored.error().code;
+    }
+    std::string contentOf(const fs::path& path) {
+        std::ifstream file(folder / path, std::ios::binary);
+        return {std::istreambuf_iterator<char>(file), {}};
+    }
+    /// Returns the names of all files and folders, also hidden ones.
+    std::vector<std::string> everything() {
+        std::vector<std::string> names;
+        for (const auto& entry : fs::recursive_directory_iterator(folder))
+            names.push_back(entry.path().lexically_relative(folder));
+        std::ranges::sort(names);
+        return names;
+    }
+
+    std::unique_ptr<BlobStore> blobs = createMemoryBlobStore();
+};
+
+}  // namespace
+
+TEST_F(StoredFilesTest, FI7AFileIsWrittenWithItsFoldersAndListedWithItsHash) {
+    EXPECT_TRUE(*store("tex/a/brick.png", "brick"));
+    EXPECT_EQ(contentOf("tex/a/brick.png"), "brick");
+    EXPECT_THAT(everything(), ElementsAre("tex", "tex/a", "tex/a/brick.png"));
+    EXPECT_EQ(all().at(0).hash, sha256(asBytes("brick")));
+    const auto status = fs::status(folder / "tex/a/brick.png").permissions();
+    EXPECT_EQ(status & fs::perms::others_read, fs::perms::others_read);
+    EXPECT_TRUE(*store("empty.bin", ""));
+    EXPECT_EQ(contentOf("empty.bin"), "");
+}
+
+TEST_F(StoredFilesTest, FI7WithoutItsContentNothingIsWritten) {
+    EXPECT_FALSE(*files->store({"tex/a.png", sha256(asBytes("a")), 1, false}, *blobs));
+    EXPECT_TRUE(everything().empty());
+    EXPECT_EQ(files->store({"tex/a.png", keep("abc"), 2, false}, *blobs).error().code,
+              ErrorCode::BlobMismatch);
+    EXPECT_TRUE(everything().empty());
+}
+
+TEST_F(StoredFilesTest, FI7AnotherFileIsReplacedOnlyOnRequest) {
+    put("a.png", "old");
+    fs::permissions(folder / "a.png", fs::perms(0640));
+    EXPECT_TRUE(*store("a.png", "old")) << "it has this content already";
+    EXPECT_EQ(whyNotStored("a.png"), ErrorCode::FileExists);
+    EXPECT_EQ(contentOf("a.png"), "old");
+    EXPECT_TRUE(*store("a.png", "new", true));
+    EXPECT_EQ(contentOf("a.png"), "new");
+    EXPECT_EQ(fs::status(folder / "a.png").permissions(), fs::perms(0640));
+    EXPECT_EQ(all().at(0).hash, sha256(asBytes("new")));
+}
+
+TEST_F(StoredFilesTest, FI7AFileThatAppearsMeanwhileIsNotReplaced) {
+    const auto stored = store("tex/a.png", "mine", false, [&] { put("tex/a.png", "theirs"); });
+    EXPECT_EQ(stored.error().code, ErrorCode::FileExists);
+    EXPECT_EQ(contentOf("tex/a.png"), "theirs");
+    EXPECT_TRUE(*store("tex/b.png", "same", false, [&] { put("tex/b.png", "same"); }));
+    EXPECT_THAT(everything(), ElementsAre("tex", "tex/a.png", "tex/b.png"));
+}
+
+TEST_F(StoredFilesTest, FI7NamesThatNoNewFileCanHaveAreRefused) {
+    put("file", "");
+    put("shot.usda", "#usda 1.0\n");
+    put(".hidden/x.png", "");
+    put("real/x.png", "");
+    fs::create_directories(root / "outside");
+    fs::create_directory_symlink(root / "outside", folder / "out");
+    fs::create_directory_symlink(folder / ".hidden", folder / "hidden");
+    fs::create_symlink(folder / "nowhere", folder / "broken");
+    fs::create_symlink(root / "outside/new.png", folder / "new.png");
+    fs::create_symlink("shot.usda", folder / "texture.png");
+    const auto before = everything();
+    for (const char* path :
+         {"../a.png", "/a.png", ".usdlive/a", ".b.png", "a.usda", "file/a.png", "real", "out/a.png",
+          "hidden/x.png", "broken", "broken/a.png", "new.png", "texture.png"})
+        EXPECT_EQ(whyNotStored(path, "new", true), ErrorCode::InvalidFileName) << path;
+    EXPECT_EQ(everything(), before);
+    EXPECT_TRUE(fs::is_empty(root / "outside"));
+    EXPECT_EQ(contentOf("shot.usda"), "#usda 1.0\n");
+}
+
+TEST_F(StoredFilesTest, FI7LinksInsideTheProjectAreFollowed) {
+    put("real/x.png", "x");
+    fs::create_directory_symlink("real", folder / "link");
+    fs::create_symlink("real/x.png", folder / "latest.png");
+    EXPECT_TRUE(*store("link/y.png", "y"));
+    EXPECT_EQ(contentOf("real/y.png"), "y");
+    EXPECT_TRUE(*store("latest.png", "new", true));
+    EXPECT_EQ(contentOf("real/x.png"), "new");
+    EXPECT_TRUE(fs::is_symlink(folder / "latest.png"));
+}
+
+TEST_F(StoredFilesTest, FI7AFolderThatBecomesALinkLeadsNowhereElse) {
+    put("tex/a.png", "a");
+    fs::create_directories(root / "outside");
+    const auto stored = store("tex/b.png", "b", false, [&] {
+        fs::rename(folder / "tex", folder / "before");
+        fs::create_directory_symlink(root / "outside", folder / "tex");
+    });
+    EXPECT_TRUE(fs::is_empty(root / "outside"));
+    EXPECT_TRUE(*stored);
+    EXPECT_EQ(contentOf("before/b.png"), "b") << "it is in the folder that was checked";
+}
+
+TEST_F(StoredFilesTest, FI7ReadOnlyFilesStayAndAFailureLeavesNothingBehind) {
+    put("a.png", "old");
+    fs::permissions(folder / "a.png", fs::perms(0444));
+    EXPECT_EQ(whyNotStored("a.png", "new", true), ErrorCode::SaveFailed);
+    EXPECT_EQ(contentOf("a.png"), "old");
+    EXPECT_THROW((void)store("new/b/c.png", "c", false, [] { throw std::runtime_error("fault"); }),
+                 std::runtime_error);
+    EXPECT_THAT(everything(), ElementsAre("a.png"));
+    if (geteuid() == 0) return;  // root may write everywhere
+    fs::permissions(folder, fs::perms(0555));
+    EXPECT_EQ(whyNotStored("b.png"), ErrorCode::SaveFailed);
+    fs::permissions(folder, fs::perms(0755));
 }

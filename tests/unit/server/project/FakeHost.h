@@ -53,6 +53,12 @@ public:
         LayerId layer;
     };
 
+    struct Storing {
+        SessionId session;
+        std::uint64_t request;
+        UploadJob job;
+    };
+
     struct Naming {
         SessionId session;
         std::uint64_t request;
@@ -74,6 +80,7 @@ public:
     std::map<LayerId, SavedState> savedStates;
     std::deque<Naming> naming;
     std::vector<Creation> creating;
+    std::vector<Storing> storing;
     std::vector<std::pair<SessionId, std::uint64_t>> listing;
     std::vector<std::string> logged;                  ///< "user: action layer, detail"
     std::vector<std::pair<Revision, LayerDoc>> kept;  ///< for all layers
@@ -143,6 +150,9 @@ public:
     void readCheckpoints(SessionId, std::uint64_t) override {}
     void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override {
         creating.push_back({session, request, layer});
+    }
+    void storeFile(SessionId session, std::uint64_t request, UploadJob job) override {
+        storing.push_back({session, request, std::move(job)});
     }
     void listSkipped(SessionId session, std::uint64_t request) override {
         listing.emplace_back(session, request);

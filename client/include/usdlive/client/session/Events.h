@@ -102,6 +102,16 @@ struct LayerOpenFailed {
     LayerId layer;
     Error reason;
 };
+/// A file of Client::requestUpload() is in the project, and everybody can open it.
+struct Uploaded {
+    std::uint64_t request = 0;
+    std::string path;  ///< relative to the project
+};
+struct UploadFailed {
+    std::uint64_t request = 0;
+    std::string path;
+    Error reason;
+};
 /// A commit of any client, also an own one, was applied. The revisions are in order and without
 /// gaps since Connected, except for `missed` ones.
 struct Committed {
@@ -144,7 +154,7 @@ struct Progress {
     LayerId layer;              ///< the layer in progress; empty for Upload
     std::uint64_t done = 0;     ///< Save: layers; Upload: bytes; Fetch: specs
     std::uint64_t total = 0;    ///< in the same unit; 0: unknown, for example for an Import
-    std::uint64_t request = 0;  ///< Save: the number of the request
+    std::uint64_t request = 0;  ///< Save, and Upload of a file: the number of the request
 };
 struct ServerError {
     ErrorMessage message;
@@ -175,7 +185,8 @@ using Event = WithAnswers<
                  event::Joined, event::JoinFailed, event::Committed, event::Lost,
                  event::PreviewChanged, event::ServerError, event::LayerStatesChanged,
                  event::PresenceChanged, event::UnsentFound, event::Progress, event::LayerOpened,
-                 event::LayerOpenFailed, event::FilesChanged, event::PathOutside>,
+                 event::LayerOpenFailed, event::FilesChanged, event::PathOutside, event::Uploaded,
+                 event::UploadFailed>,
     AnyRequest>::Type;
 
 }  // namespace usdlive::client

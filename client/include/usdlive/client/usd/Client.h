@@ -124,6 +124,23 @@ public:
     /// project or its folder has a file with this name), NotConnected (only the server knows which
     /// names are free), SaveFailed and StorageFull (the server could not write the file).
     [[nodiscard]] Result<pxr::SdfLayerRefPtr> createLayer(const LayerId& layer);
+    /// Uploads a file of this machine that is no layer, such as a texture or a package, and waits
+    /// until the server has written it to its folder and everybody can open it (FI7). `path` is the
+    /// name of the new file relative to the project; folders are created as needed. A file that the
+    /// project has already with the same content is a success; one with another content is replaced
+    /// only if `overwrite` is true. The server writes the whole file or nothing. A notice handler
+    /// must not call this within tick(). Errors: InvalidFileName, FileExists, NotConnected (also if
+    /// the connection is lost; upload it again), InvalidArgument (the file of this machine cannot
+    /// be read, or was changed while it was read), BlobTooLarge, SaveFailed and StorageFull (the
+    /// server could not write it).
+    [[nodiscard]] Result<void> upload(const std::filesystem::path& file, const std::string& path,
+                                      bool overwrite = false);
+    /// Starts an upload and returns at once. The following ticks send the file within their
+    /// budgets, while another thread reads it. Returns the number of the request. It ends with
+    /// event::Uploaded or event::UploadFailed; event::Progress reports its progress if it takes
+    /// long. Uploads are executed one after the other.
+    std::uint64_t requestUpload(const std::filesystem::path& file, const std::string& path,
+                                bool overwrite = false);
     /// Makes the layers of the project live that this process has loaded from `projectFolder`,
     /// which is the served folder or a copy of it. Returns them sorted. Error: InvalidArgument (one
     /// of them has unsaved edits).

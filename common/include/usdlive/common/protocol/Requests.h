@@ -13,6 +13,7 @@
 #include <variant>
 #include <vector>
 
+#include "usdlive/common/core/Hash.h"
 #include "usdlive/common/core/Id.h"
 #include "usdlive/common/protocol/Fields.h"
 
@@ -88,6 +89,32 @@ struct CreateLayer {
     LayerId layer = {};
     USDLIVE_FIELDS(request, layer)
     bool operator==(const CreateLayer&) const = default;
+};
+
+/// Says whether the file is there.
+struct FileUploaded {
+    static constexpr std::string_view kType = "fileUploaded";
+    std::uint64_t request = 0;
+    std::string path;
+    /// True: the project has the file with this content. False: nothing was changed, because the
+    /// server does not hold the content. Upload it (B1) and send the request again.
+    bool complete = false;
+    USDLIVE_FIELDS(request, path, complete)
+    bool operator==(const FileUploaded&) const = default;
+};
+/// Makes a big value, which the client has uploaded, a file of the project that is no layer (FI7).
+struct UploadFile {
+    static constexpr std::string_view kType = "uploadFile";
+    static constexpr std::string_view kFeature = "upload";
+    using Answer = FileUploaded;
+    std::uint64_t request = 0;
+    std::string path = {};  ///< relative to the project, see checkFilePath()
+    Hash hash = {};         ///< SHA-256 of the content
+    std::uint64_t size = 0;
+    /// True: also replaces a file with another content.
+    std::optional<bool> overwrite = {};
+    USDLIVE_FIELDS(request, path, hash, size, overwrite)
+    bool operator==(const UploadFile&) const = default;
 };
 
 struct SkippedFile {
@@ -274,7 +301,7 @@ struct RequestLog {
 // ---- the lists
 
 /// Any request that one message answers. Each has an answer type of its own.
-using AnyRequest = std::variant<SaveLayers, ReloadLayers, CreateLayer, ListSkipped,
+using AnyRequest = std::variant<SaveLayers, ReloadLayers, CreateLayer, UploadFile, ListSkipped,
                                 CreateCheckpoint, ListCheckpoints, CompactHistory, RequestStorage>;
 
 template <class T>

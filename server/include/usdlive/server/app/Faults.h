@@ -15,8 +15,9 @@ namespace usdlive::server {
 
 /// Kills the process as kill -9 would. Only in usdlive-server-faults (tests/CMakeLists.txt), and if
 /// the environment has USDLIVE_FAULT=<point> or <point>:<n>: at the n-th call. Points:
-/// append-before, append-after, snapshot, save-before, save-after, import, compact-before,
-/// compact-after, keeping (at each commit that compacting or measuring reads).
+/// append-before, append-after, snapshot, save-before, save-after, import, upload-before,
+/// upload-after, compact-before, compact-after, keeping (at each commit that compacting or
+/// measuring reads).
 #ifdef USDLIVE_FAULTS
 inline void faultPoint(std::string_view point) {
     static const std::string chosen = [] {

@@ -46,6 +46,7 @@ struct ProjectFiles {
     /// Returns the served layers: the files, and layers that exist only in the store.
     std::function<Result<std::vector<LayerFile>>()> list;
     LayerFiles& layers;
+    AssetFiles& assets;
 };
 
 struct ProjectHealth {

@@ -1,7 +1,6 @@
 // Serves a project's files and its layers as of one revision over HTTP (AS1-AS4).
 #pragma once
 
-#include <filesystem>
 #include <functional>
 #include <list>
 #include <memory>
@@ -25,8 +24,8 @@ namespace usdlive::server {
 class ServedAssets {
 public:
     /// `workers` is stopped before the other arguments and this object are destroyed.
-    ServedAssets(std::string project, const std::filesystem::path& folder, LayerFiles& layers,
-                 SharedStore& store, WorkerLanes& workers, Log& log);
+    ServedAssets(std::string project, AssetFiles& assets, LayerFiles& layers, SharedStore& store,
+                 WorkerLanes& workers, Log& log);
 
     /// Answers on a worker.
     void answer(const FileRequest& request, const HttpAnswer& answer);
@@ -59,7 +58,7 @@ private:
     SharedStore& store_;
     WorkerLanes& workers_;
     Log& log_;
-    AssetFiles assets_;
+    AssetFiles& assets_;
 
     std::mutex mutex_;                                  // guards the next two members
     std::list<std::pair<LayerId, Rendered>> rendered_;  // the last ones, the newest first

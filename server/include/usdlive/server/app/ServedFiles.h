@@ -9,6 +9,7 @@
 #include "usdlive/server/app/ProjectStrand.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/WorkerLanes.h"
+#include "usdlive/server/files/AssetFiles.h"
 #include "usdlive/server/files/LayerFiles.h"
 #include "usdlive/server/project/ports/Files.h"
 #include "usdlive/server/transport/Log.h"
@@ -18,8 +19,8 @@ namespace usdlive::server {
 /// The files of a project's folder, read and written by workers. Network thread.
 class ServedFiles final : public ports::Files {
 public:
-    ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles& files, SharedStore& store,
-                Log& log);
+    ServedFiles(ProjectStrand& strand, WorkerLanes& workers, LayerFiles& files, AssetFiles& assets,
+                const BlobStore& blobs, SharedStore& store, Log& log);
 
     void importLayer(const LayerId& layer) override;
     void readLayer(SessionId session, std::uint64_t request, const LayerId& layer) override;
@@ -29,6 +30,7 @@ public:
     void reloadLayer(SessionId session, std::uint64_t request, const LayerId& layer,
                      LayerDoc present) override;
     void createLayerFile(SessionId session, std::uint64_t request, const LayerId& layer) override;
+    void storeFile(SessionId session, std::uint64_t request, UploadJob job) override;
     void listSkipped(SessionId session, std::uint64_t request) override;
 
 private:
@@ -44,7 +46,11 @@ private:
     // The files that `saver_` has written last. A save that was requested before the previous one
     // finished does not know that one's result.
     std::unordered_map<LayerId, SavedState> written_;
+    // Uploads take long and wait for each other, so that saves and imports have a worker.
+    boost::asio::strand<boost::asio::thread_pool::executor_type> uploader_;
     LayerFiles& files_;
+    AssetFiles& assets_;
+    const BlobStore& blobs_;
     SharedStore& store_;
     Log& log_;
 };

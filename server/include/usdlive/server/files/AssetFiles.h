@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -65,6 +66,20 @@ public:
                                                       std::uint64_t mostBytes = ~std::uint64_t(0));
     [[nodiscard]] AssetResult<std::shared_ptr<const OpenedAsset>> open(const std::string& path);
 
+    /// A file to be written.
+    struct NewFile {
+        std::string path;  ///< a valid name (FI7)
+        Hash hash;         ///< names its content in a BlobStore
+        std::uint64_t size = 0;
+        bool overwrite = false;  ///< replaces a file with another content
+    };
+    /// Writes a file, which `list` shows at once, whole or not at all. Returns true if the project
+    /// has the file with this content, also if it had it before; false if `blobs` does not have the
+    /// content. `ready` is called directly before the file gets its name. Errors: InvalidFileName,
+    /// FileExists, StorageFull, SaveFailed. The message names the file and the reason.
+    [[nodiscard]] Result<bool> store(const NewFile& file, const BlobStore& blobs,
+                                     const std::function<void()>& ready = {});
+
 private:
     struct Known {
         FileTrace trace;
@@ -73,6 +88,8 @@ private:
     [[nodiscard]] std::optional<Hash> knownHash(const std::filesystem::path& real,
                                                 const FileTrace& trace) const;
     void remember(const std::filesystem::path& real, const FileTrace& trace, const Hash& hash);
+    [[nodiscard]] Result<bool> tryToStore(const NewFile& file, const BlobStore& blobs,
+                                          const std::function<void()>& ready);
     [[nodiscard]] AssetResult<std::shared_ptr<const OpenedAsset>> openReal(
         const std::string& path, const std::filesystem::path& real);
 

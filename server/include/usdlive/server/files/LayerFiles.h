@@ -68,8 +68,8 @@ public:
     [[nodiscard]] virtual Result<Bytes> render(const LayerId& layer, const LayerDoc& doc) = 0;
 };
 
-/// Also removes the temporary files of interrupted saves. Error: InvalidConfiguration if the folder
-/// does not exist.
+/// Also removes the temporary files of interrupted saves and uploads. Error: InvalidConfiguration
+/// if the folder does not exist.
 [[nodiscard]] Result<std::unique_ptr<LayerFiles>> createLayerFiles(
     const std::filesystem::path& folder, BlobStore& blobs);
 

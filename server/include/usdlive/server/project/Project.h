@@ -182,6 +182,9 @@ public:
     void layerBeingImported(const LayerId& layer);
     void layerCreated(SessionId session, std::uint64_t request, const LayerId& layer,
                       const Result<void>& created);
+    /// `complete`: the file has the content; false: the store does not have the content.
+    void fileStored(SessionId session, std::uint64_t request, const std::string& path,
+                    const Result<bool>& complete);
     void skippedListed(SessionId session, std::uint64_t request,
                        Result<std::vector<SkippedFile>> skipped);
     void fileChecked(const LayerId& layer, Result<std::optional<FileStamp>> file);

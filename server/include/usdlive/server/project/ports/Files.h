@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "usdlive/common/layer/LayerDoc.h"
@@ -19,6 +20,14 @@ struct SaveJob {
     /// If true, the save fails with LayerOutdated if the file was changed outside: if its content
     /// is not that of `saved.file`, of `saved.pending` or of `doc`.
     bool onlyIfUnchanged = false;
+};
+
+/// A big value to be written to a file that is no layer.
+struct UploadJob {
+    std::string path;  ///< a valid name (FI7)
+    Hash hash;
+    std::uint64_t size = 0;
+    bool overwrite = false;
 };
 
 namespace ports {
@@ -52,6 +61,8 @@ public:
     /// Project::layerCreated().
     virtual void createLayerFile(SessionId session, std::uint64_t request,
                                  const LayerId& layer) = 0;
+    /// Writes a stored big value to a file that is no layer. Answered by Project::fileStored().
+    virtual void storeFile(SessionId session, std::uint64_t request, UploadJob job) = 0;
     /// Lists the files in the folder that are not served. Answered by Project::skippedListed().
     virtual void listSkipped(SessionId session, std::uint64_t request) = 0;
 };

@@ -1,0 +1,397 @@
+// Uploads files of this machine that become files of the project (FI7).
+#include "usd/FileUploads.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+#include <mutex>
+#include <utility>
+
+#include "usdlive/common/core/FilePath.h"
+#include "usdlive/common/core/Sha256.h"
+#include "usdlive/common/core/Utf8.h"
+
+namespace usdlive::client {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr std::size_t kHashedAtOnce = 1024 * 1024;
+// The parts that wait in memory. More are prepared when half of them are sent.
+constexpr std::size_t kPartsAhead = 16;
+// The server may drop a value before the upload names it.
+constexpr int kMostTransfers = 3;
+constexpr std::int64_t kUploadReportMs = 500;
+
+Error cannotUpload(const fs::path& from, ErrorCode code, const std::string& why) {
+    return {code, inQuotes(from.native()) + " cannot be uploaded: " + why};
+}
+
+}  // namespace
+
+/// A file of this machine: the worker hashes it, and then reads it again in parts.
+class FileUploads::Source {
+public:
+    struct Content {
+        Hash hash;
+        std::uint64_t size = 0;
+    };
+    explicit Source(fs::path from) : from_(std::move(from)) {}
+    Source(const Source&) = delete;
+    Source& operator=(const Source&) = delete;
+    ~Source() {
+        if (file_ >= 0) ::close(file_);
+    }
+
+    // The worker.
+    void hash() {
+        auto content = readAll();
+        const std::lock_guard lock(mutex_);
+        content_ = std::move(content);
+    }
+    void prepare(const Content& content) {
+        for (;;) {
+            {
+                const std::lock_guard lock(mutex_);
+                if (isStopped || failure_ || at_ >= content.size || parts_.size() >= kPartsAhead) {
+                    isPreparing_ = false;
+                    return;
+                }
+            }
+            auto part = readPart(content);
+            const std::lock_guard lock(mutex_);
+            if (part)
+                parts_.push_back(std::move(*part));
+            else
+                failure_ = part.error();
+        }
+    }
+
+    // The thread of the uploads.
+    [[nodiscard]] std::optional<Result<Content>> content() const {
+        const std::lock_guard lock(mutex_);
+        return content_;
+    }
+    struct Part {
+        SharedBytes frame;
+        std::size_t bytes = 0;
+    };
+    [[nodiscard]] std::optional<Result<Part>> take() {
+        const std::lock_guard lock(mutex_);
+        if (failure_) return tl::unexpected(*failure_);
+        if (parts_.empty()) return std::nullopt;
+        Part part = std::move(parts_.front());
+        parts_.pop_front();
+        return part;
+    }
+    /// Returns whether the worker has to prepare more parts, once.
+    [[nodiscard]] bool needsMore(const Content& content) {
+        const std::lock_guard lock(mutex_);
+        if (isPreparing_ || at_ >= content.size || parts_.size() > kPartsAhead / 2) return false;
+        return isPreparing_ = true;
+    }
+    /// Begins with the first part again. Precondition: the last part was taken.
+    void rewind() {
+        const std::lock_guard lock(mutex_);
+        at_ = 0;
+    }
+
+    std::atomic<bool> isStopped = false;
+    std::atomic<std::uint64_t> hashed = 0;  ///< bytes
+
+private:
+    [[nodiscard]] tl::unexpected<Error> refuse(ErrorCode code, const std::string& why) const {
+        return tl::unexpected(cannotUpload(from_, code, why));
+    }
+    [[nodiscard]] tl::unexpected<Error> unreadable() const {
+        return refuse(ErrorCode::InvalidArgument, std::strerror(errno));
+    }
+
+    Result<Content> readAll() {
+        file_ = ::open(from_.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+        if (file_ < 0) return unreadable();
+        struct stat found{};
+        if (::fstat(file_, &found) != 0) return unreadable();
+        if (S_ISDIR(found.st_mode))
+            return refuse(ErrorCode::InvalidArgument,
+                          "it is a folder. Upload its files one by one");
+        if (!S_ISREG(found.st_mode))
+            return refuse(ErrorCode::InvalidArgument, "it is no regular file");
+        size_ = std::uint64_t(found.st_size);
+        modified_ = found.st_mtim;
+        Sha256 sha;
+        Bytes part(std::size_t(std::min<std::uint64_t>(size_, kHashedAtOnce)));
+        for (std::uint64_t at = 0; at < size_ && !isStopped;) {
+            const auto count = fill(at, part);
+            if (!count) return tl::unexpected(count.error());
+            sha.add(ByteView(part.data(), *count));
+            at += *count;
+            hashed = at;
+        }
+        if (auto same = checkSame(); !same) return tl::unexpected(same.error());
+        return Content{sha.finish(), size_};
+    }
+
+    Result<Part> readPart(const Content& content) {
+        Bytes bytes(std::size_t(std::min<std::uint64_t>(content.size - at_, kChunkBytes)));
+        const auto count = fill(at_, bytes);
+        if (!count) return tl::unexpected(count.error());
+        if (*count < bytes.size()) return changed();
+        if (auto same = checkSame(); !same) return tl::unexpected(same.error());
+        const BlobFrame frame{content.hash, content.size, at_, std::uint32_t(bytes.size()),
+                              deflate(bytes)};
+        Part part{std::make_shared<const Bytes>(encodeFrame(frame)), bytes.size()};
+        const std::lock_guard lock(mutex_);
+        at_ += bytes.size();
+        return part;
+    }
+
+    /// Reads as many bytes as the file has.
+    Result<std::size_t> fill(std::uint64_t offset, Bytes& part) {
+        std::size_t filled = 0;
+        while (filled < part.size()) {
+            const ssize_t count =
+                ::pread(file_, part.data() + filled, part.size() - filled, off_t(offset + filled));
+            if (count < 0 && errno == EINTR) continue;
+            if (count < 0) return unreadable();
+            if (count == 0) break;
+            filled += std::size_t(count);
+        }
+        if (filled == 0) return changed();
+        return filled;
+    }
+    Result<void> checkSame() {
+        struct stat now{};
+        if (::fstat(file_, &now) != 0) return unreadable();
+        if (std::uint64_t(now.st_size) == size_ && now.st_mtim.tv_sec == modified_.tv_sec &&
+            now.st_mtim.tv_nsec == modified_.tv_nsec)
+            return {};
+        return changed();
+    }
+    [[nodiscard]] tl::unexpected<Error> changed() const {
+        return refuse(ErrorCode::InvalidArgument,
+                      "it was changed while it was read. Upload it when it is complete");
+    }
+
+    // Used by the worker only.
+    const fs::path from_;
+    int file_ = -1;
+    std::uint64_t size_ = 0;
+    timespec modified_{};
+
+    mutable std::mutex mutex_;  // guards the next members
+    std::optional<Result<Content>> content_;
+    std::deque<Part> parts_;
+    std::optional<Error> failure_;
+    std::uint64_t at_ = 0;  // begins the next part
+    bool isPreparing_ = false;
+};
+
+FileUploads::FileUploads(Session& session, SessionHost& host) : session_(session), host_(host) {}
+
+FileUploads::~FileUploads() {
+    if (source_) source_->isStopped = true;
+}
+
+std::uint64_t FileUploads::add(fs::path from, std::string path, bool overwrite) {
+    uploads_.push_back({++last_, std::move(from), std::move(path), overwrite});
+    return last_;
+}
+
+void FileUploads::drop(std::uint64_t number) {
+    if (source_ && uploads_.front().number == number) leave();
+    std::erase_if(uploads_, [&](const Upload& upload) { return upload.number == number; });
+}
+
+std::vector<FileUploads::Ended> FileUploads::takeEnded() { return std::exchange(ended_, {}); }
+
+std::uint64_t FileUploads::steps() const {
+    return steps_ + (source_ ? source_->hashed.load() / kHashedAtOnce : 0);
+}
+
+std::uint64_t FileUploads::beingWritten() const {
+    if (!source_ || stage_ == Stage::Hash) return 0;
+    return (*source_->content())->size;
+}
+
+std::optional<event::Progress> FileUploads::progress(std::int64_t nowMs) {
+    if (!source_) {
+        reportedMs_.reset();
+        return std::nullopt;
+    }
+    if (!reportedMs_) reportedMs_ = nowMs;
+    if (nowMs - *reportedMs_ < kUploadReportMs) return std::nullopt;
+    reportedMs_ = nowMs;
+    const auto content = source_->content();
+    const std::uint64_t total = content && *content ? (*content)->size : 0;
+    return event::Progress{
+        event::Progress::Task::Upload, {}, sent_, total, uploads_.front().number};
+}
+
+// ---- the way of an upload
+
+void FileUploads::advance(std::int64_t /*nowMs*/) {
+    while (!uploads_.empty()) {
+        if (!source_) begin();
+        if (source_ && !advanceStage()) return;
+    }
+}
+
+void FileUploads::begin() {
+    const Upload& upload = uploads_.front();
+    if (auto valid = checkFilePath(upload.path); !valid) return end(valid);
+    if (!session_.isConnected())
+        return end(tl::unexpected(
+            cannotUpload(upload.from, ErrorCode::NotConnected,
+                         "there is no connection to the server. Try again when it is connected")));
+    stage_ = Stage::Hash;
+    transfers_ = 0;
+    sent_ = 0;
+    source_ = std::make_shared<Source>(upload.from);
+    if (!reader_) reader_ = std::make_unique<Worker>();
+    reader_->post([source = source_] { source->hash(); });
+}
+
+/// Returns false if the present upload has to wait.
+bool FileUploads::advanceStage() {
+    if (stage_ == Stage::Parts) return sendParts();
+    if (stage_ != Stage::Hash) return false;
+    const auto content = source_->content();
+    if (!content) return false;
+    if (!*content) {
+        end(tl::unexpected(content->error()));
+        return true;
+    }
+    const std::uint64_t most = session_.welcome() ? session_.welcome()->maxBlobBytes : 0;
+    if (most > 0 && (*content)->size > most) {
+        end(tl::unexpected(
+            cannotUpload(uploads_.front().from, ErrorCode::BlobTooLarge,
+                         "it has " + std::to_string((*content)->size) +
+                             " bytes, and the server takes " + std::to_string(most) +
+                             ". Serve with a larger --max-blob-mib, or put it into the "
+                             "folder that the server serves")));
+        return true;
+    }
+    ask();
+    return false;
+}
+
+void FileUploads::ask() {
+    const Upload& upload = uploads_.front();
+    const auto content = **source_->content();
+    ++steps_;
+    stage_ = Stage::Answer;
+    request_ = session_.request(
+        UploadFile{.path = upload.path,
+                   .hash = content.hash,
+                   .size = content.size,
+                   .overwrite = upload.overwrite ? std::optional(true) : std::nullopt});
+}
+
+void FileUploads::answered(bool complete) {
+    ++steps_;
+    if (complete) return end({});
+    if (++transfers_ > kMostTransfers)
+        return end(tl::unexpected(cannotUpload(
+            uploads_.front().from, ErrorCode::BlobNotFound,
+            "the server dropped the content before it could write the file. Serve with a larger "
+            "--keep-unused-blobs")));
+    stage_ = Stage::Parts;
+    sent_ = 0;
+    source_->rewind();
+    transferred_.insert((*source_->content())->hash);
+}
+
+bool FileUploads::sendParts() {
+    const auto content = **source_->content();
+    while (sent_ < content.size && host_.takesMore()) {
+        if (source_->needsMore(content))
+            reader_->post([source = source_, content] { source->prepare(content); });
+        const auto part = source_->take();
+        if (!part) return false;
+        if (!*part) {
+            end(tl::unexpected(part->error()));
+            return true;
+        }
+        host_.send((*part)->frame);
+        sent_ += (*part)->bytes;
+        ++steps_;
+    }
+    if (sent_ == content.size) stage_ = Stage::Stored;
+    return false;
+}
+
+void FileUploads::blobStored(const Hash& hash) {
+    // The server may have it already, and answers the first part then.
+    const bool isAwaited = source_ && (stage_ == Stage::Parts || stage_ == Stage::Stored) &&
+                           sent_ > 0 && (*source_->content())->hash == hash;
+    if (isAwaited && stage_ == Stage::Stored) ask();
+}
+
+bool FileUploads::note(const Event& event) {
+    if (std::holds_alternative<event::Disconnected>(event)) {
+        endAll({ErrorCode::NotConnected, "the connection to the server was lost"});
+        transferred_.clear();
+        return false;
+    }
+    if (const auto* answer = std::get_if<event::Answered<UploadFile>>(&event)) {
+        if (request_ == 0 || answer->answer.request != request_) return false;
+        request_ = 0;
+        answered(answer->answer.complete);
+        return true;
+    }
+    const auto* error = std::get_if<event::ServerError>(&event);
+    if (!error) return false;
+    const ErrorMessage& message = error->message;
+    const bool isAnswer = request_ != 0 && message.request == request_;
+    const bool isAboutParts = message.blob && transferred_.contains(*message.blob);
+    if (isAnswer) {
+        request_ = 0;
+        failed(toError(message));
+    } else if (isAboutParts && source_ && stage_ != Stage::Hash &&
+               (*source_->content())->hash == *message.blob) {
+        failed(toError(message));
+    }
+    return isAnswer || isAboutParts;
+}
+
+void FileUploads::failed(const Error& error) {
+    const Upload& upload = uploads_.front();
+    if (error.code == ErrorCode::NotConnected)
+        return endAll({error.code, "the connection to the server was lost"});
+    if (error.code == ErrorCode::BlobMismatch)
+        return end(tl::unexpected(
+            cannotUpload(upload.from, ErrorCode::InvalidArgument,
+                         "it was changed while it was read. Upload it when it is complete")));
+    end(tl::unexpected(Error{error.code, error.message}));
+}
+
+void FileUploads::leave() {
+    if (source_) source_->isStopped = true;
+    source_.reset();
+    request_ = 0;
+}
+
+void FileUploads::end(Result<void> outcome) {
+    ++steps_;
+    leave();
+    Upload upload = std::move(uploads_.front());
+    uploads_.pop_front();
+    ended_.push_back({upload.number, std::move(upload.path), std::move(outcome)});
+}
+
+void FileUploads::endAll(const Error& why) {
+    while (!uploads_.empty())
+        end(tl::unexpected(cannotUpload(
+            uploads_.front().from, why.code,
+            why.message + ". The project has the whole file or none of it: upload it again when "
+                          "it is connected")));
+}
+
+}  // namespace usdlive::client
