@@ -112,6 +112,28 @@ def test_the_list_follows_the_folder(serve, project):
     assert "new.exr" not in listed(server)[1]
 
 
+def test_the_list_without_layers_changes_only_with_other_files(serve, project):
+    (project / "lib.usda").rename(project / "LIB.USDA")
+    server = serve(project)
+
+    def tag(query="?layers=no"):
+        return get(server, f"/files{query}")[1]["ETag"]
+
+    listing, files = listed(server, "?layers=no")
+    assert list(listing) == ["files", "project"] and list(files) == ["same.png", "tex/my brick.png"]
+    before, all_before = tag(), tag("")
+    with connect(server, "ada") as live:
+        set_radius(live, 2.0)
+        assert tag() == before and tag("") != all_before
+        status, headers, body = get(server, "/files?layers=no", If_None_Match=before)
+        assert (status, body) == (304, b"")
+        (project / "new.png").write_bytes(b"new")
+        assert tag() != before and listed(server, "?layers=no")[1]["new.png"]["hash"] == sha(b"new")
+        (project / "new.png").unlink()
+        assert tag() == before
+    assert get(server, "/files?layers=yes")[0] == 400
+
+
 def test_layers_are_served_as_of_one_revision(serve, project):
     server = serve(project)
     with connect(server, "ada") as live:

@@ -201,6 +201,7 @@ def test_layers_are_live_by_whatever_address_a_layer_names_them(serve, shot):
 
 
 def test_live_stages_keep_the_files_they_have_while_the_server_is_away(serve, shot, tmp_path, capfd):
+    write_package(shot / "unread.usdz", b"\x89PNG")
     server = serve(shot)
     live = connect(server, "ada")
     stage = live.open_stage("shot.usda")
@@ -213,6 +214,10 @@ def test_live_stages_keep_the_files_they_have_while_the_server_is_away(serve, sh
     tile = Ar.ResolvedPath(live.identifier("shot.usda").replace("shot.usda", "tex/skin.1001.png"))
     with pytest.raises(Exception, match="skin.1001.png: .*there is no connection to the server"):
         Ar.GetResolver().OpenAsset(tile)
+    content = sha(shot / "unread.usdz")
+    package = Ar.ResolvedPath(f"usdlive://127.0.0.1:{server.port}/@~{content}/unread.usdz")
+    with pytest.raises(Exception, match="unread.usdz: .*there is no connection to the server"):
+        Ar.GetResolver().OpenAsset(package)
     prim = stage.DefinePrim("/Offline")
     prim.CreateAttribute("brick", Sdf.ValueTypeNames.Asset).Set("./tex/brick.png")
     assert resolved(stage, "/Offline.brick") == cached
@@ -221,6 +226,7 @@ def test_live_stages_keep_the_files_they_have_while_the_server_is_away(serve, sh
     wait(lambda: live.connected, live, timeout=30)
     assert live.flush(20)
     assert content_hash(tile) == sha(shot / "tex" / "skin.1001.png")
+    assert content_hash(package) == content
     live.close()
 
 

@@ -7,6 +7,7 @@
 #include <system_error>
 #include <utility>
 
+#include "usd/ProjectFiles.h"  // encodedInAddress
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/PercentEncoding.h"
 
@@ -63,8 +64,7 @@ CacheFolderPlaces::CacheFolderPlaces(fs::path folder, Worker& worker)
 
 std::string CacheFolderPlaces::identifierOf(const LayerId& layer) const {
     if (base_.empty()) return FolderPlaces::identifierOf(layer);
-    const auto isEncoded = [](char c) { return c == '%' || c == '@'; };
-    return pxr::ArGetResolver().CreateIdentifier(base_ + percentEncodedIf(layer.value, isEncoded));
+    return pxr::ArGetResolver().CreateIdentifier(base_ + encodedInAddress(layer.value));
 }
 
 std::optional<LayerId> CacheFolderPlaces::layerAt(const std::string& identifier) const {

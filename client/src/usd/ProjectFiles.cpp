@@ -66,6 +66,10 @@ std::optional<std::string> fileOf(const pxr::SdfLayerHandle& layer, const std::s
 
 }  // namespace
 
+std::string encodedInAddress(std::string_view path) {
+    return percentEncodedIf(path, [](char c) { return c == '%' || c == '@'; });
+}
+
 struct ProjectFiles::State {
     /// Asks for the list, and collects the changed files.
     void ask() {
@@ -119,10 +123,8 @@ std::optional<std::string> ProjectFiles::start(const fs::path& folder,
     if (!token) return refuse("the host " + web->host + " cannot be part of an address");
     resolver_ = *resolver;
     token_ = token;
-    const auto isEncoded = [](char c) { return c == '%' || c == '@'; };
     base_ = pxr::ArGetResolver().CreateIdentifier("usdlive://" + hostAndPort(*web) + "/@~" + token +
-                                                  "/" + percentEncodedIf(prefix, isEncoded) +
-                                                  "layer.usda");
+                                                  "/" + encodedInAddress(prefix) + "layer.usda");
     base_.resize(base_.rfind('/') + 1);
     state_ = std::make_shared<State>();
     state_->resolver = resolver_;

@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "transport/Connection.h"
@@ -17,6 +18,10 @@
 #include "usdlive/common/core/Result.h"
 
 namespace usdlive::client {
+
+/// Encodes the characters of a path that would be read as something else in an address. The plug-in
+/// writes the address as it is written everywhere (ArResolver::CreateIdentifier).
+[[nodiscard]] std::string encodedInAddress(std::string_view path);
 
 /// Lets the resolver plug-in find the files of the project, and follows their changes. A worker
 /// asks the server for the list of files, for at most a twentieth of its time; no other function

@@ -48,14 +48,18 @@ void Context::wrapForPython() {
 }
 
 Outcome<SnapshotPtr> Context::of(const Located& located, const Url& url) const {
+    // A stage of live layers has no revision of its own.
+    if (root().isLive()) {
+        auto known = located.project->known();
+        if (known) set(located.project, *known);  // for refresh()
+        return known;
+    }
     {
         const std::lock_guard lock(state_->mutex);
         const auto found = state_->snapshots.find(located.project);
         if (found != state_->snapshots.end()) return found->second;
     }
     const bool isPinned = !root().pin.empty() && url.server() == root().server();
-    // A stage of live layers has no revision of its own.
-    if (root().isLive()) return located.project->known();
     auto snapshot = isPinned ? located.project->at(root().pin) : located.project->newest(kIdle);
     if (!snapshot) return snapshot;
     const std::lock_guard lock(state_->mutex);

@@ -88,8 +88,7 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
     const auto live = LiveProjects::ofProcess().findToken(token);
     if (!live) return 0;
     const auto located = locate(*live, "");
-    const auto now = located ? located->project->newest(std::chrono::milliseconds(-1))
-                             : Outcome<SnapshotPtr>(located.failure());
+    const auto now = located ? located->project->follow() : Outcome<SnapshotPtr>(located.failure());
     if (!now) {
         reported().failed(token);
         return 0;
@@ -104,14 +103,14 @@ int fetch(const char* token, const char* path, IsStopped isStopped, void* contex
     const StoppableRequests requests([&] { return isStopped(context) != 0; });
     const auto live = LiveProjects::ofProcess().findToken(token);
     const auto located = live ? locate(*live, path) : Outcome<Located>(Failure{});
-    const SnapshotPtr files = located ? located->project->last() : nullptr;
+    const SnapshotPtr files = located ? located->project->lastFollowed() : nullptr;
     if (!files) return 0;
     const auto entry = files->files.find(path);
     return entry == files->files.end() || located->project->openFile(path, entry->second.hash);
 }
 
 void close(const char* token) {
-    LiveProjects::ofProcess().setConnected(token, "", false);
+    LiveProjects::ofProcess().close(token);
     reported().forget(token);
 }
 

@@ -20,8 +20,10 @@ std::optional<fs::path> LiveProject::placeOf(const Url& url) const {
     if (url.leadsOut() || !url.path.starts_with(prefix) || !isUsdLayer(url.path))
         return std::nullopt;
     const std::string name = url.path.substr(prefix.size());
-    // The folder has hidden files of the client beside the placeholders.
-    if (name.starts_with('.') || name.find("/.") != std::string::npos) return std::nullopt;
+    // The folder has hidden files of the client beside the placeholders (LN1).
+    constexpr std::string_view kHidden = ".usdlive";
+    if (name.starts_with(kHidden) || name.find("/" + std::string(kHidden)) != std::string::npos)
+        return std::nullopt;
     return folder / name;
 }
 
@@ -49,14 +51,19 @@ const char* LiveProjects::add(const std::string& server, const std::string& pref
     const auto url = parseUrl("usdlive://" + server + "/");
     if (!url) return nullptr;
     const std::lock_guard lock(mutex_);
-    for (const auto& [token, known] : projects_)
-        if (known.server == url->server() && known.prefix == prefix && known.folder == folder)
+    for (auto& [token, known] : projects_)
+        if (known->hasServerOf(*url) && known->prefix == prefix && known->folder == folder) {
+            LiveProject opened = *known;
+            opened.isClosed = false;
+            known = std::make_shared<const LiveProject>(std::move(opened));
             return token.c_str();
+        }
     const std::string token =
         std::string(kLiveToken) +
         (projects_.empty() ? std::string() : std::to_string(projects_.size() + 1));
-    LiveProject project{url->server(), url->host, url->port, prefix, folder};
-    return projects_.emplace(token, std::move(project)).first->first.c_str();
+    LiveProject project{url->host, url->port, url->host, url->port, prefix, folder};
+    return projects_.emplace(token, std::make_shared<const LiveProject>(std::move(project)))
+        .first->first.c_str();
 }
 
 void LiveProjects::setConnected(const std::string& token, const std::string& server,
@@ -65,23 +72,48 @@ void LiveProjects::setConnected(const std::string& token, const std::string& ser
     const std::lock_guard lock(mutex_);
     const auto found = projects_.find(token);
     if (found == projects_.end()) return;
-    found->second.isConnected = isConnected;
-    if (!url) return;
-    found->second.host = url->host;
-    found->second.port = url->port;
+    LiveProject now = *found->second;
+    now.isConnected = isConnected;
+    if (url) {
+        now.host = url->host;
+        now.port = url->port;
+    }
+    found->second = std::make_shared<const LiveProject>(std::move(now));
 }
 
-std::optional<LiveProject> LiveProjects::find(const Url& url) const {
-    if (!url.isLive()) return std::nullopt;
-    auto found = findToken(url.version);
-    if (found && found->server != url.server()) found.reset();
-    return found;
-}
-
-std::optional<LiveProject> LiveProjects::findToken(const std::string& token) const {
+void LiveProjects::close(const std::string& token) {
     const std::lock_guard lock(mutex_);
     const auto found = projects_.find(token);
-    return found == projects_.end() ? std::nullopt : std::optional(found->second);
+    if (found == projects_.end()) return;
+    LiveProject closed = *found->second;
+    closed.isConnected = false;
+    closed.isClosed = true;
+    found->second = std::make_shared<const LiveProject>(std::move(closed));
+}
+
+LiveProjectPtr LiveProjects::find(const Url& url) const {
+    if (!url.isLive()) return nullptr;
+    auto found = findToken(url.version);
+    return found && found->hasServerOf(url) ? found : nullptr;
+}
+
+LiveProjectPtr LiveProjects::findToken(const std::string& token) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = projects_.find(token);
+    return found == projects_.end() ? nullptr : found->second;
+}
+
+LiveProjectPtr LiveProjects::findAt(const Url& url) const {
+    const std::lock_guard lock(mutex_);
+    LiveProjectPtr any;
+    for (const auto& [token, project] : projects_) {
+        if (project->isClosed || !project->hasServerOf(url) ||
+            !url.path.starts_with(project->prefix))
+            continue;
+        if (project->isConnected) return project;
+        any = project;
+    }
+    return any;
 }
 
 }  // namespace usdlive::resolver

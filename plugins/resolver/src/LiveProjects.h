@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
@@ -14,13 +15,19 @@ namespace usdlive::resolver {
 
 /// A project whose layers are live in this process.
 struct LiveProject {
-    std::string server;  ///< in its addresses
-    std::string host;    ///< that answers now
+    std::string addressHost;  ///< in its addresses
+    std::uint16_t addressPort = 0;
+    std::string host;  ///< that answers now
     std::uint16_t port = 0;
     std::string prefix;            ///< begins all paths: the project's name and a slash, or empty
     std::filesystem::path folder;  ///< has a file without content for each live layer
     bool isConnected = true;       ///< the server can be asked
+    bool isClosed = false;         ///< its client has ended
 
+    /// Returns whether the address is one of this project's server.
+    [[nodiscard]] bool hasServerOf(const Url& url) const {
+        return url.port == addressPort && url.host == addressHost;
+    }
     /// Returns the placeholder of a layer; nothing if there is none.
     [[nodiscard]] std::optional<std::filesystem::path> layerFile(const Url& url) const;
     /// Returns where the placeholder of a layer is, or would be; nothing for paths that are no
@@ -29,6 +36,9 @@ struct LiveProject {
     /// Returns the address with the server that answers now.
     [[nodiscard]] Url atServer(Url url) const;
 };
+
+/// Never changes: a change makes another one. nullptr: none.
+using LiveProjectPtr = std::shared_ptr<const LiveProject>;
 
 /// All live projects of this process, by the token in their addresses. Any thread.
 class LiveProjects {
@@ -39,13 +49,16 @@ public:
     const char* add(const std::string& server, const std::string& prefix,
                     const std::string& folder);
     void setConnected(const std::string& token, const std::string& server, bool isConnected);
+    void close(const std::string& token);
     /// Returns nothing for addresses that are not live here.
-    [[nodiscard]] std::optional<LiveProject> find(const Url& url) const;
-    [[nodiscard]] std::optional<LiveProject> findToken(const std::string& token) const;
+    [[nodiscard]] LiveProjectPtr find(const Url& url) const;
+    [[nodiscard]] LiveProjectPtr findToken(const std::string& token) const;
+    /// Returns a live project that has the file, whether or not its address is live.
+    [[nodiscard]] LiveProjectPtr findAt(const Url& url) const;
 
 private:
     mutable std::mutex mutex_;  // guards the next member
-    std::map<std::string, LiveProject> projects_;
+    std::map<std::string, LiveProjectPtr> projects_;
 };
 
 /// Returns true for layers that OpenUSD opens as USD.

@@ -25,6 +25,7 @@ constexpr milliseconds kFailurePause{2'000};
 // Snapshots of pins that are kept.
 constexpr std::size_t kMostPins = 256;
 constexpr milliseconds kAskAgain{-1};
+constexpr const char* kFollowedQuery = "?layers=no";
 constexpr int kOpenAttempts = 3;
 constexpr std::size_t kTokenDigits = 16, kSha256Digits = 64;
 
@@ -135,7 +136,11 @@ Project::Project(std::string host, std::uint16_t port, std::string name, std::st
       times_(times),
       cache_(cache) {}
 
-Outcome<SnapshotPtr> Project::newest(milliseconds idle) { return ask(newest_, "", idle); }
+Outcome<SnapshotPtr> Project::newest(milliseconds idle) { return ask(newest_, {}, idle); }
+
+Project::Listing Project::listingOf(const std::string& pin) {
+    return {(isRevision(pin) ? "?revision=" : "?checkpoint=") + urlEncoded(pin), pin};
+}
 
 Outcome<SnapshotPtr> Project::at(const std::string& pin) {
     Asked* known = nullptr;
@@ -143,19 +148,30 @@ Outcome<SnapshotPtr> Project::at(const std::string& pin) {
         const std::lock_guard lock(mutex_);
         if (pinned_.size() < kMostPins || pinned_.contains(pin)) known = &pinned_[pin];
     }
-    if (!known) return request(nullptr, pin);
+    if (!known) return request(nullptr, listingOf(pin));
     // The layers of a revision never change. The other files of the list are opened by their path
     // if they have changed.
-    return ask(*known, pin, milliseconds::max());
+    return ask(*known, listingOf(pin), milliseconds::max());
 }
 
-Outcome<SnapshotPtr> Project::known() {
+Outcome<SnapshotPtr> Project::known() { return lastOf(newest_, {}); }
+
+Outcome<SnapshotPtr> Project::follow() { return ask(followed_, {kFollowedQuery}, kAskAgain); }
+
+Outcome<SnapshotPtr> Project::followed() { return lastOf(followed_, {kFollowedQuery}); }
+
+Outcome<SnapshotPtr> Project::lastOf(Asked& known, const Listing& listing) {
     {
         const std::lock_guard lock(mutex_);
-        if (newest_.snapshot) return newest_.snapshot;
-        if (newest_.failure) return *newest_.failure;
+        if (known.snapshot) return known.snapshot;
+        if (known.failure) return *known.failure;
     }
-    return newest(milliseconds::max());
+    return ask(known, listing, milliseconds::max());
+}
+
+SnapshotPtr Project::lastFollowed() const {
+    const std::lock_guard lock(mutex_);
+    return followed_.snapshot;
 }
 
 SnapshotPtr Project::last() const {
@@ -163,7 +179,7 @@ SnapshotPtr Project::last() const {
     return newest_.snapshot;
 }
 
-Outcome<SnapshotPtr> Project::ask(Asked& known, const std::string& pin, milliseconds idle) {
+Outcome<SnapshotPtr> Project::ask(Asked& known, const Listing& listing, milliseconds idle) {
     const auto answerNow = [&]() -> std::optional<Outcome<SnapshotPtr>> {
         const std::lock_guard lock(mutex_);
         const auto now = Clock::now();
@@ -182,7 +198,7 @@ Outcome<SnapshotPtr> Project::ask(Asked& known, const std::string& pin, millisec
         const std::lock_guard lock(mutex_);
         before = known.snapshot;
     }
-    auto answer = request(before, pin);
+    auto answer = request(before, listing);
     if (!answer && areRequestsStopped()) return answer;  // says nothing about the server
     const std::lock_guard lock(mutex_);
     known.when = Clock::now();
@@ -194,16 +210,14 @@ Outcome<SnapshotPtr> Project::ask(Asked& known, const std::string& pin, millisec
     return answer;
 }
 
-Outcome<SnapshotPtr> Project::request(const SnapshotPtr& known, const std::string& pin) {
-    std::string query;
-    if (!pin.empty()) query = (isRevision(pin) ? "?revision=" : "?checkpoint=") + urlEncoded(pin);
-    HttpRequest request = requestFor("/files" + query);
+Outcome<SnapshotPtr> Project::request(const SnapshotPtr& known, const Listing& listing) {
+    HttpRequest request = requestFor("/files" + listing.query);
     if (known) request.headers.emplace_back("If-None-Match", '"' + known->etag + '"');
     const auto answer = patientGet(request, times_);
     if (!answer) return answer.failure();
     if (known && answer->status == kNotModified) return known;
     if (answer->status != kOk) return Failure{sentenceOf(*answer), answer->status};
-    return parseSnapshot(*answer, pin);
+    return parseSnapshot(*answer, listing.pin);
 }
 
 HttpRequest Project::requestFor(const std::string& target) const {
@@ -261,14 +275,6 @@ Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& 
         if (failure.status == kConflict) wanted.clear();
     }
     return failure;
-}
-
-Outcome<OpenFile> Project::openCached(const std::string& hash) {
-    const auto refuse = [](const Cache::Sink&) -> Outcome<std::string> {
-        return Failure{"it is not in the cache, and there is no connection to the server"};
-    };
-    if (hash.empty()) return Failure{"there is no connection to the server"};
-    return cache_.file(hash, refuse);
 }
 
 // ---- Remotes
@@ -343,6 +349,14 @@ std::optional<Located> Remotes::locateIn(Server& server, const Url& url) {
     const auto found = server.projects.find(first);
     if (found == server.projects.end()) return std::nullopt;
     return Located{found->second, url.path.substr(std::min(url.path.size(), first.size() + 1))};
+}
+
+Outcome<OpenFile> Remotes::openCached(const std::string& hash) {
+    const auto refuse = [](const Cache::Sink&) -> Outcome<std::string> {
+        return Failure{"it is not in the cache, and there is no connection to the server"};
+    };
+    if (hash.empty()) return Failure{"there is no connection to the server"};
+    return cache.file(hash, refuse);
 }
 
 bool Remotes::refresh() {

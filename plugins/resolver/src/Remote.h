@@ -54,13 +54,20 @@ public:
     /// Returns the last snapshot, or nullptr. Asks no server.
     [[nodiscard]] SnapshotPtr last() const;
 
+    // The list without layers, for projects whose layers are live. The server sends it again only
+    // if one of these files has changed (AS1).
+    /// Asks the server for the list.
+    [[nodiscard]] Outcome<SnapshotPtr> follow();
+    /// Returns the last list, or the last failure. Asks the server only the first time.
+    [[nodiscard]] Outcome<SnapshotPtr> followed();
+    /// Returns the last list, or nullptr. Asks no server.
+    [[nodiscard]] SnapshotPtr lastFollowed() const;
+
     /// Opens a layer that has a history, at a version that versionToken() made.
     [[nodiscard]] Outcome<OpenFile> openVersion(const std::string& path, const std::string& token);
     /// Opens the file with this content, or with the present content if the project has another one
     /// by now. `hash` may be empty.
     [[nodiscard]] Outcome<OpenFile> openFile(const std::string& path, const std::string& hash);
-    /// Opens the file if the cache has it.
-    [[nodiscard]] Outcome<OpenFile> openCached(const std::string& hash);
 
 private:
     using Clock = std::chrono::steady_clock;
@@ -69,9 +76,17 @@ private:
         Clock::time_point when;  ///< when it was asked for or used
         std::optional<Failure> failure;
     };
-    [[nodiscard]] Outcome<SnapshotPtr> ask(Asked& known, const std::string& pin,
+    /// The query that requests a list, and the pin.
+    struct Listing {
+        std::string query;
+        std::string pin = {};
+    };
+    [[nodiscard]] static Listing listingOf(const std::string& pin);
+    [[nodiscard]] Outcome<SnapshotPtr> ask(Asked& known, const Listing& listing,
                                            std::chrono::milliseconds idle);
-    [[nodiscard]] Outcome<SnapshotPtr> request(const SnapshotPtr& known, const std::string& pin);
+    /// Returns what ask() would return without asking again.
+    [[nodiscard]] Outcome<SnapshotPtr> lastOf(Asked& known, const Listing& listing);
+    [[nodiscard]] Outcome<SnapshotPtr> request(const SnapshotPtr& known, const Listing& listing);
     [[nodiscard]] HttpRequest requestFor(const std::string& target) const;
     [[nodiscard]] Outcome<std::string> download(const std::string& target,
                                                 const std::string& wanted, const Cache::Sink& sink);
@@ -83,8 +98,9 @@ private:
     Cache& cache_;
 
     std::mutex asking_;         // held while the server is asked, so that it is asked once
-    mutable std::mutex mutex_;  // guards the next two members
+    mutable std::mutex mutex_;  // guards the next members
     Asked newest_;
+    Asked followed_;                       // without layers
     std::map<std::string, Asked> pinned_;  // by pin
 };
 using ProjectPtr = std::shared_ptr<Project>;
@@ -115,6 +131,8 @@ public:
     /// Asks for the newest snapshots of all projects that were used without a context. Returns true
     /// if one has changed.
     [[nodiscard]] bool refresh();
+    /// Opens the file with this content if the cache has it.
+    [[nodiscard]] Outcome<OpenFile> openCached(const std::string& hash);
     [[nodiscard]] const std::string& user() const { return user_; }
 
     Cache cache;

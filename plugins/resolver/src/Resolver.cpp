@@ -24,6 +24,7 @@ AR_NAMESPACE_OPEN_SCOPE
 using usdlive::resolver::Context;
 using usdlive::resolver::Entry;
 using usdlive::resolver::Failure;
+using usdlive::resolver::LiveProjectPtr;
 using usdlive::resolver::LiveProjects;
 using usdlive::resolver::Located;
 using usdlive::resolver::Outcome;
@@ -104,12 +105,10 @@ protected:
     ArResolvedPath _Resolve(const std::string& assetPath) const override {
         const auto url = parse(assetPath);
         if (!url) return {};
-        if (const auto live = LiveProjects::ofProcess().find(*url)) {
-            if (live->layerFile(*url)) return ArResolvedPath(url->resolvedPath());
-        } else if (!url->version.empty() && !url->isLive()) {
-            return ArResolvedPath(url->resolvedPath());
-        }
-        const auto found = find(*url);
+        if (!url->version.empty() && !url->isLive()) return ArResolvedPath(url->resolvedPath());
+        const auto live = LiveProjects::ofProcess().find(*url);
+        if (live && live->layerFile(*url)) return ArResolvedPath(url->resolvedPath());
+        const auto found = find(*url, live);
         if (!found) {
             report(assetPath, found.failure());
             return {};
@@ -143,13 +142,14 @@ protected:
                                           const ArResolvedPath& resolvedPath) const override {
         const auto url = usdlive::resolver::parseUrl(resolvedPath.GetPathString());
         if (!url) return {};
-        if (const auto file = layerFile(*url))
+        const auto live = liveOf(*url);
+        if (const auto file = layerFile(*url, live))
             return ArFilesystemAsset::GetModificationTimestamp(ArResolvedPath(file->string()));
         if (!url->version.empty() && !url->isLive() &&
             !usdlive::resolver::isHashToken(url->version))
             return ArTimestamp(
                 std::strtod(usdlive::resolver::revisionOf(url->version).c_str(), nullptr));
-        const auto found = find(*url);
+        const auto found = find(*url, live);
         constexpr double kMsInSecond = 1'000;
         if (!found || !found->entry) return {};
         return ArTimestamp(double(found->entry->modifiedMs) / kMsInSecond);
@@ -206,7 +206,8 @@ protected:
         if (ours && ours->root().isLive()) {
             const auto live = LiveProjects::ofProcess().find(ours->root());
             if (!live || !live->isConnected) return;
-            if (remotes_.refresh()) ArNotice::ResolverChanged(*ours).Send();
+            const bool isChanged = follow(ours->root(), live);
+            if (ours->refresh() || isChanged) ArNotice::ResolverChanged(*ours).Send();
             return;
         }
         if (ours) {
@@ -243,24 +244,42 @@ private:
         return url;
     }
 
-    static std::optional<std::filesystem::path> layerFile(const Url& url) {
-        const auto live = LiveProjects::ofProcess().find(url);
-        return live ? live->layerFile(url) : std::nullopt;
+    /// Returns the live project that serves the file. A package of a live project has an address
+    /// with its content.
+    static LiveProjectPtr liveOf(const Url& url) {
+        if (url.isLive()) return LiveProjects::ofProcess().find(url);
+        const bool isContent = url.pin.empty() && usdlive::resolver::isHashToken(url.version);
+        return isContent ? LiveProjects::ofProcess().findAt(url) : nullptr;
+    }
+
+    static std::optional<std::filesystem::path> layerFile(const Url& url,
+                                                          const LiveProjectPtr& live) {
+        return live && url.isLive() ? live->layerFile(url) : std::nullopt;
+    }
+
+    /// Asks for the files of a live project. Returns whether some have changed.
+    bool follow(const Url& url, const LiveProjectPtr& live) const {
+        const auto located = locate(url, live);
+        if (!located) return false;
+        const SnapshotPtr before = located->project->lastFollowed();
+        const auto now = located->project->follow();
+        return now && *now != before;
     }
 
     /// Returns the file of a live layer that is written. There may be none yet.
     static std::optional<std::filesystem::path> placeOf(const ArResolvedPath& resolvedPath) {
         const auto url = usdlive::resolver::parseUrl(resolvedPath.GetPathString());
-        const auto live = url ? LiveProjects::ofProcess().find(*url) : std::nullopt;
+        const auto live = url ? LiveProjects::ofProcess().find(*url) : nullptr;
         return live ? live->placeOf(*url) : std::nullopt;
     }
 
     /// Finds a path without `./`, as OpenUSD's own resolver does: beside the anchor, beside the
     /// stage's root layer, then in the folders to search, of the project and of this machine.
     std::string searched(const Url& anchor, const Url& beside, const std::string& path) const {
+        const auto live = LiveProjects::ofProcess().find(anchor);
         const auto exists = [&](const Url& url) {
-            if (layerFile(url)) return true;
-            const auto found = find(url);
+            if (layerFile(url, live)) return true;
+            const auto found = find(url, live);
             return found && found->entry;
         };
         if (exists(beside)) return beside.identifier();
@@ -270,7 +289,7 @@ private:
                 asNamedIn(ArResolvedPath(anchor.resolvedPath()), anchor, context->root()), path);
             if (exists(there)) return there.identifier();
         }
-        const auto located = locate(anchor);
+        const auto located = locate(anchor, live);
         if (!located) return beside.identifier();
         // The part of the path that names the project.
         Url root = anchor;
@@ -283,23 +302,30 @@ private:
         return beside.identifier();
     }
 
-    Outcome<Located> locate(const Url& url) const {
-        const auto live = LiveProjects::ofProcess().find(url);
+    Outcome<Located> locate(const Url& url, const LiveProjectPtr& live) const {
         if (!live) return remotes_.locate(url);
         const Url there = live->atServer(url);
         return live->isConnected ? remotes_.locateOnce(there) : remotes_.locateKnown(there);
     }
 
-    Outcome<Found> find(const Url& url) const {
-        const auto located = locate(url);
-        if (!located) return located.failure();
+    /// Returns the list of files that is valid for the address.
+    Outcome<SnapshotPtr> listOf(const Located& located, const Url& url,
+                                const LiveProjectPtr& live) const {
+        const bool isFollowed = live && url.path.starts_with(live->prefix);
+        // A layer without a placeholder is none that the client knows.
+        if (isFollowed && !usdlive::resolver::isUsdLayer(url.path))
+            return located.project->followed();
+        if (live && !live->isConnected) return located.project->known();
+        if (!url.pin.empty()) return located.project->at(url.pin);
         const Context* const context = _GetCurrentContextObject<Context>();
-        const auto live = LiveProjects::ofProcess().find(url);
-        const bool isFollowed = live && (!live->isConnected || url.path.starts_with(live->prefix));
-        const auto snapshot = isFollowed         ? located->project->known()
-                              : !url.pin.empty() ? located->project->at(url.pin)
-                              : context          ? context->of(*located, url)
-                                                 : located->project->newest(kSnapshotIdle);
+        if (context && !isFollowed) return context->of(located, url);
+        return located.project->newest(kSnapshotIdle);
+    }
+
+    Outcome<Found> find(const Url& url, const LiveProjectPtr& live) const {
+        const auto located = locate(url, live);
+        if (!located) return located.failure();
+        const auto snapshot = listOf(*located, url, live);
         if (!snapshot) return snapshot.failure();
         Found found{*located, *snapshot};
         const auto look = [&](const std::string& path) {
@@ -329,27 +355,27 @@ private:
     }
 
     Outcome<usdlive::resolver::OpenFile> open(const Url& url) const {
-        if (const auto file = layerFile(url)) {
+        const auto live = liveOf(url);
+        if (const auto file = layerFile(url, live)) {
             usdlive::resolver::OpenFile opened(std::fopen(file->c_str(), "rb"), &std::fclose);
             if (opened) return opened;
             return Failure{"cannot read " + file->string()};
         }
         if (!url.version.empty() && !url.isLive()) {
-            const auto located = remotes_.locate(url);
+            if (live && !live->isConnected) return remotes_.openCached(url.version);
+            const auto located = locate(url, live);
             if (!located) return located.failure();
             if (usdlive::resolver::isHashToken(url.version))
                 return located->project->openFile(located->path, url.version);
             return located->project->openVersion(located->path, url.version);
         }
-        const auto found = find(url);
+        const auto found = find(url, live);
         if (!found) return found.failure();
         if (!found->entry) return Failure{"the project has no such file"};
         if (!found->entry->version.empty())
             return found->located.project->openVersion(
                 found->located.path, usdlive::resolver::versionToken(found->entry->version));
-        const auto live = LiveProjects::ofProcess().find(url);
-        if (live && !live->isConnected)
-            return found->located.project->openCached(found->entry->hash);
+        if (live && !live->isConnected) return remotes_.openCached(found->entry->hash);
         return found->located.project->openFile(found->located.path, found->entry->hash);
     }
 

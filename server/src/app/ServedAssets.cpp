@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <boost/asio/post.hpp>
 #include <chrono>
-#include <map>
 #include <nlohmann/json.hpp>
 
 #include "usdlive/common/core/LayerPath.h"
+#include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/server/app/ProjectStrand.h"  // resultOf
 
@@ -107,11 +107,11 @@ std::size_t missingHashes(const std::vector<AssetFile>& files) {
         std::ranges::count_if(files, [](const AssetFile& file) { return !file.hash; }));
 }
 
-FileJson describe(const AssetFile& file) {
-    constexpr std::int64_t kNsInMs = 1'000'000;
-    FileJson json{{"path", file.path},
-                  {"size", file.trace.size},
-                  {"modifiedMs", file.trace.modifiedNs / kNsInMs}};
+constexpr std::int64_t kNsInMs = 1'000'000;
+
+FileJson describe(const std::string& path, const AssetFile& file) {
+    FileJson json{
+        {"path", path}, {"size", file.trace.size}, {"modifiedMs", file.trace.modifiedNs / kNsInMs}};
     if (file.hash) json["hash"] = file.hash->hex();
     return json;
 }
@@ -169,34 +169,87 @@ Result<ServedAssets::Moment> ServedAssets::moment(const FileRequest& request) {
 }
 
 HttpReply ServedAssets::list(const FileRequest& request) {
-    const auto at = moment(request);
-    if (!at) return problem(at.error());
-    auto files = assets_.list(steady_clock::now() + kHashTime, kHashedAtOnce);
+    std::optional<Moment> at;
+    if (request.layers) {
+        auto found = moment(request);
+        if (!found) return problem(found.error());
+        at = *found;
+    }
+    const auto files = assets_.list(steady_clock::now() + kHashTime, kHashedAtOnce);
     if (!files) return problem(files.error());
-    std::map<std::string, FileJson> all;
-    for (const AssetFile& file : *files) all.emplace(file.path, describe(file));
-    const auto versions = store_.use([&](CommitStore& store) -> Result<void> {
+    Listing listing;
+    for (const AssetFile& file : *files)
+        if (at || !parseLayerId(file.path)) listing.emplace(file.path, Listed{&file});
+    if (at)
+        if (const auto added = addVersions(listing, *at); !added) return problem(added.error());
+    if (const std::size_t missing = missingHashes(*files)) hashTheRest(missing);
+    return replyFor(listing, at);
+}
+
+Result<void> ServedAssets::addVersions(Listing& listing, const Moment& at) {
+    return store_.use([&](CommitStore& store) -> Result<void> {
         const auto stored = store.layers();
         if (!stored) return tl::unexpected(stored.error());
         for (const LayerId& layer : *stored) {
-            const auto version = store.versionAt(layer, at->revision);
+            const auto version = store.versionAt(layer, at.revision);
             if (!version) return tl::unexpected(version.error());
-            if (*version)
-                all[layer.value] = {{"path", layer.value}, {"version", nameOf(**version)}};
+            if (*version) listing[layer.value] = {nullptr, nameOf(**version)};
         }
         return {};
     });
-    if (!versions) return problem(versions.error());
-    if (const std::size_t missing = missingHashes(*files)) hashTheRest(missing);
-    FileJson entries = FileJson::array();
-    for (auto& [path, entry] : all) entries.push_back(std::move(entry));
-    const FileJson json{{"project", project_},       {"epoch", at->head.epoch},
-                        {"revision", at->revision},  {"newest", at->head.revision},
-                        {"base", at->base.revision}, {"files", std::move(entries)}};
-    HttpReply reply{"application/json",
-                    json.dump(-1, ' ', false, FileJson::error_handler_t::replace) + "\n"};
-    reply.etag = sha256(asBytes(reply.body)).hex();
+}
+
+/// Most requests are made by clients that have the list already, and the text takes most of the
+/// time. It is made once for all clients.
+HttpReply ServedAssets::replyFor(const Listing& listing, const std::optional<Moment>& at) {
+    HttpReply reply{"application/json", {}};
+    reply.etag = etagOf(listing, at);
+    SentList& last = at ? listOfAll_ : listWithoutLayers_;
+    {
+        const std::lock_guard lock(mutex_);
+        if (last.etag == reply.etag) reply.body = last.body;
+    }
+    if (!reply.body.empty()) return reply;
+    reply.body = bodyOf(listing, at);
+    const std::lock_guard lock(mutex_);
+    last = {reply.etag, reply.body};
     return reply;
+}
+
+std::string ServedAssets::etagOf(const Listing& listing, const std::optional<Moment>& at) const {
+    Sha256 sha;
+    const auto add = [&sha](const std::string& text) { sha.add(asBytes(text)); };
+    const auto number = [&](auto value) { add(std::to_string(value) + " "); };
+    add(project_ + "\n");
+    if (at) {
+        for (const std::uint64_t value :
+             {std::uint64_t(at->head.epoch), at->revision, at->head.revision, at->base.revision})
+            number(value);
+        add("\n");
+    }
+    for (const auto& [path, one] : listing) {
+        add(path + "\n" + one.version + "\n");
+        if (!one.file) continue;
+        number(one.file->trace.size);
+        number(one.file->trace.modifiedNs / kNsInMs);
+        if (one.file->hash) sha.add(one.file->hash->bytes);
+    }
+    return sha.finish().hex();
+}
+
+std::string ServedAssets::bodyOf(const Listing& listing, const std::optional<Moment>& at) const {
+    FileJson entries = FileJson::array();
+    for (const auto& [path, one] : listing)
+        entries.push_back(one.file ? describe(path, *one.file)
+                                   : FileJson{{"path", path}, {"version", one.version}});
+    FileJson json{{"project", project_}, {"files", std::move(entries)}};
+    if (at) {
+        json["epoch"] = at->head.epoch;
+        json["revision"] = at->revision;
+        json["newest"] = at->head.revision;
+        json["base"] = at->base.revision;
+    }
+    return json.dump(-1, ' ', false, FileJson::error_handler_t::replace) + "\n";
 }
 
 HttpReply ServedAssets::file(const FileRequest& request) {

@@ -33,6 +33,9 @@ Result<void> setPart(FileRequest& request, std::string_view name, const std::str
         if (value.empty() || value.size() > kMaxCheckpointNameBytes || !isUtf8(value))
             return malformed("checkpoint is not the name of a checkpoint: " + inQuotes(value));
         request.checkpoint = value;
+    } else if (name == "layers") {
+        if (value != "no") return malformed("layers is not \"no\": " + inQuotes(value));
+        request.layers = false;
     }
     return {};
 }

@@ -15,8 +15,10 @@ class LiveProjectsTest : public ::testing::Test {
 protected:
     LiveProjectsTest() {
         fs::create_directories(folder / "sets");
-        fs::create_directories(folder / ".hidden");
-        for (const char* name : {"shot.usda", "sets/wall.usdc", ".hidden/a.usda", "brick.png"})
+        for (const char* name : {".hidden", ".usdlive-lost", "sets/.usdlive"})
+            fs::create_directories(folder / name);
+        for (const char* name : {"shot.usda", "sets/wall.usdc", ".hidden/a.usda", "brick.png",
+                                 ".usdlive-lost/a.usda", "sets/.usdlive/a.usda"})
             std::ofstream(folder / name) << "#usda 1.0\n";
     }
     ~LiveProjectsTest() override { fs::remove_all(folder); }
@@ -61,9 +63,10 @@ TEST_F(LiveProjectsTest, LayersArePlaceholdersAndNothingElseIs) {
     };
     EXPECT_EQ(file("shots/shot.usda"), folder / "shot.usda");
     EXPECT_EQ(file("shots/sets/wall.usdc"), folder / "sets/wall.usdc");
+    EXPECT_EQ(file("shots/.hidden/a.usda"), folder / ".hidden/a.usda") << "LN1 allows the name";
     for (const char* path :
-         {"shot.usda", "shots/none.usda", "shots/brick.png", "shots/.hidden/a.usda",
-          "shots/../../shot.usda", "shots/sets", "other/shot.usda"})
+         {"shot.usda", "shots/none.usda", "shots/brick.png", "shots/.usdlive-lost/a.usda",
+          "shots/sets/.usdlive/a.usda", "shots/../../shot.usda", "shots/sets", "other/shot.usda"})
         EXPECT_FALSE(file(path)) << path;
 }
 
@@ -83,4 +86,24 @@ TEST_F(LiveProjectsTest, AddressesStayWhenTheServerMoves) {
     const auto live = projects.find(address(token, "shot.usda"));
     ASSERT_TRUE(live && live->isConnected);
     EXPECT_EQ(live->atServer(address(token, "a.png")).port, 8000);
+}
+
+TEST_F(LiveProjectsTest, APackageIsFoundAtTheServerOfItsLiveProject) {
+    const std::string first = projects.add("localhost:7447", "shots/", folder.string());
+    const std::string second = projects.add("localhost:7447", "shots/", "/elsewhere");
+    const auto at = [&](const std::string& path) {
+        return projects.findAt(*parseUrl("usdlive://localhost:7447/" + path));
+    };
+    projects.setConnected(first, "", false);
+    projects.setConnected(second, "localhost:8000", true);
+    ASSERT_TRUE(at("shots/car.usdz"));
+    EXPECT_EQ(at("shots/car.usdz")->port, 8000) << "one that is connected";
+    EXPECT_FALSE(at("other/car.usdz"));
+    EXPECT_FALSE(projects.findAt(*parseUrl("usdlive://localhost:7448/shots/car.usdz")));
+    projects.close(second);
+    EXPECT_FALSE(at("shots/car.usdz")->isConnected);
+    projects.close(first);
+    EXPECT_FALSE(at("shots/car.usdz")) << "nothing is live there";
+    EXPECT_EQ(projects.add("localhost:7447", "shots/", folder.string()), first);
+    EXPECT_TRUE(at("shots/car.usdz"));
 }

@@ -17,6 +17,12 @@ ErrorCode codeOf(std::string_view path, std::string_view query = "") {
 
 }  // namespace
 
+TEST(FileRequest, AS1LayersMayBeLeftOut) {
+    EXPECT_TRUE(parseFileRequest("", "")->layers);
+    EXPECT_FALSE(parseFileRequest("", "layers=no")->layers);
+    EXPECT_FALSE(parseFileRequest("", "layers=1"));
+}
+
 TEST(FileRequest, AS1WithoutAPathItAsksForTheList) {
     EXPECT_EQ(*parseFileRequest("", ""), FileRequest{});
     EXPECT_EQ(*parseFileRequest("/", "revision=12"), (FileRequest{"", {}, 12, {}}));

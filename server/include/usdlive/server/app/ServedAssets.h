@@ -3,8 +3,10 @@
 
 #include <functional>
 #include <list>
+#include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -37,6 +39,17 @@ private:
         CommitStore::Head head;
         CommitStore::Base base;
     };
+    /// One line of the list of files: a file, or a layer at a version.
+    struct Listed {
+        const AssetFile* file = nullptr;
+        std::string version = {};
+    };
+    using Listing = std::map<std::string, Listed>;
+    /// A list as it was sent last.
+    struct SentList {
+        std::string etag;
+        std::string body;
+    };
     /// The bytes of a layer's file at a version.
     struct Rendered {
         std::string version;
@@ -46,6 +59,10 @@ private:
 
     [[nodiscard]] HttpReply reply(const FileRequest& request);
     [[nodiscard]] HttpReply list(const FileRequest& request);
+    [[nodiscard]] HttpReply replyFor(const Listing& listing, const std::optional<Moment>& at);
+    [[nodiscard]] std::string etagOf(const Listing& listing, const std::optional<Moment>& at) const;
+    [[nodiscard]] std::string bodyOf(const Listing& listing, const std::optional<Moment>& at) const;
+    [[nodiscard]] Result<void> addVersions(Listing& listing, const Moment& at);
     [[nodiscard]] HttpReply file(const FileRequest& request);
     [[nodiscard]] HttpReply layer(const LayerId& layer, const LayerVersion& version);
     [[nodiscard]] Result<Moment> moment(const FileRequest& request);
@@ -60,7 +77,8 @@ private:
     Log& log_;
     AssetFiles& assets_;
 
-    std::mutex mutex_;                                  // guards the next two members
+    std::mutex mutex_;  // guards the next members
+    SentList listOfAll_, listWithoutLayers_;
     std::list<std::pair<LayerId, Rendered>> rendered_;  // the last ones, the newest first
     bool isHashing_ = false;
 };

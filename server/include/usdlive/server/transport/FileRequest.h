@@ -17,6 +17,7 @@ struct FileRequest {
     std::optional<Hash> hash = {};               ///< the file has to have this content
     std::optional<Revision> revision = {};       ///< layers as they were at this revision
     std::optional<std::string> checkpoint = {};  ///< or at this checkpoint
+    bool layers = true;                          ///< the list has layers, too
     bool operator==(const FileRequest&) const = default;
 };
 
