@@ -35,7 +35,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     checkUrl(*url);
     if (second.find('\0') != std::string_view::npos) return 0;
     const Url beside = anchored(*url, second);
-    require(beside.pin == url->pin && beside.version.empty(), "a relative path keeps the revision");
+    require(beside.pin == url->pin, "a relative path keeps the revision");
+    require(beside.version == (url->isLive() ? url->version : std::string()),
+            "a relative path has no version, unless its layer is live");
     checkUrl(beside);
     return 0;
 }
@@ -46,7 +48,7 @@ std::vector<Bytes> fuzz::seeds() {
          {"usdlive://localhost:7447/a/shot.usda@1234\n./tex/a@2x.png", "usdlive://h/a%20b.usda",
           "usdlive://h/@12~12-abc/p/a.usda\n../../../x", "usdlive://h/@~0123/a@b/c@d.e\n@x@y",
           "USDLIVE://H:1/..//./%2E%2E/%40a@v1%2E2\n%41@1", "usdlive://h:99999/",
-          "usdlive://h/a@1@2"})
+          "usdlive://h/a@1@2", "usdlive://h/@~live/a/shot.usda\n./tex/a.png"})
         all.emplace_back(text.begin(), text.end());
     return all;
 }
