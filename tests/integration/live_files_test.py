@@ -284,6 +284,53 @@ class OnlyLive:
             end.close()
 
 
+class Counting(OnlyLive):
+    """Passes everything on, and counts the bytes of each answer with the list of files."""
+
+    def __init__(self, server):
+        self.lists: list[int] = []
+        super().__init__(server)
+
+    def _serve(self, here):
+        first = here.recv(65536)
+        there = socket.create_connection(("127.0.0.1", self._server.port))
+        self._ends.append(there)
+        there.sendall(first)
+        threading.Thread(target=self._pass, args=(here, there), daemon=True).start()
+        if not first.startswith((b"GET /files?", b"GET /files ")):
+            return self._pass(there, here)
+        count = 0
+        with contextlib.suppress(OSError):
+            while data := there.recv(65536):
+                count += len(data)
+                here.sendall(data)
+        self.lists.append(count)
+
+
+def test_commits_do_not_send_the_list_of_files_again(serve, shot):
+    for number in range(500):
+        (shot / "tex" / f"{number}.bin").write_bytes(b"%d" % number)
+    counting = Counting(serve(shot))
+    live = usdlive.connect(counting.url, user="ada")
+    stage = live.open_stage("shot.usda")
+    wait(lambda: counting.lists, live, timeout=30)
+    attribute = stage.DefinePrim("/Edited").CreateAttribute("x", Sdf.ValueTypeNames.Int)
+    received, revision, number = len(counting.lists), live.revision, 0
+
+    def edited():
+        nonlocal number
+        attribute.Set(number := number + 1)
+        return len(counting.lists) >= received + 3
+
+    wait(edited, live, timeout=60)
+    assert live.flush(20) and live.revision > revision + 3
+    assert max(counting.lists[:received]) > 20_000 and max(counting.lists[received:]) < 1_000, counting.lists
+    (shot / "tex" / "new.bin").write_bytes(b"new")
+    wait(lambda: counting.lists[-1] > 20_000, live, timeout=30)
+    live.close()
+    counting.close()
+
+
 def test_a_stage_opens_without_files_when_http_does_not_answer(serve, fresh, shot):
     """In bounded time, with a warning that names the prim or the asset, and the cause."""
     only = OnlyLive(serve(shot))

@@ -42,7 +42,9 @@ public:
         Hash hash;
         std::uint64_t size = 0;
     };
-    explicit Source(fs::path from) : from_(std::move(from)) {}
+    /// `mostBytes` is the limit of the server.
+    Source(fs::path from, std::uint64_t mostBytes)
+        : from_(std::move(from)), mostBytes_(mostBytes) {}
     Source(const Source&) = delete;
     Source& operator=(const Source&) = delete;
     ~Source() {
@@ -124,6 +126,12 @@ private:
         if (!S_ISREG(found.st_mode))
             return refuse(ErrorCode::InvalidArgument, "it is no regular file");
         size_ = std::uint64_t(found.st_size);
+        if (size_ > mostBytes_)
+            return refuse(ErrorCode::BlobTooLarge,
+                          "it has " + std::to_string(size_) + " bytes, and the server takes " +
+                              std::to_string(mostBytes_) +
+                              ". Serve with a larger --max-blob-mib, or put it into the folder "
+                              "that the server serves");
         modified_ = found.st_mtim;
         Sha256 sha;
         Bytes part(std::size_t(std::min<std::uint64_t>(size_, kHashedAtOnce)));
@@ -181,6 +189,7 @@ private:
 
     // Used by the worker only.
     const fs::path from_;
+    const std::uint64_t mostBytes_;
     int file_ = -1;
     std::uint64_t size_ = 0;
     timespec modified_{};
@@ -253,7 +262,7 @@ void FileUploads::begin() {
     stage_ = Stage::Hash;
     transfers_ = 0;
     sent_ = 0;
-    source_ = std::make_shared<Source>(upload.from);
+    source_ = std::make_shared<Source>(upload.from, session_.welcome()->maxBlobBytes);
     if (!reader_) reader_ = std::make_unique<Worker>();
     reader_->post([source = source_] { source->hash(); });
 }
@@ -266,16 +275,6 @@ bool FileUploads::advanceStage() {
     if (!content) return false;
     if (!*content) {
         end(tl::unexpected(content->error()));
-        return true;
-    }
-    const std::uint64_t most = session_.welcome() ? session_.welcome()->maxBlobBytes : 0;
-    if (most > 0 && (*content)->size > most) {
-        end(tl::unexpected(
-            cannotUpload(uploads_.front().from, ErrorCode::BlobTooLarge,
-                         "it has " + std::to_string((*content)->size) +
-                             " bytes, and the server takes " + std::to_string(most) +
-                             ". Serve with a larger --max-blob-mib, or put it into the "
-                             "folder that the server serves")));
         return true;
     }
     ask();
@@ -328,10 +327,8 @@ bool FileUploads::sendParts() {
 }
 
 void FileUploads::blobStored(const Hash& hash) {
-    // The server may have it already, and answers the first part then.
-    const bool isAwaited = source_ && (stage_ == Stage::Parts || stage_ == Stage::Stored) &&
-                           sent_ > 0 && (*source_->content())->hash == hash;
-    if (isAwaited && stage_ == Stage::Stored) ask();
+    // If the server has it already, it answers the first part, too.
+    if (source_ && stage_ == Stage::Stored && (*source_->content())->hash == hash) ask();
 }
 
 bool FileUploads::note(const Event& event) {
@@ -351,11 +348,12 @@ bool FileUploads::note(const Event& event) {
     const ErrorMessage& message = error->message;
     const bool isAnswer = request_ != 0 && message.request == request_;
     const bool isAboutParts = message.blob && transferred_.contains(*message.blob);
+    const bool isTransferring = source_ && (stage_ == Stage::Parts || stage_ == Stage::Stored);
     if (isAnswer) {
         request_ = 0;
         failed(toError(message));
-    } else if (isAboutParts && source_ && stage_ != Stage::Hash &&
-               (*source_->content())->hash == *message.blob) {
+    } else if (isAboutParts && isTransferring && (*source_->content())->hash == *message.blob) {
+        // Each part that was sent before the first error has an error of its own.
         failed(toError(message));
     }
     return isAnswer || isAboutParts;
