@@ -103,6 +103,10 @@ function(usdlive_openusd_from_wheels)
     target_include_directories(usdlive::openusd SYSTEM INTERFACE
         ${stock} ${includes} ${USDLIVE_HEADERS_ENV}/include ${Python_INCLUDE_DIRS})
     target_compile_definitions(usdlive::openusd INTERFACE TBB_SUPPRESS_DEPRECATED_MESSAGES=1)
+    # The wheel's libraries are built by GCC. Without this definition, clang has another layout of
+    # TfHashMap and TfHashSet, and so of classes that contain them.
+    target_compile_definitions(usdlive::openusd INTERFACE
+        $<$<CXX_COMPILER_ID:Clang>:ARCH_HAS_GNU_STL_EXTENSIONS=>)
     # The order matters. A Python extension gets the interpreter's symbols from the process.
     target_link_libraries(usdlive::openusd INTERFACE ${tbb} ${usd}
         $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:${Python_LIBRARIES}>)

@@ -4,7 +4,7 @@ option(USDLIVE_SERVER "Build the server" ON)
 option(USDLIVE_DDS "Speak DDS, too, which needs Cyclone DDS" ON)
 option(USDLIVE_PYTHON "Build the Python extension" ON)
 option(USDLIVE_TESTS "Build tests and benchmarks" ${PROJECT_IS_TOP_LEVEL})
-set(USDLIVE_SANITIZE "" CACHE STRING "Sanitizers: empty, address;undefined or thread")
+set(USDLIVE_SANITIZE "" CACHE STRING "Sanitizers: empty, or such as address;undefined or thread")
 
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
@@ -43,17 +43,16 @@ endif()
 
 if(USDLIVE_SANITIZE)
     list(JOIN USDLIVE_SANITIZE "," sanitizers)
-    # -O1 would run faster but takes twice as long to compile. -g1 is enough for the lines of a
-    # report.
-    add_compile_options(-fsanitize=${sanitizers} -fno-omit-frame-pointer -fno-sanitize-recover=all -g1)
-    if(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")
-        add_compile_options(-fno-sanitize=function)  # clang 14 cannot compile coroutines with it
-    endif()
-    if(USDLIVE_SANITIZE STREQUAL "thread" AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    add_compile_options(-fsanitize=${sanitizers} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+    if("thread" IN_LIST USDLIVE_SANITIZE AND CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
         add_compile_options(-Wno-tsan)  # OpenUSD's headers have fences, which TSan does not support
     endif()
     add_link_options(-fsanitize=${sanitizers})
 endif()
+
+# In a unity build, more sources in one file compile faster: 20 take a quarter less than 8, and up to
+# 1.5 GB of memory.
+set(CMAKE_UNITY_BUILD_BATCH_SIZE 20)
 
 # All programs are in one folder, because `usdlive serve` searches `usdlive-server` in its own
 # folder.

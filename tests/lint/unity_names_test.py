@@ -36,10 +36,11 @@ TARGETS = [
 
 NAMED = re.compile(
     r"^(?:template <.*> )?(?:class|struct|enum class|enum) (\w+)"
-    r"|^(?:inline )?(?:constexpr|const) [\w:<>, *&]+? (\w+)\s*(?:=|\{|\[)"
     r"|^thread_local [\w:<>, *&]+? (\w+)\s*(?:=|\{|;)"
     r"|^using (\w+) ="
 )
+CONSTANTS = re.compile(r"^(?:inline )?(?:constexpr|const) [^(]*?[ ,>*]k[A-Z]\w*\s*[={\[]")
+CONSTANT = re.compile(r"[ ,>*](k[A-Z]\w*)\s*[={\[]")
 FUNCTION = re.compile(r"^[\w:<>,\[\] *&]+?[ *&](\w+\([^;]*)")
 ALONE = re.compile(r"([\w./]+\.cpp)[^)]*SKIP_UNITY_BUILD_INCLUSION")
 
@@ -49,9 +50,24 @@ def compiled_alone():
     return {(path.parent / name).resolve() for path in lists for name in ALONE.findall(path.read_text("utf-8"))}
 
 
+def calls(signature):
+    """Returns how a function is called: with types of parameters, with and without those that have a default."""
+    name, _, parameters = signature.partition("(")
+    every, needed = [], []
+    for parameter in re.split(r",(?![^<]*>)", parameters):
+        words = re.sub(r"\bconst\b|[&*]", " ", parameter.partition(" = ")[0]).split()
+        every.append(" ".join(words[:-1] or words))
+        if " = " not in parameter:
+            needed.append(every[-1])
+    return {f"{name}({', '.join(types)})" for types in (every, needed)}
+
+
 def private_names(path):
-    """Yields (name, its definition) for each definition in an unnamed namespace of the file."""
-    inside = False
+    """Yields (name, its definition) for each definition in an unnamed namespace of the file.
+
+    For a header, these are the constants that it defines for all files.
+    """
+    inside = path.suffix == ".h"
     lines = path.read_text(encoding="utf-8").splitlines()
     for number, line in enumerate(lines):
         if line == "namespace {":
@@ -59,16 +75,22 @@ def private_names(path):
         elif line.startswith("}  // namespace"):
             inside = False
         elif inside and line and not line[0].isspace():
-            if (match := NAMED.match(line)) and not line.endswith(";" if line.startswith(("class", "struct")) else "\0"):
+            if CONSTANTS.match(line):
+                for match in CONSTANT.finditer(line):
+                    yield match.group(1), None
+            elif path.suffix == ".h":
+                continue
+            elif (match := NAMED.match(line)) and not line.endswith(";" if line.startswith(("class", "struct")) else "\0"):
                 name = next(group for group in match.groups() if group)
                 yield name, line if line.startswith("using") else None
             elif match := FUNCTION.match(line):
-                # Overloads are allowed; equal signatures are not.
+                # Overloads are allowed, unless a call can be ambiguous.
                 signature = match.group(1)
                 while ")" not in signature and number + 1 < len(lines):
                     number += 1
                     signature += lines[number].strip()
-                yield re.sub(r"\s+", " ", signature.rpartition(")")[0]), None
+                for call in calls(re.sub(r"\s+", " ", signature.partition(") {")[0].rstrip(")"))):
+                    yield call, None
 
 
 def test_private_names_of_a_target_differ():
@@ -77,7 +99,7 @@ def test_private_names_of_a_target_differ():
     for folders in TARGETS:
         places = collections.defaultdict(dict)
         for folder in folders:
-            for path in sorted((ROOT / folder).rglob("*.cpp")):
+            for path in sorted((ROOT / folder).rglob("*.[ch]*")):
                 if path not in alone:
                     for name, text in private_names(path):
                         places[name][path.relative_to(ROOT)] = text

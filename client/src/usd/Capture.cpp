@@ -52,9 +52,6 @@ std::optional<ChildList> listOf(const TfToken& field) {
     return std::nullopt;
 }
 
-// Sdf has specs for targets and connections, which have no content of their own.
-bool isTarget(const SdfPath& path) { return path.IsTargetPath(); }
-
 // Splits a key path like VtDictionary.
 std::vector<std::string> splitKeyPath(const TfToken& keyPath) {
     std::vector<std::string> keys;
@@ -494,7 +491,8 @@ bool Capture::isForeign() {
 }
 
 void Capture::specCreated(const SdfPath& path, SdfSpecType type) {
-    if (isTarget(path) || isForeign()) return;
+    // Sdf has specs for targets and connections, which have no content of their own.
+    if (path.IsTargetPath() || isForeign()) return;
     begin();
     const auto kind = usd::specKind(type);
     if (!kind || path.ContainsTargetPath()) {

@@ -104,7 +104,7 @@ Placements readPlacements(std::string_view text) {
     const auto& columns = csv.rows.front().cells;
     std::set<std::string> used;
     for (std::size_t index = 1; index < csv.rows.size(); ++index) {
-        const std::size_t line = csv.rows[index].line;  // clang 14 cannot capture a binding
+        const std::size_t line = csv.rows[index].line;
         const auto& cells = csv.rows[index].cells;
         const auto failed = [&](const std::string& what) {
             made.rows.clear();

@@ -96,7 +96,7 @@ void collectKeys(const pxr::VtDictionary& dictionary, const std::string& prefix,
             keys.emplace_back(prefix + key);
 }
 
-bool isTarget(const SdfPath& path) { return path.ContainsTargetPath(); }
+bool containsTarget(const SdfPath& path) { return path.ContainsTargetPath(); }
 
 }  // namespace
 
@@ -235,7 +235,7 @@ Distribution::Place Distribution::strongestKey(const Spec& spec, const TfToken& 
 
 void Distribution::planSpec(const Spec& spec) {
     if (spec.path == SdfPath::AbsoluteRootPath()) return distributeRelocates();
-    if (isTarget(spec.path) || !delegate_->HasSpec(spec.path)) return;
+    if (containsTarget(spec.path) || !delegate_->HasSpec(spec.path)) return;
     if (const auto locked = rules_.whyLocked(spec.path)) return refuseLocked(spec, *locked);
     const auto links = rules_.linkedLayers(spec.path);
     if (!links.empty()) return planLinks(spec, links);
@@ -410,7 +410,7 @@ void Distribution::refresh(const SdfPath& path, bool below) {
         std::vector<SdfPath> paths;
         delegate_->Traverse(path, [&](const SdfPath& one) { paths.push_back(one); });
         for (const auto& one : paths)
-            if (one != path && !isTarget(one)) refresh(one, false);
+            if (one != path && !containsTarget(one)) refresh(one, false);
     }
     const Holders all = holdersOf(path);
     if (all.empty()) {
@@ -425,7 +425,7 @@ void Distribution::refresh(const SdfPath& path, bool below) {
 }
 
 void Distribution::refreshField(const SdfPath& path, const TfToken& field, const Holders& holders) {
-    if (isTarget(path) || !delegate_->HasField(path, field)) return;
+    if (containsTarget(path) || !delegate_->HasField(path, field)) return;
     if (delegate_->GetField(path, field).IsHolding<pxr::VtDictionary>())
         return refreshKeys(path, field, holders);
     const Target* winner = nullptr;

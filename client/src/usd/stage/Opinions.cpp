@@ -76,7 +76,7 @@ bool mergesWeaker(const VtValue& value) {
            value.IsHolding<VtArray<SdfPathExpression>>();
 }
 
-VtValue over(VtValue strong, const VtValue& weak) {
+VtValue mergedOver(VtValue strong, const VtValue& weak) {
     if (strong.IsHolding<VtDictionary>() && weak.IsHolding<VtDictionary>()) {
         changeHeld<VtDictionary>(strong, [&](VtDictionary& into) {
             pxr::VtDictionaryOverRecursive(&into, weak.UncheckedGet<VtDictionary>());
@@ -161,7 +161,7 @@ bool addWeaker(VtValue& result, const Site& site, const TfToken& field, const Pa
     if (!site.layer->HasField(site.path, field, &value)) return true;
     value = toStage(value, {site.node, site.layerIndex, site.path}, assetPaths);
     if (mapPath) mapPaths(value, mapPath);
-    result = result.IsEmpty() ? std::move(value) : over(std::move(result), value);
+    result = result.IsEmpty() ? std::move(value) : mergedOver(std::move(result), value);
     return mergesWeaker(result);
 }
 

@@ -36,7 +36,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-const LayerId kRoot{"root.usda"}, kAnim{"shot/anim.usda"}, kLook{"look.usdc"}, kProp{"prop.usd"};
+const LayerId kRoot{"root.usda"}, kAnim{"shot/anim.usda"}, kLookLayer{"look.usdc"},
+    kProp{"prop.usd"};
 
 class NoBlobs final : public usd::BlobSink, public usd::BlobSource {
 public:
@@ -64,7 +65,7 @@ std::map<LayerId, LayerDoc> project() {
     return {{kRoot, docOf("(\n subLayers = [@./shot/anim.usda@]\n)\ndef \"World\" (\n references = "
                           "@./prop.usd@</Prop>\n)\n{\n double x = 1\n}\n")},
             {kAnim, docOf("over \"World\" {\n double x.timeSamples = {1: 2, 3: 4}\n}\n")},
-            {kLook, docOf("def \"Look\" {\n}\n")},
+            {kLookLayer, docOf("def \"Look\" {\n}\n")},
             {kProp, docOf("(\n defaultPrim = \"Prop\"\n)\ndef \"Prop\" {\n}\n")}};
 }
 
@@ -117,7 +118,7 @@ TEST_F(ClientTest, SaysThatThereIsNoServer) {
 
 TEST_F(ClientTest, KnowsTheProjectAndMirrorsItsNames) {
     const auto ada = connect("ada");
-    EXPECT_EQ(ada->layers(), (std::vector{kLook, kProp, kRoot, kAnim}));
+    EXPECT_EQ(ada->layers(), (std::vector{kLookLayer, kProp, kRoot, kAnim}));
     for (const auto& id : ada->layers()) {
         const auto place = ada->cacheFolder() / id.value;
         EXPECT_TRUE(SdfLayer::FindOrOpen(place.string())) << place;
@@ -146,8 +147,8 @@ TEST_F(ClientTest, OpensALayerWithTheLayersItUses) {
         EXPECT_EQ(ada->layerId(found), used);
         EXPECT_EQ(exportedText(found), serverText(used));
     }
-    EXPECT_FALSE(SdfLayer::Find((ada->cacheFolder() / kLook.value).string()));
-    EXPECT_EQ(exportedText(open(*ada, kLook)).substr(0, 5), "#usda");
+    EXPECT_FALSE(SdfLayer::Find((ada->cacheFolder() / kLookLayer.value).string()));
+    EXPECT_EQ(exportedText(open(*ada, kLookLayer)).substr(0, 5), "#usda");
 }
 
 TEST_F(ClientTest, SaysThatThereIsNoSuchLayer) {
@@ -271,7 +272,7 @@ TEST_F(ClientTest, M13TwoAuthorsWhoCreateOneSpecBothKeepTheirFields) {
 
 TEST_F(ClientTest, OneFrameIsOneTransactionOverAllLayers) {
     const auto ada = connect("ada");
-    const auto root = open(*ada, kRoot), look = open(*ada, kLook);
+    const auto root = open(*ada, kRoot), look = open(*ada, kLookLayer);
     const Revision before = server.head();
     root->SetComment("one");
     look->SetComment("two");
@@ -283,7 +284,7 @@ TEST_F(ClientTest, ALayerCannotBeEditedUntilItHasArrived) {
     const auto ada = connect("ada");
     server.setReachable(false);
     ada->tick();
-    const auto place = (ada->cacheFolder() / kLook.value).string();
+    const auto place = (ada->cacheFolder() / kLookLayer.value).string();
     const auto layer = SdfLayer::FindOrOpen(place);  // like composition
     // A client looks for such layers only from time to time.
     const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(5);
@@ -293,23 +294,23 @@ TEST_F(ClientTest, ALayerCannotBeEditedUntilItHasArrived) {
     }
     EXPECT_FALSE(layer->PermissionToEdit());
     server.setReachable(true);
-    EXPECT_TRUE(ada->openLayer(kLook));
+    EXPECT_TRUE(ada->openLayer(kLookLayer));
     EXPECT_TRUE(layer->PermissionToEdit());
-    EXPECT_EQ(exportedText(layer), exportedText(open(*ada, kLook)));
+    EXPECT_EQ(exportedText(layer), exportedText(open(*ada, kLookLayer)));
     layer->SetComment("mine");
     EXPECT_TRUE(ada->flush(1000));
-    EXPECT_NE(serverText(kLook).find("mine"), std::string::npos);
+    EXPECT_NE(serverText(kLookLayer).find("mine"), std::string::npos);
 }
 
 // M12: edits that were written into the placeholder before the client knew that it was loaded.
 TEST_F(ClientTest, M12WorkFromBeforeALayerWasLiveIsKept) {
     const auto ada = connect("ada");
-    const auto layer = SdfLayer::FindOrOpen((ada->cacheFolder() / kLook.value).string());
+    const auto layer = SdfLayer::FindOrOpen((ada->cacheFolder() / kLookLayer.value).string());
     pxr::SdfCreatePrimInLayer(layer, SdfPath("/Early"));
-    open(*ada, kLook);
+    open(*ada, kLookLayer);
     EXPECT_FALSE(layer->GetPrimAtPath(SdfPath("/Early")));
     ASSERT_EQ(ada->lostWorkCount(), 1u);
-    const auto kept = ada->lostWorkAsLayer(0, kLook);
+    const auto kept = ada->lostWorkAsLayer(0, kLookLayer);
     ASSERT_TRUE(kept) << kept.error().message;
     EXPECT_TRUE((*kept)->GetPrimAtPath(SdfPath("/Early")));
 }
@@ -384,28 +385,28 @@ TEST_F(ClientTest, EditsInTheFrameOfAMutingAreCommitted) {
 
 TEST_F(ClientTest, ALayerThatIsMutedWhileItIsJoinedCanBeEditedLater) {
     const auto ada = connect("ada");
-    const auto path = (ada->cacheFolder() / kLook.value).string();
+    const auto path = (ada->cacheFolder() / kLookLayer.value).string();
     const auto layer = SdfLayer::FindOrOpen(path);
     SdfLayer::AddToMutedLayers(layer->GetIdentifier());
-    open(*ada, kLook);
+    open(*ada, kLookLayer);
     SdfLayer::RemoveFromMutedLayers(layer->GetIdentifier());
     tick({ada.get()});
     EXPECT_TRUE(layer->PermissionToEdit());
     layer->SetComment("mine");
     EXPECT_TRUE(ada->flush(1000));
-    EXPECT_NE(serverText(kLook).find("mine"), std::string::npos);
+    EXPECT_NE(serverText(kLookLayer).find("mine"), std::string::npos);
 }
 
 TEST_F(ClientTest, ClosingAndOpeningAgainLosesOnlyEditsInBetween) {
     const auto ada = connect("ada");
-    const auto layer = open(*ada, kLook);
+    const auto layer = open(*ada, kLookLayer);
     layer->SetComment("mine");
-    ada->close(kLook);
-    open(*ada, kLook);
+    ada->close(kLookLayer);
+    open(*ada, kLookLayer);
     EXPECT_EQ(ada->lostWorkCount(), 0u);
-    ada->close(kLook);
+    ada->close(kLookLayer);
     pxr::SdfCreatePrimInLayer(layer, SdfPath("/Between"));
-    open(*ada, kLook);
+    open(*ada, kLookLayer);
     ASSERT_EQ(ada->lostWorkCount(), 1u);
     const auto work = ada->lostWork(0);
     ASSERT_TRUE(work);
@@ -415,13 +416,13 @@ TEST_F(ClientTest, ClosingAndOpeningAgainLosesOnlyEditsInBetween) {
 
 TEST_F(ClientTest, ALayerIsLiveThroughOneConnection) {
     const auto ada = connect("ada");
-    const auto layer = open(*ada, kLook);
+    const auto layer = open(*ada, kLookLayer);
     const auto bo = connect("bo", ada->cacheFolder());
-    const auto refused = bo->openLayer(kLook);
+    const auto refused = bo->openLayer(kLookLayer);
     ASSERT_FALSE(refused);
     EXPECT_NE(refused.error().message.find("already live through another"), std::string::npos);
-    ada->close(kLook);
-    EXPECT_TRUE(bo->openLayer(kLook));
+    ada->close(kLookLayer);
+    EXPECT_TRUE(bo->openLayer(kLookLayer));
 }
 
 TEST_F(ClientTest, BigValuesTravelBesideTheStream) {
@@ -566,7 +567,7 @@ TEST_F(ClientTest, AttachesLayersOpenedFromAFolder) {
     const auto folder = freshFolder("project");
     fs::create_directories(folder / "shot");
     for (const auto& [id, doc] : project())
-        if (id != kLook) std::ofstream(folder / id.value) << *usd::exportText(doc, blobs);
+        if (id != kLookLayer) std::ofstream(folder / id.value) << *usd::exportText(doc, blobs);
     const auto mine = SdfLayer::FindOrOpen((folder / kRoot.value).string());
     const auto other = SdfLayer::FindOrOpen((folder / kProp.value).string());
     const auto ada = connect("ada"), bo = connect("bo");
@@ -603,7 +604,7 @@ TEST_F(ClientTest, AHandlerMayCallTheClient) {
         if (const auto* committed = std::get_if<event::Committed>(&event)) {
             revisions.push_back(committed->commit.revision);
             ada->tick();
-            if (revisions.size() == 1) open(*ada, kLook);
+            if (revisions.size() == 1) open(*ada, kLookLayer);
         }
     });
     for (int i = 0; i < 3; ++i) {

@@ -45,15 +45,15 @@ LayerDoc openingDoc(const std::string& text) {
 
 LayerId manyth(std::size_t index) { return {"many/layer" + std::to_string(index) + ".usda"}; }
 
-const LayerId kShot{"shot.usda"}, kSub{"sub.usda"}, kProp{"prop.usda"};
+const LayerId kOpenedShot{"shot.usda"}, kSub{"sub.usda"}, kOpenedProp{"prop.usda"};
 
 class OpeningTest : public ::testing::Test {
 protected:
     static std::map<LayerId, LayerDoc> project() {
         std::map<LayerId, LayerDoc> files{
-            {kShot, openingDoc("(\n subLayers = [@./sub.usda@]\n)\ndef \"Shot\" {\n}\n")},
+            {kOpenedShot, openingDoc("(\n subLayers = [@./sub.usda@]\n)\ndef \"Shot\" {\n}\n")},
             {kSub, openingDoc("def \"Sub\" (\n payload = @./prop.usda@</Prop>\n) {\n}\n")},
-            {kProp, openingDoc("def \"Prop\" {\n}\n")}};
+            {kOpenedProp, openingDoc("def \"Prop\" {\n}\n")}};
         for (std::size_t i = 0; i < kMany; ++i)
             files[manyth(i)] = openingDoc("def \"P" + std::to_string(i) + "\" {\n}\n");
         return files;
@@ -94,42 +94,42 @@ protected:
 }  // namespace
 
 TEST_F(OpeningTest, ARequestOpensALayerWithTheLayersItUses) {
-    const auto request = ada->requestOpenLayer(kShot);
-    EXPECT_FALSE(ada->layer(kShot)) << "nothing is done before a tick";
+    const auto request = ada->requestOpenLayer(kOpenedShot);
+    EXPECT_FALSE(ada->layer(kOpenedShot)) << "nothing is done before a tick";
     tickUntilEnded(1);
     ASSERT_EQ(ends.size(), 1u);
     EXPECT_EQ(ends[0].request, request);
-    EXPECT_EQ(ends[0].layer, kShot);
-    EXPECT_TRUE(ada->layer(kShot)->GetPrimAtPath(SdfPath("/Shot")));
+    EXPECT_EQ(ends[0].layer, kOpenedShot);
+    EXPECT_TRUE(ada->layer(kOpenedShot)->GetPrimAtPath(SdfPath("/Shot")));
     EXPECT_TRUE(ada->layer(kSub)->GetPrimAtPath(SdfPath("/Sub")));
-    EXPECT_TRUE(ada->layer(kProp)->GetPrimAtPath(SdfPath("/Prop")));
+    EXPECT_TRUE(ada->layer(kOpenedProp)->GetPrimAtPath(SdfPath("/Prop")));
     ends.clear();
-    ada->requestOpenLayer(kShot);  // is open
+    ada->requestOpenLayer(kOpenedShot);  // is open
     tickUntilEnded(1);
     EXPECT_EQ(ends.size(), 1u);
 }
 
 TEST_F(OpeningTest, WithoutPayloadsTheirLayersAreLeftOut) {
-    ada->requestOpenLayer(kShot, client::LoadSet::NoPayloads);
+    ada->requestOpenLayer(kOpenedShot, client::LoadSet::NoPayloads);
     tickUntilEnded(1);
     EXPECT_TRUE(ada->layer(kSub));
-    EXPECT_FALSE(ada->layer(kProp));
-    ada->requestOpenLayer(kShot);
+    EXPECT_FALSE(ada->layer(kOpenedProp));
+    ada->requestOpenLayer(kOpenedShot);
     tickUntilEnded(2);
-    EXPECT_TRUE(ada->layer(kProp));
+    EXPECT_TRUE(ada->layer(kOpenedProp));
 }
 
 TEST_F(OpeningTest, ALayerThatNamesAnotherLaterIsOpenedWithIt) {
-    ada->requestOpenLayer(kProp);
+    ada->requestOpenLayer(kOpenedProp);
     tickUntilEnded(1);
-    const auto prim = ada->layer(kProp)->GetPrimAtPath(SdfPath("/Prop"));
+    const auto prim = ada->layer(kOpenedProp)->GetPrimAtPath(SdfPath("/Prop"));
     prim->GetReferenceList().Add(pxr::SdfReference("./many/layer0.usda", SdfPath("/P0")));
     for (int i = 0; i < 3; ++i) ada->tick();  // nothing is being opened meanwhile
-    ada->requestOpenLayer(kProp);
+    ada->requestOpenLayer(kOpenedProp);
     tickUntilEnded(2);
     EXPECT_TRUE(ada->layer(manyth(0)));
     prim->GetReferenceList().Add(pxr::SdfReference("./many/layer1.usda", SdfPath("/P1")));
-    ASSERT_TRUE(ada->openLayer(kProp));  // in the same frame
+    ASSERT_TRUE(ada->openLayer(kOpenedProp));  // in the same frame
     EXPECT_TRUE(ada->layer(manyth(1)));
 }
 
@@ -161,21 +161,22 @@ TEST_F(OpeningTest, OfflineARequestWaitsForTheConnection) {
     server.setReachable(false);
     ada->tick();
     ASSERT_FALSE(ada->isConnected());
-    ada->requestOpenLayer(kShot);
+    ada->requestOpenLayer(kOpenedShot);
     for (int i = 0; i < 20; ++i) ada->tick();
     EXPECT_TRUE(ends.empty());
     EXPECT_TRUE(failures.empty());
-    EXPECT_FALSE(ada->openLayer(kProp)) << "the blocking call has a bound";
+    EXPECT_FALSE(ada->openLayer(kOpenedProp)) << "the blocking call has a bound";
     server.setReachable(true);
     tickUntilEnded(1);
     EXPECT_EQ(ends.size(), 1u);
-    EXPECT_TRUE(ada->layer(kProp)) << "what the blocking call began goes on";
+    EXPECT_TRUE(ada->layer(kOpenedProp)) << "what the blocking call began goes on";
 }
 
 TEST_F(OpeningTest, TwoRequestsForOneLayerBothEnd) {
-    const auto first = ada->requestOpenLayer(kShot), second = ada->requestOpenLayer(kShot);
+    const auto first = ada->requestOpenLayer(kOpenedShot),
+               second = ada->requestOpenLayer(kOpenedShot);
     EXPECT_NE(first, second);
-    ASSERT_TRUE(ada->openLayer(kShot));  // a blocking call beside them
+    ASSERT_TRUE(ada->openLayer(kOpenedShot));  // a blocking call beside them
     tickUntilEnded(2);
     ASSERT_EQ(ends.size(), 2u);
     EXPECT_EQ(ends[0].request, first);
@@ -185,53 +186,53 @@ TEST_F(OpeningTest, TwoRequestsForOneLayerBothEnd) {
 TEST_F(OpeningTest, ClosingALayerThatIsOpeningCancelsItsRequests) {
     server.setReachable(false);  // so that nothing arrives meanwhile
     ada->tick();
-    ada->requestOpenLayer(kShot);
-    ada->requestOpenLayer(kShot);
-    ada->requestOpenLayer(kProp);
+    ada->requestOpenLayer(kOpenedShot);
+    ada->requestOpenLayer(kOpenedShot);
+    ada->requestOpenLayer(kOpenedProp);
     ada->tick();  // begins
-    ASSERT_TRUE(SdfLayer::Find(ada->identifierOf(kShot)));
-    ada->close(kShot);
-    ada->close(kProp);
+    ASSERT_TRUE(SdfLayer::Find(ada->identifierOf(kOpenedShot)));
+    ada->close(kOpenedShot);
+    ada->close(kOpenedProp);
     tickUntilEnded(3);
     EXPECT_TRUE(ends.empty());
     ASSERT_EQ(failures.size(), 3u);
     for (const auto& failure : failures) EXPECT_EQ(failure.reason.code, ErrorCode::LayerNotOpen);
-    EXPECT_FALSE(ada->layer(kShot));
+    EXPECT_FALSE(ada->layer(kOpenedShot));
     server.setReachable(true);
-    ada->requestOpenLayer(kShot);
+    ada->requestOpenLayer(kOpenedShot);
     tickUntilEnded(4);
     ASSERT_EQ(ends.size(), 1u);
-    EXPECT_TRUE(ada->layer(kShot)->GetPrimAtPath(SdfPath("/Shot")));
+    EXPECT_TRUE(ada->layer(kOpenedShot)->GetPrimAtPath(SdfPath("/Shot")));
 }
 
 TEST_F(OpeningTest, ClosingBeforeTheFirstTickCancels) {
-    ada->requestOpenLayer(kShot);
-    ada->close(kShot);
+    ada->requestOpenLayer(kOpenedShot);
+    ada->close(kOpenedShot);
     tickUntilEnded(1);
     EXPECT_EQ(failures.size(), 1u);
-    EXPECT_FALSE(SdfLayer::Find(ada->identifierOf(kShot)));
+    EXPECT_FALSE(SdfLayer::Find(ada->identifierOf(kOpenedShot)));
 }
 
 TEST_F(OpeningTest, AHandlerThatClosesEndsABlockingOpenWithAnError) {
     onEvent = [this](const client::Event& one) {
-        if (std::holds_alternative<event::LayerOpened>(one)) ada->close(kShot);
+        if (std::holds_alternative<event::LayerOpened>(one)) ada->close(kOpenedShot);
     };
-    ada->requestOpenLayer(kProp);  // ends before kShot, which uses it
-    const auto opened = ada->openLayer(kShot);
+    ada->requestOpenLayer(kOpenedProp);  // ends before kOpenedShot, which uses it
+    const auto opened = ada->openLayer(kOpenedShot);
     ASSERT_FALSE(opened);
     EXPECT_EQ(opened.error().code, ErrorCode::LayerNotOpen);
-    EXPECT_FALSE(ada->layer(kShot));
-    EXPECT_TRUE(ada->layer(kProp));
+    EXPECT_FALSE(ada->layer(kOpenedShot));
+    EXPECT_TRUE(ada->layer(kOpenedProp));
 }
 
 TEST_F(OpeningTest, AnEventHandlerMayOpenLayers) {
     onEvent = [this](const client::Event& one) {
         const auto* opened = std::get_if<event::LayerOpened>(&one);
-        if (!opened || opened->layer != kProp) return;
+        if (!opened || opened->layer != kOpenedProp) return;
         ada->requestOpenLayer(manyth(1));
         EXPECT_TRUE(ada->openLayer(manyth(2)));
     };
-    ada->requestOpenLayer(kProp);
+    ada->requestOpenLayer(kOpenedProp);
     tickUntilEnded(2);
     EXPECT_EQ(ends.size(), 2u);
     EXPECT_TRUE(ada->layer(manyth(1)) && ada->layer(manyth(2)));
@@ -245,8 +246,8 @@ TEST_F(OpeningTest, ANoticeHandlerWithinTickMayRequestButNotClose) {
     } listener;
     listener.changed = [&] {
         if (!ada->isApplying()) return;
-        if (!std::exchange(requested, true)) ada->requestOpenLayer(kProp);
-        ada->close(kShot);
+        if (!std::exchange(requested, true)) ada->requestOpenLayer(kOpenedProp);
+        ada->close(kOpenedShot);
     };
     onEvent = [&](const client::Event& one) {
         const auto* error = std::get_if<event::ServerError>(&one);
@@ -254,12 +255,12 @@ TEST_F(OpeningTest, ANoticeHandlerWithinTickMayRequestButNotClose) {
             closeRefused || (error && error->message.message.find("close()") != std::string::npos);
     };
     const auto key = pxr::TfNotice::Register(pxr::TfCreateWeakPtr(&listener), &Listener::onChanged);
-    ada->requestOpenLayer(kShot);
+    ada->requestOpenLayer(kOpenedShot);
     tickUntilEnded(2);
     auto revoked = key;
     pxr::TfNotice::Revoke(revoked);
     EXPECT_TRUE(requested && closeRefused);
-    EXPECT_TRUE(ada->layer(kShot) && ada->layer(kProp));
+    EXPECT_TRUE(ada->layer(kOpenedShot) && ada->layer(kOpenedProp));
 }
 
 TEST_F(OpeningTest, ALayerThatIsNotThereFails) {
@@ -277,12 +278,12 @@ TEST_F(OpeningTest, ALayerThatIsNotThereFails) {
 }
 
 TEST_F(OpeningTest, AConnectionThatIsLostMeanwhileDelaysARequest) {
-    ada->requestOpenLayer(kShot);
+    ada->requestOpenLayer(kOpenedShot);
     ada->tick();
     server.setReachable(false);
     for (int i = 0; i < 5; ++i) ada->tick();
     server.setReachable(true);
     tickUntilEnded(1);
     ASSERT_EQ(ends.size(), 1u);
-    EXPECT_TRUE(ada->layer(kProp));
+    EXPECT_TRUE(ada->layer(kOpenedProp));
 }

@@ -8,7 +8,7 @@
 namespace usdlive {
 namespace {
 
-const LayerId kConflatedLayer{"a.usda"}, kOther{"b.usda"};
+const LayerId kConflatedLayer{"a.usda"}, kSecondLayer{"b.usda"};
 
 Edit set(const std::string& path, double value, const LayerId& layer = kConflatedLayer) {
     return {layer, {path, {}}, SetField{"default", {}, doubleValue(value), {}}};
@@ -27,8 +27,9 @@ Edit key(std::vector<std::string> path, double value) {
 using Edits = std::vector<Edit>;
 
 TEST(Conflation, CF1KeepsTheLastOfEachRegister) {
-    EXPECT_EQ(conflated({set("/A.x", 1), set("/A.y", 1), set("/A.x", 2), set("/A.x", 3, kOther)}),
-              (Edits{set("/A.y", 1), set("/A.x", 2), set("/A.x", 3, kOther)}));
+    EXPECT_EQ(
+        conflated({set("/A.x", 1), set("/A.y", 1), set("/A.x", 2), set("/A.x", 3, kSecondLayer)}),
+        (Edits{set("/A.y", 1), set("/A.x", 2), set("/A.x", 3, kSecondLayer)}));
     EXPECT_EQ(conflated({sample(1, 1), sample(2, 1), sample(1, 2)}),
               (Edits{sample(2, 1), sample(1, 2)}));
     EXPECT_EQ(conflated({key({"a"}, 1), key({"a", "b"}, 1), key({"a", "b"}, 2)}),
@@ -48,7 +49,8 @@ TEST(Conflation, CF1AWholeFieldCoversItsParts) {
 TEST(Conflation, CF1NothingIsDroppedAcrossNamespaceEdits) {
     const Edit move{kConflatedLayer, {"/A", {}}, MoveSpec{{"/", {}}, "B"}};
     EXPECT_EQ(conflated({set("/A.x", 1), move, set("/A.x", 2)}).size(), 3u);
-    EXPECT_EQ(conflated({set("/A.x", 1, kOther), move, set("/A.x", 2, kOther)}).size(), 2u)
+    EXPECT_EQ(conflated({set("/A.x", 1, kSecondLayer), move, set("/A.x", 2, kSecondLayer)}).size(),
+              2u)
         << "of another layer";
 }
 

@@ -43,7 +43,7 @@ LayerDoc abc() {
     return doc;
 }
 
-MoveSpec moveTo(std::string parent, std::string name) {
+MoveSpec movedTo(std::string parent, std::string name) {
     return {{std::move(parent), {}}, std::move(name)};
 }
 
@@ -167,7 +167,7 @@ TEST(LayerDoc, ED3ARenameKeepsItsPlaceAndIdAndContent) {
     LayerDoc doc = abc();
     mustApply(doc, "/b", setInt("f", 1));
     const NodeId id = doc.idsAlong("/b").back();
-    const auto applied = mustApply(doc, "/b", moveTo("/", "z"));
+    const auto applied = mustApply(doc, "/b", movedTo("/", "z"));
     EXPECT_EQ(prims(doc), (Names{"a", "z", "c"}));
     EXPECT_EQ(applied.node, id);
     EXPECT_EQ(applied.parent, kRootNode);
@@ -178,7 +178,7 @@ TEST(LayerDoc, ED3ARenameKeepsItsPlaceAndIdAndContent) {
 TEST(LayerDoc, ED3ANewParentPutsItLast) {
     LayerDoc doc = abc();
     create(doc, "/a/x");
-    mustApply(doc, "/b", moveTo("/a", "y"));
+    mustApply(doc, "/b", movedTo("/a", "y"));
     EXPECT_EQ(prims(doc, "/a"), (Names{"x", "y"}));
     EXPECT_EQ(prims(doc), (Names{"a", "c"}));
 }
@@ -189,34 +189,34 @@ TEST(LayerDoc, ED3MovesPropertiesVariantSetsAndVariants) {
     create(doc, "/a{v=}", SpecKind::VariantSet);
     create(doc, "/a{v=one}", SpecKind::Variant);
     create(doc, "/a{v=one}p");
-    mustApply(doc, "/a.x", moveTo("/b", "y"));
-    mustApply(doc, "/a{v=one}", moveTo("/a{v=}", "two"));
-    mustApply(doc, "/a{v=}", moveTo("/b", "w"));
+    mustApply(doc, "/a.x", movedTo("/b", "y"));
+    mustApply(doc, "/a{v=one}", movedTo("/a{v=}", "two"));
+    mustApply(doc, "/a{v=}", movedTo("/b", "w"));
     EXPECT_TRUE(doc.has("/b.y"));
     EXPECT_TRUE(doc.has("/b{w=two}p"));
     create(doc, "/b{u=}", SpecKind::VariantSet);
-    EXPECT_EQ(refusalOf(doc, "/b{w=two}", moveTo("/b{u=}", "two")), ErrorCode::InvalidEdit);
-    EXPECT_EQ(refusalOf(doc, "/b.y", moveTo("/", "y")), ErrorCode::InvalidEdit);
-    EXPECT_EQ(refusalOf(doc, "/b.y", moveTo("/b{w=}", "y")), ErrorCode::InvalidEdit);
-    EXPECT_EQ(refusalOf(doc, "/c", moveTo("/b.y", "c")), ErrorCode::InvalidEdit);
+    EXPECT_EQ(refusalOf(doc, "/b{w=two}", movedTo("/b{u=}", "two")), ErrorCode::InvalidEdit);
+    EXPECT_EQ(refusalOf(doc, "/b.y", movedTo("/", "y")), ErrorCode::InvalidEdit);
+    EXPECT_EQ(refusalOf(doc, "/b.y", movedTo("/b{w=}", "y")), ErrorCode::InvalidEdit);
+    EXPECT_EQ(refusalOf(doc, "/c", movedTo("/b.y", "c")), ErrorCode::InvalidEdit);
 }
 
 TEST(LayerDoc, ED3OntoItselfChangesNothing) {
     LayerDoc doc = abc();
-    EXPECT_FALSE(mustApply(doc, "/b", moveTo("/", "b")).changed);
+    EXPECT_FALSE(mustApply(doc, "/b", movedTo("/", "b")).changed);
 }
 
 TEST(LayerDoc, M5AMoveOntoAnotherOrIntoItselfIsRefused) {
     LayerDoc doc = abc();
     create(doc, "/a/x");
-    EXPECT_EQ(refusalOf(doc, "/a", moveTo("/", "b")), ErrorCode::SpecExists);
-    EXPECT_EQ(refusalOf(doc, "/a", moveTo("/a", "y")), ErrorCode::MoveIntoItself);
-    EXPECT_EQ(refusalOf(doc, "/a", moveTo("/a/x", "y")), ErrorCode::MoveIntoItself);
-    EXPECT_EQ(refusalOf(doc, "/z", moveTo("/a", "y")), ErrorCode::SpecNotFound);
-    EXPECT_EQ(refusalOf(doc, "/a", moveTo("/z", "y")), ErrorCode::SpecNotFound);
-    EXPECT_EQ(refusalOf(doc, "/a", moveTo("/b", "x/y")), ErrorCode::InvalidPath);
-    EXPECT_EQ(refusalOf(doc, "/a", moveTo("/b", "")), ErrorCode::InvalidPath);
-    EXPECT_EQ(refusalOf(doc, "/", moveTo("/b", "y")), ErrorCode::InvalidEdit);
+    EXPECT_EQ(refusalOf(doc, "/a", movedTo("/", "b")), ErrorCode::SpecExists);
+    EXPECT_EQ(refusalOf(doc, "/a", movedTo("/a", "y")), ErrorCode::MoveIntoItself);
+    EXPECT_EQ(refusalOf(doc, "/a", movedTo("/a/x", "y")), ErrorCode::MoveIntoItself);
+    EXPECT_EQ(refusalOf(doc, "/z", movedTo("/a", "y")), ErrorCode::SpecNotFound);
+    EXPECT_EQ(refusalOf(doc, "/a", movedTo("/z", "y")), ErrorCode::SpecNotFound);
+    EXPECT_EQ(refusalOf(doc, "/a", movedTo("/b", "x/y")), ErrorCode::InvalidPath);
+    EXPECT_EQ(refusalOf(doc, "/a", movedTo("/b", "")), ErrorCode::InvalidPath);
+    EXPECT_EQ(refusalOf(doc, "/", movedTo("/b", "y")), ErrorCode::InvalidEdit);
     EXPECT_EQ(refusalOf(doc, "/a", MoveSpec{{"", Creation{1, 0}}, "y"}), ErrorCode::InvalidEdit);
 }
 
@@ -230,14 +230,14 @@ TEST(LayerDoc, ED3RefusesPathsThatGetTooLong) {
     create(doc, "/b");
     const std::string bottom = deepen("/a", 600);
     deepen("/b", 600);
-    EXPECT_EQ(refusalOf(doc, "/b", moveTo(bottom, "b")), ErrorCode::InvalidPath);
-    EXPECT_TRUE(doc.apply("/b/p/p", moveTo(specpath::parent(bottom), "q")).has_value() == false);
+    EXPECT_EQ(refusalOf(doc, "/b", movedTo(bottom, "b")), ErrorCode::InvalidPath);
+    EXPECT_TRUE(doc.apply("/b/p/p", movedTo(specpath::parent(bottom), "q")).has_value() == false);
     const std::string half = "/a" + [] {
         std::string text;
         for (int i = 0; i < 300; ++i) text += "/p";
         return text;
     }();
-    mustApply(doc, "/b", moveTo(half, "b"));  // 301 + 601 elements
+    mustApply(doc, "/b", movedTo(half, "b"));  // 301 + 601 elements
 }
 
 TEST(LayerDoc, ED4PlacesWithinTheList) {
@@ -661,7 +661,7 @@ TEST(LayerDoc, ED1ToED4HoldInLongLists) {
                 create(doc, "/" + fresh);
                 names.push_back(fresh);
             } else if (choice == 3) {
-                mustApply(doc, "/" + names[at], moveTo("/", fresh));
+                mustApply(doc, "/" + names[at], movedTo("/", fresh));
                 names[at] = fresh;
             } else if (choice < 6) {
                 const std::string moved = names[at];

@@ -10,7 +10,7 @@ using namespace usdlive;
 
 namespace {
 
-const LayerId kMovedLayer{"a.usda"}, kOther{"b.usda"};
+const LayerId kMovedLayer{"a.usda"}, kUnmovedLayer{"b.usda"};
 
 }  // namespace
 
@@ -23,7 +23,7 @@ TEST(NamespaceLog, M3FollowsMovesOfTheSpecAndItsAncestors) {
     EXPECT_EQ(log.translate(kMovedLayer, "/B/x.p", 1), "/C/y.p");
     EXPECT_EQ(log.translate(kMovedLayer, "/A/xx", 0), "/B/xx");
     EXPECT_EQ(log.translate(kMovedLayer, "/A", 1), "/A");  // another A, created since
-    EXPECT_EQ(log.translate(kOther, "/A", 0), "/A");
+    EXPECT_EQ(log.translate(kUnmovedLayer, "/A", 0), "/A");
     EXPECT_EQ(log.translate(kMovedLayer, "/", 0), "/");
 }
 
@@ -107,7 +107,7 @@ TEST(NamespaceLog, M3FollowsThroughManyEntries) {
         NamespaceLog log;
         std::vector<Move> model;
         for (Revision revision = 1; revision <= 300; ++revision) {
-            log.recordMove(revision, kOther, path(), path());
+            log.recordMove(revision, kUnmovedLayer, path(), path());
             model.push_back({revision, path(), std::nullopt});
             if (!random.chance(10)) {
                 const std::string parent = specpath::parent(model.back().from);

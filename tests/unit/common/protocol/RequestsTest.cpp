@@ -43,7 +43,7 @@ struct Filler {
     void fill(Hash& hash) { hash = sha256(asBytes(std::to_string(++next))); }
     template <class T>
     void fill(std::optional<T>& value) {
-        fill(value.emplace());
+        fill(value.emplace(T{}));
     }
     template <class T>
     void fill(std::vector<T>& values) {
@@ -52,7 +52,7 @@ struct Filler {
     }
     template <HasFields T>
     void fill(T& message) {
-        forEachField(message, [this](std::string_view, auto& field) { fill(field); });
+        forEachField(message, [this](std::string_view, auto& field) { this->fill(field); });
     }
 };
 

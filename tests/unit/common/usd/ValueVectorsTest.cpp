@@ -33,7 +33,7 @@ TEST(Vectors, ValuesEqualThoseOfOpenUsd) {
         ASSERT_TRUE(content);
         if (writesVectors() && !sample.contains("bytes"))
             sample["bytes"] = toHex(encodeFieldValue(*content));
-        EXPECT_EQ(toHex(encodeFieldValue(*content)), sample["bytes"]);
+        EXPECT_EQ(toHex(encodeFieldValue(*content)), sample["bytes"].get<std::string>());
 
         // And in the other direction: into a layer that does not have the field.
         const auto decoded = decodeFieldValue(fromHex(sample["bytes"]));
