@@ -19,6 +19,7 @@ import types
 
 import pytest
 import usdlive
+from pxr import Sdf, Tf
 from usdlive.omni.kit.app import get_app
 
 HERE = pathlib.Path(__file__).parent
@@ -234,6 +235,27 @@ def synced(server: Server, *editors: Peer, layers: tuple[str, ...] = ("root.usda
 
 def connect(server: Server, user: str) -> usdlive.Live:
     return usdlive.connect(server.url, user=user, application="test")
+
+
+def refused_in_a_notice(call, live: usdlive.Live, server: Server) -> usdlive.Error:
+    """Returns the error of a call that a notice handler makes while `live` applies somebody's edit of shot.usda."""
+    layer = live.open_layer("shot.usda")
+    said = []
+
+    def changed(*_):
+        try:
+            call()  # bob's own edit is not within a tick of `live`, and allows it
+        except usdlive.Error as refused:
+            said.append(refused)
+
+    key = Tf.Notice.RegisterGlobally(Sdf.Notice.LayersDidChange, changed)
+    with connect(server, "bob") as bob:
+        bob.open_layer("shot.usda").comment = "by bob"
+        assert bob.flush()
+    wait(lambda: layer.comment == "by bob", live)
+    key.Revoke()
+    assert said, "the call was not refused"
+    return said[0]
 
 
 def wait(condition, *ticking, timeout=10):

@@ -8,8 +8,8 @@ import subprocess
 
 import pytest
 import usdlive
-from conftest import cat, connect, wait
-from pxr import Sdf, Tf, Usd, Vt
+from conftest import cat, connect, refused_in_a_notice, wait
+from pxr import Sdf, Usd, Vt
 
 EXAMPLE = pathlib.Path(__file__).parents[2] / "client" / "examples" / "new_layer.py"
 
@@ -75,22 +75,8 @@ def test_names_that_cannot_be_are_refused(served, tmp_path):
 
 def test_offline_and_from_a_notice_it_says_why_not(served):
     with connect(served, "ada") as live:
-        layer = live.open_layer("shot.usda")
-        said = []
-
-        def changed(*_):
-            try:
-                live.create_layer("from_notice.usda")
-            except usdlive.Error as error:
-                said.append(error)
-
-        key = Tf.Notice.RegisterGlobally(Sdf.Notice.LayersDidChange, changed)
-        with connect(served, "bob") as bob:
-            bob.open_layer("shot.usda").comment = "by bob"
-            assert bob.flush()
-        wait(lambda: layer.comment == "by bob", live)
-        key.Revoke()
-        assert said and said[0].code == "invalidArgument" and "tick()" in said[0].message
+        error = refused_in_a_notice(lambda: live.create_layer("from_notice.usda"), live, served)
+        assert error.code == "invalidArgument" and "tick()" in error.message
         created = []
         live.add_handler(lambda event: created or created.append(live.create_layer("from_event.usda")))
         with connect(served, "bob") as bob:

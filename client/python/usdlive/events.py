@@ -271,8 +271,8 @@ class Answered:
 class Progress:
     """The progress of a slow operation, about twice a second. `task`: "import" (the server reads the file of
     `layer`; sent once), "save" (`done` of `total` layers, now `layer`; `request` as in `Saved`), "upload"
-    (bytes of big values; for a file, `request` is the number of `Live.request_upload()`) or "fetch" (specs). `total`: 0 if unknown. A layer that is being received sends
-    `Joining` instead."""
+    (bytes of big values; for a file, `request` is the number of `Live.request_upload()`) or "fetch" (specs).
+    `total`: 0 if unknown. A layer that is being received sends `Joining` instead."""
 
     task: str
     layer: str

@@ -120,7 +120,7 @@ Result<void> Link::upload(const std::string& file, const std::string& path, bool
     ProgressBar bar(std::cerr, Clock::now());
     const auto ran = run([&](const std::vector<client::Event>& events) {
         for (const auto& one : events) static_cast<void>(uploads.note(one));
-        uploads.advance(nowMs());
+        uploads.advance();
         if (const auto progress = uploads.progress(nowMs()); progress && showsProgress_)
             bar.show(describe(*progress), progress->done, progress->total, Clock::now());
         ended = uploads.takeEnded();

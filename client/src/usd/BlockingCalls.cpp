@@ -21,7 +21,7 @@ namespace {
 constexpr double kRefusedMs = 1000;
 // A call fails if a connected server sends nothing for this time.
 constexpr double kSilenceMs = 60'000;
-// A file is uploaded in vain if the disk of the server takes less than this.
+// upload() fails if the disk of the server is slower than this.
 constexpr double kSlowDiskBytesPerMs = 5'000;
 // The budget for each tick of a blocking call.
 constexpr double kBlockingBudgetMs = 50;

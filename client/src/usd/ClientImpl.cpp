@@ -166,9 +166,8 @@ void Client::Impl::followFiles() {
 
 // An upload ends when this process can resolve the file, too.
 void Client::Impl::followUploads() {
-    const auto now = steadyMs();
-    uploads_.advance(now);
-    if (auto progress = uploads_.progress(now)) events_.push(*progress);
+    uploads_.advance();
+    if (auto progress = uploads_.progress(steadyMs())) events_.push(*progress);
     for (auto& ended : uploads_.takeEnded()) {
         const bool isShown = ended.outcome && files_.isStarted();
         uploaded_.emplace_back(std::move(ended), isShown ? files_.askSoon() : 0);

@@ -245,7 +245,7 @@ std::optional<event::Progress> FileUploads::progress(std::int64_t nowMs) {
 
 // ---- the way of an upload
 
-void FileUploads::advance(std::int64_t /*nowMs*/) {
+void FileUploads::advance() {
     while (!uploads_.empty()) {
         if (!source_) begin();
         if (source_ && !advanceStage()) return;

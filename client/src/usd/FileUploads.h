@@ -35,7 +35,7 @@ public:
     void drop(std::uint64_t number);
 
     /// Continues with what is ready. Does not wait.
-    void advance(std::int64_t nowMs);
+    void advance();
     /// Receives an event of the session. Returns true if it concerns nobody but an upload.
     bool note(const Event& event);
     /// Call it when the server has stored a big value.
