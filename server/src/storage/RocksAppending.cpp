@@ -175,8 +175,21 @@ void RocksCommitStore::addHead(Group& group) {
 Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch, bool synced) {
     rocksdb::WriteOptions options;
     options.sync = synced;
-    const auto status = db_->Write(options, &batch);
+    auto status = db_->Write(options, &batch);
+    const auto isAtLimit = [&] {
+        return status.subcode() == rocksdb::Status::SubCode::kSpaceLimit;
+    };
+    if (isAtLimit()) {
+        // Tables reached the limit of measureSpace() in the background. RocksDB has written nothing
+        // since.
+        stopped_ = true;
+        (void)measureSpace();
+        if (!stopped_) status = db_->Write(options, &batch);
+    }
     if (status.ok()) return {};
+    if (isAtLimit())
+        return fail(ErrorCode::StorageFull, "the disk of the store " + folder_.path().string() +
+                                                " is too full for its tables. Free some space");
     // A part may be on the disk. Only reopening the store shows it, so there is no second attempt.
     Error failure = error(status, "write to");
     failure.code = ErrorCode::StorageFailed;

@@ -40,10 +40,22 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
     reserve_.adapt(disk.free, space.margin / 2, space.least);
     // Tables are merged only if enough space remains.
     files_->SetMaxAllowedSpaceUsage(files_->GetTotalSize() + std::max(usable, kMib));
-    hasSpace_ = space.usable >= space.least;
+    if (stopped_ && space.usable >= space.margin) resume();
+    hasSpace_ = !stopped_ && space.usable >= space.least;
     plenty_ = hasSpace_ ? space.usable - space.least : 0;
     spaceTime_ = Clock::now();
     return space;
+}
+
+/// Lets RocksDB write again after its tables had reached the limit.
+void RocksCommitStore::resume() const {
+    const auto status = db_->Resume();
+    if (status.IsBusy()) return;  // it already tries to
+    stopped_ = false;
+    if (status.ok()) return;
+    const std::unique_lock lock(mutex_);
+    failure_ = error(status, "write to");  // only opening the store again can help
+    failure_->code = ErrorCode::StorageFailed;
 }
 
 Result<void> RocksCommitStore::checkSpace(std::uint64_t bytes) const {
@@ -96,7 +108,7 @@ bool RocksCommitStore::hasSpace() const {
     }
     const Space space = measureSpace();
     // The space of a deleted folder is unknown; append() reports that error.
-    return space.usable >= space.least || !folder_.isThere();
+    return (space.usable >= space.least && !stopped_) || !folder_.isThere();
 }
 
 Result<std::unique_ptr<CommitStore>> createRocksCommitStore(

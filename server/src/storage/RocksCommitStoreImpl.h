@@ -157,6 +157,7 @@ private:
         std::uint64_t usable = 0, least = 0, margin = 0;
     };
     Space measureSpace() const;
+    void resume() const;
     Result<void> checkSpace(std::uint64_t bytes) const;
 
     // Reading.
@@ -221,7 +222,7 @@ private:
     Head head_;
     Base base_;
     Layers layers_;
-    std::optional<Error> failure_;
+    mutable std::optional<Error> failure_;
 
     // Held while commits are appended or clients are forgotten. Guards the next member.
     std::mutex clientsMutex_;
@@ -237,7 +238,8 @@ private:
     mutable std::mutex olderMutex_;                      // guards the next
     std::map<std::uint32_t, std::set<Revision>> older_;  // older snapshots of a layer
 
-    mutable std::mutex spaceMutex_;  // guards the next four
+    mutable std::atomic<bool> stopped_ = false;  // RocksDB writes nothing until resume()
+    mutable std::mutex spaceMutex_;              // guards the next four
     mutable Reserve reserve_;
     mutable std::chrono::steady_clock::time_point spaceTime_;
     mutable bool hasSpace_ = false;
