@@ -380,7 +380,8 @@ def test_a_progress_bar_on_a_terminal_only(project, serve):
     (project / "big.usda").write_text("#usda 1.0\n" + prims)
     server = serve(project)
     shown = on_a_terminal("tree", server.url, "big.usda")
-    assert "importing big.usda" in shown
+    # Which of the tasks takes long enough to be shown depends on the machine.
+    assert "importing big.usda" in shown or "fetching big.usda" in shown
     assert "P119999" in shown and shown.rfind("\x1b[K") < shown.find("P0 "), "the bar is still there"
     server.stop()
     (project / ".usdlive").rename(project.parent / "aside")

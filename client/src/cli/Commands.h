@@ -28,8 +28,15 @@ struct CatOptions : Common {
     std::string checkpoint;  ///< used instead of a revision
 };
 struct TreeOptions : CatOptions {
-    bool composed = false;  ///< show the stage of a file, without a server
-    ComposedOptions file;
+    bool composed = false;  ///< show `stage` instead of the layer
+    ComposedOptions stage;
+};
+struct DumpOptions : CatOptions {
+    bool composed = false;
+    ComposedOptions stage;
+};
+struct FlattenOptions : CatOptions {
+    ComposedOptions stage;
 };
 struct LogOptions : Common {
     Revision from = 0;  ///< 0: the latest commits

@@ -1,6 +1,7 @@
 // The commands that show composed stages.
 #include "ComposedCommands.h"
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -9,10 +10,14 @@
 #include <sstream>
 #include <vector>
 
+#include "Plugins.h"
 #include "StageDump.h"
+#include "transport/Connection.h"
+#include "usd/ProjectFiles.h"  // encodedInAddress
 #include "usd/stage/DepthGuard.h"
 #include "usdlive/client/usd/stage/Flatten.h"
 #include "usdlive/client/usd/stage/Stage.h"
+#include "usdlive/common/core/PercentEncoding.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::cli {
@@ -22,8 +27,40 @@ using stage::PrimFlag;
 
 namespace {
 
+constexpr std::chrono::seconds kServerTime{10};
+
+Result<Revision> newestRevision(const client::ServerAddress& server) {
+    const auto projects = client::listProjects(server, kServerTime);
+    if (!projects) return tl::unexpected(projects.error());
+    for (const auto& project : projects->all)
+        if (project.name == server.project || server.project.empty()) return project.revision;
+    return fail(ErrorCode::NotConnected, server.url() + " is no project of this server");
+}
+
+/// Returns the address by which OpenUSD opens the layer. It names a revision, so that all layers of
+/// the stage belong to it.
+Result<std::string> addressOf(const ServedRoot& root) {
+    client::ServerAddress server = root.target.server;
+    if (server.dds)
+        return fail(ErrorCode::InvalidArgument,
+                    "stages are read over HTTP; name the server with ws://HOST:PORT");
+    server.layer.clear();
+    std::string address = server.url();
+    address.replace(0, address.find(':'), "usdlive");
+    address += "/" + client::encodedInAddress(root.target.layers.front().value) + "@";
+    if (!root.checkpoint.empty())
+        return address + percentEncodedIf(root.checkpoint,
+                                          [](char c) { return c == '%' || c == '@' || c == '.'; });
+    const auto revision = root.revision ? root.revision : newestRevision(server);
+    if (!revision) return tl::unexpected(revision.error());
+    return address + std::to_string(*revision);
+}
+
 Result<std::unique_ptr<stage::Stage>> openStage(const ComposedOptions& options) {
-    const auto root = stage::openLayer(options.root);
+    registerPlugins();
+    const auto name = options.served ? addressOf(*options.served) : options.root;
+    if (!name) return tl::unexpected(name.error());
+    const auto root = stage::openLayer(*name);
     if (!root) return tl::unexpected(root.error());
     if (options.session.empty()) return std::make_unique<stage::Stage>(*root);
     const auto session = stage::openLayer(options.session);
@@ -45,7 +82,7 @@ Result<void> writeText(const std::string& text, const std::string& out) {
 Result<void> dumpOne(ComposedOptions options) {
     auto opened = openStage(options);
     if (!opened) return tl::unexpected(opened.error());
-    if (options.base.empty())
+    if (options.base.empty() && !options.served)
         options.base = std::filesystem::absolute(options.root).parent_path().string();
     const auto dump = dumpStage(**opened, {options.base, options.fold});
     return writeText(dump.dump(1, ' ', false, json::error_handler_t::replace) + "\n", options.out);

@@ -154,72 +154,98 @@ private:
         auto options = std::make_shared<TreeOptions>();
         const auto read = [](const Words& words, TreeOptions& into) {
             if (into.composed) {
-                if (words.size() != 1) usageError("name one file: usdlive tree --composed FILE");
-                into.file.root = words.front();
-                into.file.json = into.json;
+                chooseRoot(words, into, into.stage, "tree --composed");
+                into.stage.json = into.json;
                 return;
             }
             into.target = orUsageError(parseTarget(words));
             if (into.target.layers.size() != 1)
                 usageError("name a layer: usdlive tree [URL] LAYER; `usdlive ls` lists the layers");
         };
-        auto* tree = add(
-            "tree", "Print the prims of a layer with their types, or the composed prims of a file",
-            "[URL] LAYER | --composed FILE", options, read, [](const TreeOptions& chosen) {
-                return chosen.composed ? treeComposed(chosen.file) : cli::tree(chosen);
-            });
-        tree->add_flag("--composed", options->composed,
-                       "Compose the stage of this file, without a server");
-        tree->add_option("--session", options->file.session, "With --composed: the session layer")
+        auto* tree =
+            add("tree", "Print the prims of a layer, or of a composed stage, with their types",
+                "[URL] LAYER | --composed FILE | --composed URL LAYER", options, read,
+                [](const TreeOptions& chosen) {
+                    return chosen.composed ? treeComposed(chosen.stage) : cli::tree(chosen);
+                });
+        tree->add_flag(
+            "--composed", options->composed,
+            "Compose the stage of this layer of a project, or of a file without a server");
+        tree->add_option("--session", options->stage.session, "With --composed: the session layer")
             ->type_name("FILE");
-        auto* revision =
-            tree->add_option("-r,--revision", options->revision, "As it was then; 0 is now")
-                ->capture_default_str();
-        tree->add_option("-c,--checkpoint", options->checkpoint, "As it was at this checkpoint")
-            ->excludes(revision);
+        addRevision(*tree, *options);
     }
 
     void addDump() {
-        auto options = std::make_shared<ComposedOptions>();
-        auto composed = std::make_shared<bool>(false);
-        CLI::App* verb = app_.add_subcommand(
-            "dump", "Print everything that the composed stage of a file shows, as JSON");
-        verb->formatter(std::make_shared<VerbFormatter>("--composed FILE | --batch LIST"));
-        verb->add_option("FILE", options->root)->type_name("");
-        verb->add_flag("--composed", *composed, "Compose the stage of the file");
-        verb->add_option("--session", options->session, "The session layer")->type_name("FILE");
-        verb->add_option("--base", options->base,
+        auto options = std::make_shared<DumpOptions>();
+        const auto read = [](const Words& words, DumpOptions& into) {
+            if (!into.stage.batch.empty() ? !words.empty() : !into.composed)
+                usageError("name a stage: usdlive dump --composed FILE, or --composed URL LAYER");
+            if (into.stage.batch.empty()) chooseRoot(words, into, into.stage, "dump --composed");
+        };
+        auto* verb = add("dump", "Print everything that a composed stage shows, as JSON",
+                         "--composed FILE | --composed URL LAYER | --batch LIST", options, read,
+                         [](const DumpOptions& chosen) { return dumpComposed(chosen.stage); });
+        verb->add_flag(
+            "--composed", options->composed,
+            "Compose the stage of this layer of a project, or of a file without a server");
+        verb->add_option("--session", options->stage.session, "The session layer")
+            ->type_name("FILE");
+        verb->add_option("--base", options->stage.base,
                          "Paths of files are relative to it; else to the folder of the file")
             ->type_name("DIR");
-        verb->add_option("--fold", options->fold,
+        verb->add_option("--fold", options->stage.fold,
                          "Of arrays with more elements only their number and a hash")
             ->capture_default_str();
-        verb->add_option("--out", options->out, "Write to this file")->type_name("FILE");
-        verb->add_option("--batch", options->batch,
+        verb->add_option("--out", options->stage.out, "Write to this file")->type_name("FILE");
+        verb->add_option("--batch", options->stage.batch,
                          "Many stages: each line of the file has ROOT, SESSION, DIR and OUT, with "
                          "tabs between them")
             ->type_name("LIST");
-        verb->callback([&chosen = chosen_, options, composed] {
-            if (options->root.empty() == options->batch.empty() ||
-                (options->batch.empty() && !*composed))
-                usageError("name a file: usdlive dump --composed FILE");
-            chosen = [options] { return dumpComposed(*options); };
-        });
+        addRevision(*verb, *options);
     }
 
     void addFlatten() {
-        auto options = std::make_shared<ComposedOptions>();
-        CLI::App* verb = app_.add_subcommand(
-            "flatten", "Write what the stage of a file shows as one layer, without a server");
-        verb->formatter(std::make_shared<VerbFormatter>("FILE"));
-        verb->add_option("FILE", options->root)->type_name("");
-        verb->add_option("--session", options->session, "The session layer")->type_name("FILE");
-        verb->add_option("--out", options->out, "Write to this file (.usda, .usdc); else as text")
+        auto options = std::make_shared<FlattenOptions>();
+        const auto read = [](const Words& words, FlattenOptions& into) {
+            chooseRoot(words, into, into.stage, "flatten");
+        };
+        auto* verb =
+            add("flatten", "Write what a stage shows as one layer", "FILE | URL LAYER", options,
+                read, [](const FlattenOptions& chosen) { return flattenComposed(chosen.stage); });
+        verb->add_option("--session", options->stage.session, "The session layer")
             ->type_name("FILE");
-        verb->callback([&chosen = chosen_, options] {
-            if (options->root.empty()) usageError("name a file: usdlive flatten FILE");
-            chosen = [options] { return flattenComposed(*options); };
-        });
+        verb->add_option("--out", options->stage.out,
+                         "Write to this file (.usda, .usdc); else as text")
+            ->type_name("FILE");
+        addRevision(*verb, *options);
+    }
+
+    static void addRevision(CLI::App& verb, CatOptions& options) {
+        auto* revision =
+            verb.add_option("-r,--revision", options.revision, "As it was then; 0 is now")
+                ->capture_default_str();
+        verb.add_option("-c,--checkpoint", options.checkpoint, "As it was at this checkpoint")
+            ->excludes(revision);
+    }
+
+    /// The words name the root layer of a stage: a file, an address with a revision, or a layer of
+    /// a project.
+    static void chooseRoot(const Words& words, const CatOptions& options, ComposedOptions& into,
+                           const std::string& verb) {
+        if (words.size() == 1 && (words.front().find("://") == std::string::npos ||
+                                  words.front().find('@') != std::string::npos)) {
+            if (options.revision != 0 || !options.checkpoint.empty())
+                usageError("a revision belongs to a layer of a server: usdlive " + verb +
+                           " URL LAYER");
+            into.root = words.front();
+            return;
+        }
+        auto target = orUsageError(parseTarget(words));
+        if (words.empty() || target.layers.size() != 1)
+            usageError("name a file or a layer: usdlive " + verb + " FILE, or usdlive " + verb +
+                       " URL LAYER");
+        into.served = ServedRoot{std::move(target), options.revision, options.checkpoint};
     }
 
     void addLog() {
