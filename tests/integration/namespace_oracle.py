@@ -60,6 +60,11 @@ class Opened:
     def all_layers(self) -> list[Sdf.Layer]:
         return [*self.layers, self.stage.GetSessionLayer()]
 
+    def objects(self) -> list[set[Sdf.Path]]:
+        """The paths of the prims and properties of each stage."""
+        return [{one.GetPath() for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(
+            Usd.PrimAllPrimsPredicate)) for one in [prim, *prim.GetProperties()]} for stage in [self.stage, *self.dependents]]
+
     def composed(self) -> list[str]:
         """The prims of the stages, one a line. (Flattened stages differ by the numbers of their prototypes.)"""
         lines = []
@@ -149,17 +154,21 @@ def loses_the_relocate(theirs: Sdf.Layer, ours: Sdf.Layer, new: Sdf.Path) -> boo
             and [relocate for relocate in ours.relocates if relocate != more[0]] == list(theirs.relocates))
 
 
-def only_left_behind(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage]) -> bool:
-    """Do the layers differ in nothing but paths to what is no longer there, which theirs has left as they were?"""
+def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], gone: list[set[Sdf.Path]]) -> bool:
+    """Do the layers differ in nothing but paths to what is no longer there, which theirs has left as they were, and
+    paths to what is not gone, which theirs has removed?"""
     layer, theirs, ours = theirs, _fields(theirs), _fields(ours)
     if set(theirs) != set(ours):
         return False
+    own = [stage for stage in stages if stage.HasLocalLayer(layer)]
     for key, value in theirs.items():
         if value == ours[key] or key[1] == "layerRelocates":
             continue
         left = set(_paths_of(value)) - set(_paths_of(ours[key]))
-        own = [stage for stage in stages if stage.HasLocalLayer(layer)]
-        if not left or any(stage.GetObjectAtPath(path) for stage in own for path in left):
+        kept = set(_paths_of(ours[key])) - set(_paths_of(value))
+        if not left and not kept or any(stage.GetObjectAtPath(path) for stage in own for path in left):
+            return False
+        if any(path in paths for stage, paths in zip(stages, gone) if stage in own for path in kept):
             return False
     return True
 
@@ -170,15 +179,17 @@ class Comparison:
     def __init__(self, scene: scenes.Scene, edit, folder: pathlib.Path):
         self.scene, self.edit = scene, edit
         theirs, ours = Opened(scene, folder / "theirs"), Opened(scene, folder / "ours")
+        before = theirs.objects()
         self.theirs = play(theirs, Usd.NamespaceEditor, edit)
         self.ours = play(ours, usdlive.NamespaceEditor, edit)
+        gone = [paths - left for paths, left in zip(before, theirs.objects())]
         differing = [(a, b) for a, b in zip(theirs.all_layers(), ours.all_layers())
                      if theirs.neutral(a.ExportToString()) != ours.neutral(b.ExportToString())]
         self.is_same = not differing
-        # Ours corrects paths in places that Usd's editor leaves as they are.
+        # Ours corrects paths in places that Usd's editor leaves as they are, and keeps paths to what is still there.
         old, new = Sdf.Path(edit[1]), Sdf.Path(edit[2]) if edit[2] else Sdf.Path()
         self.corrects_more = all(
-            only_left_behind(a, b, [theirs.stage, *theirs.dependents]) and
+            only_sounder(a, b, [theirs.stage, *theirs.dependents], gone) and
             (list(a.relocates) == list(b.relocates) or loses_the_relocate(a, b, new)) for a, b in differing)
         self.adds_relocate = any(list(a.relocates) != list(b.relocates) for a, b in differing)
         self.is_moved = not ours.stage.GetObjectAtPath(old) and (not edit[2] or bool(ours.stage.GetObjectAtPath(new)))

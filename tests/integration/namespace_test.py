@@ -45,6 +45,9 @@ def test_random_edits_come_to_the_same(tmp_path):
 
 @pytest.mark.parametrize("seed", [
     115,  # Usd composes prims below an inactive one after a change of the session layer
+    511, 545, 20257,  # paths to a prim that keeps opinions of other arcs were removed
+    346, 20358,  # and paths to a prim that a relocate removed were kept
+    20234, 20364, 20850,  # a path to a moved prim was deleted, because its new place is below a deleted prim
 ])
 def test_seeds_that_failed_once(seed, tmp_path):
     compared = [comparison.difference() for comparison in oracle.random_comparisons(seed, tmp_path)]
@@ -244,6 +247,25 @@ def test_moves_of_a_batch_are_one_move():
         editor.MovePrimAtPath(old, new)
     assert editor.ApplyEdits()
     assert stage.GetRelationshipAtPath("/User.r").GetTargets() == [Sdf.Path("/B.x"), Sdf.Path("/C")]
+
+
+def test_targets_stay_if_opinions_of_another_arc_keep_the_prim():
+    """Usd.NamespaceEditor removes all of them."""
+    stage = stage_of("""
+        class "Class" { def "A" { double q = 1 def "X" {} } }
+        class "Other" { def "A" { double p = 1 def "Y" {} } }
+        def "World" ( prepend references = [</Class>, </Other>] ) {}
+        def "User" {
+            rel r = [</World/A>, </World/A/X>, </World/A/Y>, </World/A.p>, </World/A.q>, </Class/A>]
+            pathExpression e = "/World/A//* + /World/A/X"
+        }""")
+    editor = usdlive.NamespaceEditor(stage)
+    editor.DeletePrimAtPath("/Class/A")
+    assert editor.ApplyEdits()
+    assert [str(path) for path in stage.GetRelationshipAtPath("/User.r").GetTargets()] == [
+        "/World/A", "/World/A/Y", "/World/A.p"]
+    assert stage.GetAttributeAtPath("/User.e").Get() == Sdf.PathExpression("/World/A//*")
+    assert editor.Undo() == [] and len(stage.GetRelationshipAtPath("/User.r").GetTargets()) == 6
 
 
 def test_a_new_relocate_keeps_those_below_it(tmp_path):

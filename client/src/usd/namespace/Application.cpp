@@ -23,18 +23,20 @@ using pxr::VtValue;
 
 namespace {
 
-// Returns the paths before `moves` of the objects now at or below `path`. May return more paths
-// than exist.
-std::set<SdfPath> pathsBefore(const PathMoves& moves, std::size_t count, const SdfPath& path) {
+// Returns the paths before the first `count` edits of the objects now at or below `path`. May
+// return more paths than exist.
+std::set<SdfPath> pathsBefore(const std::vector<PathMoves>& edits, std::size_t count,
+                              const SdfPath& path) {
     std::set<SdfPath> paths{path};
     for (std::size_t i = count; i-- > 0;) {
         std::set<SdfPath> earlier;
         for (const SdfPath& one : paths)
-            if (!moves[i].to.IsEmpty()) {
-                if (one.HasPrefix(moves[i].to))
-                    earlier.insert(one.ReplacePrefix(moves[i].to, moves[i].from));
-                else if (moves[i].to.HasPrefix(one))
-                    earlier.insert(moves[i].from);
+            for (const auto& [from, to] : edits[i]) {
+                if (to.IsEmpty()) continue;
+                if (one.HasPrefix(to))
+                    earlier.insert(one.ReplacePrefix(to, from));
+                else if (to.HasPrefix(one))
+                    earlier.insert(from);
             }
         paths.merge(earlier);
     }
@@ -80,34 +82,35 @@ void Application::collectPlan(const std::vector<Plan>& plans) {
 }
 
 void Application::collectPathFields(const std::vector<Plan>& plans, PathIndex& index) {
-    std::map<SdfLayerRefPtr, PathMoves> objects;
-    for (const auto& plan : plans)
-        for (std::size_t stage = 0; stage < plan.objects.size(); ++stage)
-            for (const auto& layer : plan.localLayers[stage]) {
+    std::map<SdfLayerRefPtr, std::vector<PathMoves>> objects;
+    for (std::size_t edit = 0; edit < plans.size(); ++edit)
+        for (std::size_t stage = 0; stage < plans[edit].objects.size(); ++stage)
+            for (const auto& layer : plans[edit].localLayers[stage]) {
                 auto& moves = objects[layer];
-                for (const auto& move : plan.objects[stage])
-                    if (moves.empty() || moves.back() != move) moves.push_back(move);
+                moves.resize(plans.size());
+                for (const auto& move : plans[edit].objects[stage]) moves[edit].push_back(move);
             }
     for (const auto& [layer, moves] : objects) findPathFields(layer, moves, index);
 }
 
-void Application::findPathFields(const SdfLayerRefPtr& layer, const PathMoves& objects,
+void Application::findPathFields(const SdfLayerRefPtr& layer, const std::vector<PathMoves>& objects,
                                  PathIndex& index) {
     pxr::SdfPathVector specs;
     for (std::size_t i = 0; i < objects.size(); ++i)
-        for (const SdfPath& path : pathsBefore(objects, i, objects[i].from))
-            index.of(layer).specsWithPathsTo(path, specs);
+        for (const auto& move : objects[i])
+            for (const SdfPath& path : pathsBefore(objects, i, move.from))
+                index.of(layer).specsWithPathsTo(path, specs);
     const auto edits = layers_.find(layer);
-    const PathMoves moves = edits == layers_.end() ? PathMoves() : edits->second.moves;
+    const PathMoves specMoves = edits == layers_.end() ? PathMoves() : edits->second.moves;
     std::unordered_set<SdfPath, SdfPath::Hash> seen;
     for (const SdfPath& spec : specs) {
         if (!seen.insert(spec).second) continue;
-        const SdfPath moved = followed(moves, spec);
+        const SdfPath moved = followed(specMoves, spec);
         if (moved.IsEmpty() || !layer->HasSpec(spec)) continue;
         visitPathFields(layer, spec, [&](const TfToken& field, const VtValue& present) {
             VtValue value = present;
-            for (const auto& object : objects)
-                if (auto next = movedValue(value, object); !next.IsEmpty()) value = std::move(next);
+            for (const auto& moves : objects)
+                if (auto next = movedValue(value, moves); !next.IsEmpty()) value = std::move(next);
             if (value != present)
                 layers_[layer].fields.push_back({spec, moved, field, present, value});
         });

@@ -44,7 +44,8 @@ public:
 private:
     void collectPlan(const std::vector<Plan>& plans);
     void collectPathFields(const std::vector<Plan>& plans, PathIndex& index);
-    void findPathFields(const pxr::SdfLayerRefPtr& layer, const PathMoves& objects,
+    /// `objects` are moved at once, for each edit.
+    void findPathFields(const pxr::SdfLayerRefPtr& layer, const std::vector<PathMoves>& objects,
                         PathIndex& index);
     void checkPermissions();
 

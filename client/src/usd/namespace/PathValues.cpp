@@ -9,7 +9,9 @@
 #include <pxr/usd/sdf/schema.h>
 #include <pxr/usd/sdf/types.h>
 
+#include <algorithm>
 #include <optional>
+#include <string>
 
 #include "usd/content/PathListItems.h"
 
@@ -27,20 +29,30 @@ struct Collect {
     pxr::SdfPathSet& paths;
 };
 
-SdfPath movedPath(const SdfPath& path, const PathMove& move) {
-    return path.ReplacePrefix(move.from, move.to);
+const PathMove* nearestMove(const SdfPath& path, const PathMoves& moves) {
+    const PathMove* nearest = nullptr;
+    for (const auto& move : moves)
+        if (path.HasPrefix(move.from) &&
+            (!nearest || (move.from != nearest->from && move.from.HasPrefix(nearest->from))))
+            nearest = &move;
+    return nearest;
+}
+
+SdfPath movedPath(const SdfPath& path, const PathMoves& moves) {
+    const auto* move = nearestMove(path, moves);
+    return move ? path.ReplacePrefix(move->from, move->to) : path;
 }
 SdfPath collectPath(const SdfPath& path, const Collect& collect) {
     collect.paths.insert(path);
     return path;
 }
 
-SdfPathListOp movedList(const SdfPathListOp& list, const PathMove& move) {
+SdfPathListOp movedList(const SdfPathListOp& list, const PathMoves& moves) {
     SdfPathListOp moved = list;
     moved.ModifyOperations([&](const SdfPath& path) -> std::optional<SdfPath> {
-        if (!path.HasPrefix(move.from)) return path;
-        if (move.to.IsEmpty()) return std::nullopt;
-        return movedPath(path, move);
+        auto to = movedPath(path, moves);
+        if (to.IsEmpty()) return std::nullopt;
+        return to;
     });
     return moved;
 }
@@ -49,9 +61,6 @@ SdfPathListOp collectList(const SdfPathListOp& list, const Collect& collect) {
     return list;
 }
 
-SdfPathExpression movedExpression(const SdfPathExpression& expression, const PathMove& move) {
-    return expression.ReplacePrefix(move.from, move.to);
-}
 SdfPathExpression collectExpression(const SdfPathExpression& expression, const Collect& collect) {
     const auto add = [&](const SdfPath& path) {
         if (!path.IsEmpty()) collect.paths.insert(path);
@@ -63,6 +72,29 @@ SdfPathExpression collectExpression(const SdfPathExpression& expression, const C
     const auto pattern = [&](const SdfPathExpression::PathPattern& one) { add(one.GetPrefix()); };
     expression.Walk(logic, reference, pattern);
     return expression;
+}
+
+// Sdf replaces one prefix after another. Names in between keep a moved path from being moved again.
+SdfPathExpression movedExpression(const SdfPathExpression& expression, const PathMoves& moves) {
+    pxr::SdfPathSet paths;
+    (void)collectExpression(expression, {paths});
+    PathMoves used;
+    for (const auto& path : paths)
+        if (const auto* move = nearestMove(path, moves);
+            move && std::ranges::find(used, *move) == used.end())
+            used.push_back(*move);
+    if (used.empty()) return expression;
+    if (used.size() == 1) return expression.ReplacePrefix(used.front().from, used.front().to);
+    std::ranges::sort(used, [](const auto& a, const auto& b) { return b.from < a.from; });
+    SdfPathExpression moved = expression;
+    for (auto& move : used) {
+        const SdfPath between("/__usdlive_moved_" + std::to_string(&move - used.data()));
+        moved = moved.ReplacePrefix(move.from, move.to.IsEmpty() ? move.to : between);
+        move.from = between;
+    }
+    for (const auto& move : used)
+        if (!move.to.IsEmpty()) moved = moved.ReplacePrefix(move.from, move.to);
+    return moved;
 }
 
 // Vt applies these functions to the values inside dictionaries and time samples.
@@ -96,16 +128,16 @@ SdfPath followed(const PathMoves& moves, SdfPath path) {
     return path;
 }
 
-VtValue movedValue(const VtValue& value, const PathMove& move) {
+VtValue movedValue(const VtValue& value, const PathMoves& moves) {
     if (value.IsHolding<SdfPathListOp>()) {  // most values: the targets of a property
         const auto& list = value.UncheckedGet<SdfPathListOp>();
-        bool moves = false;
+        bool isMoved = false;
         content::forEachPath(
-            list, [&](const SdfPath& path) { moves = moves || path.HasPrefix(move.from); });
-        return moves ? VtValue(movedList(list, move)) : VtValue();
+            list, [&](const SdfPath& path) { isMoved = isMoved || nearestMove(path, moves); });
+        return isMoved ? VtValue(movedList(list, moves)) : VtValue();
     }
     registerTransforms();
-    auto moved = pxr::VtValueTryTransform(value, move);
+    auto moved = pxr::VtValueTryTransform(value, moves);
     return moved == value ? VtValue() : moved;
 }
 

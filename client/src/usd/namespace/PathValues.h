@@ -21,8 +21,9 @@ using PathMoves = std::vector<PathMove>;
 /// Returns `path` after all moves, or an empty path if it is deleted.
 [[nodiscard]] pxr::SdfPath followed(const PathMoves& moves, pxr::SdfPath path);
 
-/// Returns the value with its paths moved, or an empty value if no path moves.
-[[nodiscard]] pxr::VtValue movedValue(const pxr::VtValue& value, const PathMove& move);
+/// Returns the value with its paths moved by moves that happen at once, or an empty value if no
+/// path moves. All of them name paths before the moves. The move of the nearest prefix counts.
+[[nodiscard]] pxr::VtValue movedValue(const pxr::VtValue& value, const PathMoves& moves);
 /// Adds the paths in the value to `paths`. Returns false if values of this type contain no paths.
 bool collectPaths(const pxr::VtValue& value, pxr::SdfPathSet& paths);
 
