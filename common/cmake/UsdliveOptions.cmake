@@ -48,6 +48,7 @@ if(USDLIVE_SANITIZE)
         add_compile_options(-Wno-tsan)  # OpenUSD's headers have fences, which TSan does not support
     endif()
     add_link_options(-fsanitize=${sanitizers})
+    add_compile_definitions(USDLIVE_SANITIZED)
 endif()
 
 # In a unity build, more sources in one file compile faster: 20 take a quarter less than 8, and up to

@@ -6,7 +6,7 @@ namespace usdlive {
 /// Returns how many of `all` seeds a test runs. Under a sanitizer each takes ten to forty times as
 /// long, and a quarter of the seeds finds the same errors of memory.
 constexpr unsigned seedsOf(unsigned all) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#ifdef USDLIVE_SANITIZED
     return all / 4;
 #else
     return all;

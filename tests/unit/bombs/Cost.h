@@ -15,7 +15,7 @@ struct Cost {
 [[nodiscard]] Cost costOf(const std::function<void()>& call);
 
 /// The allowed factor for sanitizers and unoptimised code.
-#if defined(__OPTIMIZE__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#if defined(__OPTIMIZE__) && !defined(USDLIVE_SANITIZED)
 inline constexpr int kSlowness = 1;
 #else
 inline constexpr int kSlowness = 50;
