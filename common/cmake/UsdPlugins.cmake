@@ -21,7 +21,7 @@ function(usdlive_usd_plugin name)
     target_compile_definitions(${name} PRIVATE PXR_PYTHON_SUPPORT_ENABLED MFB_PACKAGE_NAME=${name} MFB_ALT_PACKAGE_NAME=${name})
     target_link_libraries(${name} PRIVATE usdlive::openusd ${ARG_LINK})
     set_target_properties(${name} PROPERTIES
-        PREFIX "" UNITY_BUILD OFF CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
+        PREFIX "" CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
         LIBRARY_OUTPUT_DIRECTORY ${USDLIVE_PLUGINS}/${name})
     configure_file(plugInfo.json ${USDLIVE_PLUGINS}/${name}/plugInfo.json COPYONLY)
     add_dependencies(plugins ${name})
