@@ -3,7 +3,6 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -12,6 +11,7 @@
 #include <mutex>
 #include <utility>
 
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Utf8.h"
@@ -47,9 +47,6 @@ public:
         : from_(std::move(from)), mostBytes_(mostBytes) {}
     Source(const Source&) = delete;
     Source& operator=(const Source&) = delete;
-    ~Source() {
-        if (file_ >= 0) ::close(file_);
-    }
 
     // The worker.
     void hash() {
@@ -116,10 +113,10 @@ private:
     }
 
     Result<Content> readAll() {
-        file_ = ::open(from_.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-        if (file_ < 0) return unreadable();
+        file_ = Descriptor(::open(from_.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+        if (!file_) return unreadable();
         struct stat found{};
-        if (::fstat(file_, &found) != 0) return unreadable();
+        if (::fstat(file_.get(), &found) != 0) return unreadable();
         if (S_ISDIR(found.st_mode))
             return refuse(ErrorCode::InvalidArgument,
                           "it is a folder. Upload its files one by one");
@@ -162,21 +159,14 @@ private:
 
     /// Reads as many bytes as the file has.
     Result<std::size_t> fill(std::uint64_t offset, Bytes& part) {
-        std::size_t filled = 0;
-        while (filled < part.size()) {
-            const ssize_t count =
-                ::pread(file_, part.data() + filled, part.size() - filled, off_t(offset + filled));
-            if (count < 0 && errno == EINTR) continue;
-            if (count < 0) return unreadable();
-            if (count == 0) break;
-            filled += std::size_t(count);
-        }
-        if (filled == 0) return changed();
-        return filled;
+        const auto count = usdlive::readPart(file_, offset, part);
+        if (!count) return unreadable();
+        if (*count == 0) return changed();
+        return *count;
     }
     Result<void> checkSame() {
         struct stat now{};
-        if (::fstat(file_, &now) != 0) return unreadable();
+        if (::fstat(file_.get(), &now) != 0) return unreadable();
         if (std::uint64_t(now.st_size) == size_ && now.st_mtim.tv_sec == modified_.tv_sec &&
             now.st_mtim.tv_nsec == modified_.tv_nsec)
             return {};
@@ -190,7 +180,7 @@ private:
     // Used by the worker only.
     const fs::path from_;
     const std::uint64_t mostBytes_;
-    int file_ = -1;
+    Descriptor file_;
     std::uint64_t size_ = 0;
     timespec modified_{};
 

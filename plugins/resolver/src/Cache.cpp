@@ -21,6 +21,8 @@
 #include <thread>
 #include <vector>
 
+#include "usdlive/common/core/Descriptor.h"
+
 namespace usdlive::resolver {
 
 namespace fs = std::filesystem;
@@ -38,25 +40,6 @@ constexpr std::int64_t kNotedSeconds = 600;
 // which is harmless.
 constexpr milliseconds kLockTime{30'000}, kLockPause{10};
 constexpr std::size_t kHashDigits = 64;
-
-class Descriptor {
-public:
-    explicit Descriptor(int number = -1) : number_(number) {}
-    Descriptor(Descriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
-    Descriptor& operator=(Descriptor&& other) noexcept {
-        std::swap(number_, other.number_);
-        return *this;
-    }
-    ~Descriptor() {
-        if (number_ >= 0) ::close(number_);
-    }
-    [[nodiscard]] int get() const { return number_; }
-    [[nodiscard]] int release() { return std::exchange(number_, -1); }
-    explicit operator bool() const { return number_ >= 0; }
-
-private:
-    int number_;
-};
 
 OpenFile noFile() { return {nullptr, &std::fclose}; }
 

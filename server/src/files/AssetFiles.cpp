@@ -3,7 +3,6 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -14,6 +13,7 @@
 #include "AssetWriter.h"
 #include "FileStamps.h"
 #include "FolderWalk.h"
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Utf8.h"
@@ -46,70 +46,42 @@ tl::unexpected<AssetRefusal> cannotRead(const std::string& path) {
     return refuse(Reason::Unreadable, path, std::string("cannot be read: ") + std::strerror(errno));
 }
 
-class File {
-public:
-    explicit File(int number) : number_(number) {}
-    File(File&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
-    File& operator=(File&&) = delete;
-    ~File() {
-        if (number_ >= 0) ::close(number_);
-    }
-    [[nodiscard]] int number() const { return number_; }
-
-private:
-    int number_;
-};
-
-/// Fills as much of `part` as the file has. Returns the count of bytes, or nothing on an error.
-std::optional<std::size_t> fill(int file, std::uint64_t offset, std::span<std::uint8_t> part) {
-    std::size_t filled = 0;
-    while (filled < part.size()) {
-        const ssize_t count =
-            ::pread(file, part.data() + filled, part.size() - filled, off_t(offset + filled));
-        if (count < 0 && errno == EINTR) continue;
-        if (count < 0) return std::nullopt;
-        if (count == 0) break;
-        filled += std::size_t(count);
-    }
-    return filled;
-}
-
 /// Compares what changes when the file's bytes change. Other attributes of an open file change when
 /// another file takes its name.
-bool isUnchanged(int file, const FileTrace& trace) {
+bool isUnchanged(const Descriptor& file, const FileTrace& trace) {
     struct stat now{};
-    if (::fstat(file, &now) != 0) return false;
+    if (::fstat(file.get(), &now) != 0) return false;
     const FileTrace present = traceOf(now);
     return present.size == trace.size && present.modifiedNs == trace.modifiedNs;
 }
 
 class HashedFile final : public OpenedAsset {
 public:
-    HashedFile(File file, std::string path, FileTrace trace, Hash hash)
+    HashedFile(Descriptor file, std::string path, FileTrace trace, Hash hash)
         : file_(std::move(file)), path_(std::move(path)), trace_(trace), hash_(hash) {}
 
     const Hash& hash() const override { return hash_; }
     const FileTrace& trace() const override { return trace_; }
     AssetResult<void> read(std::uint64_t offset, std::span<std::uint8_t> part) const override {
-        const auto count = fill(file_.number(), offset, part);
+        const auto count = readPart(file_, offset, part);
         if (!count) return cannotRead(path_);
-        if (*count == part.size() && isUnchanged(file_.number(), trace_)) return {};
+        if (*count == part.size() && isUnchanged(file_, trace_)) return {};
         return refuse(Reason::Changed, path_, "was changed while it was read");
     }
 
 private:
-    const File file_;
+    const Descriptor file_;
     const std::string path_;
     const FileTrace trace_;
     const Hash hash_;
 };
 
 /// Returns nothing if the file was written meanwhile, or cannot be read.
-std::optional<Hash> hashOf(int file, const FileTrace& trace) {
+std::optional<Hash> hashOf(const Descriptor& file, const FileTrace& trace) {
     Sha256 sha;
     Bytes part(std::size_t(std::min<std::uint64_t>(trace.size, kHashBufferBytes)));
     for (std::uint64_t at = 0; at < trace.size;) {
-        const auto count = fill(file, at, part);
+        const auto count = readPart(file, at, part);
         if (!count || *count == 0) return std::nullopt;
         sha.add(ByteView(part.data(), *count));
         at += *count;
@@ -119,9 +91,9 @@ std::optional<Hash> hashOf(int file, const FileTrace& trace) {
 }
 
 /// Returns the real path of an open file.
-fs::path pathOf(int file) {
+fs::path pathOf(const Descriptor& file) {
     std::error_code problem;
-    const fs::path path = fs::read_symlink("/proc/self/fd/" + std::to_string(file), problem);
+    const fs::path path = fs::read_symlink("/proc/self/fd/" + std::to_string(file.get()), problem);
     return problem ? fs::path() : path;
 }
 
@@ -194,19 +166,19 @@ AssetResult<std::shared_ptr<const OpenedAsset>> AssetFiles::openReal(const std::
     };
     if (const auto why = whyOutside(folder_, real); !why.empty()) return outside(why);
     for (int left = kReadAttempts; left > 0; --left) {
-        File file(::open(real.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
-        if (file.number() < 0) return cannotRead(path);
+        Descriptor file(::open(real.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+        if (!file) return cannotRead(path);
         // A link may have been put in the place of a folder meanwhile.
-        const fs::path opened = pathOf(file.number());
+        const fs::path opened = pathOf(file);
         if (const auto why = whyOutside(folder_, opened); !why.empty() && opened != real)
             return outside(why);
         struct stat found{};
-        if (::fstat(file.number(), &found) != 0) return cannotRead(path);
+        if (::fstat(file.get(), &found) != 0) return cannotRead(path);
         if (!S_ISREG(found.st_mode)) return refuse(Reason::NotFound, path, "is not a file");
         const FileTrace trace = traceOf(found);
         auto hash = knownHash(real, trace);
         if (!hash) {
-            hash = hashOf(file.number(), trace);
+            hash = hashOf(file, trace);
             if (!hash) continue;
             remember(real, trace, *hash);
         }

@@ -18,6 +18,7 @@
 #include "FileStamps.h"
 #include "FolderWalk.h"
 #include "SafeFile.h"
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Utf8.h"
 
@@ -31,24 +32,6 @@ constexpr std::size_t kWrittenAtOnce = 1024 * 1024;
 constexpr mode_t kNewFolderMode = 0777;  // the process's umask applies
 constexpr mode_t kNewAssetMode = 0644;   // the mode of new layers
 constexpr mode_t kAllPermissions = 07777;
-
-class OwnedDescriptor {
-public:
-    explicit OwnedDescriptor(int number) : number_(number) {}
-    OwnedDescriptor(OwnedDescriptor&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
-    OwnedDescriptor& operator=(OwnedDescriptor&& other) noexcept {
-        std::swap(number_, other.number_);
-        return *this;
-    }
-    ~OwnedDescriptor() {
-        if (number_ >= 0) ::close(number_);
-    }
-    [[nodiscard]] int get() const { return number_; }
-    [[nodiscard]] explicit operator bool() const { return number_ >= 0; }
-
-private:
-    int number_;
-};
 
 tl::unexpected<Error> invalid(const std::string& path, const std::string& why) {
     return fail(ErrorCode::InvalidFileName, inQuotes(path) + " " + why);
@@ -66,7 +49,7 @@ class TargetFolder {
 public:
     static Result<TargetFolder> open(const fs::path& root, const fs::path& folder) {
         TargetFolder target;
-        OwnedDescriptor now(::open(root.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+        Descriptor now(::open(root.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
         if (!now) return notWritten("the project's folder cannot be opened");
         for (const fs::path& part : folder) {
             auto next = enter(now.get(), part);
@@ -98,13 +81,13 @@ public:
 
 private:
     TargetFolder() = default;
-    static OwnedDescriptor enter(int folder, const fs::path& part) {
-        return OwnedDescriptor(
+    static Descriptor enter(int folder, const fs::path& part) {
+        return Descriptor(
             ::openat(folder, part.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
     }
 
-    OwnedDescriptor here_{-1};
-    std::vector<std::pair<OwnedDescriptor, fs::path>> created_;  // by the folder above
+    Descriptor here_;
+    std::vector<std::pair<Descriptor, fs::path>> created_;  // by the folder above
 };
 
 /// A file without its final name. The destructor removes it, unless it got its name.
@@ -116,7 +99,7 @@ public:
             std::array<char, 17> digits{};
             std::snprintf(digits.data(), digits.size(), "%08x%08x", random(), random());
             std::string name = std::string(kTemporaryPrefix) + digits.data();
-            OwnedDescriptor file(
+            Descriptor file(
                 ::openat(folder, name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
             if (file) return UnnamedAsset(folder, std::move(name), std::move(file));
             if (errno != EEXIST) break;
@@ -165,7 +148,7 @@ public:
     }
 
 private:
-    UnnamedAsset(int folder, std::string name, OwnedDescriptor file)
+    UnnamedAsset(int folder, std::string name, Descriptor file)
         : folder_(folder), name_(std::move(name)), file_(std::move(file)) {}
 
     Result<void> append(const Bytes& part) {
@@ -190,7 +173,7 @@ private:
 
     int folder_;
     std::string name_;  // empty: it has its final name
-    OwnedDescriptor file_;
+    Descriptor file_;
 };
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "SafeFile.h"
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Sha256.h"
 
 namespace usdlive::server {
@@ -19,20 +20,6 @@ namespace usdlive::server {
 namespace {
 
 constexpr int kAttempts = 3;
-
-class Descriptor {
-public:
-    explicit Descriptor(const std::filesystem::path& path)
-        : number_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK)) {}
-    Descriptor(const Descriptor&) = delete;
-    ~Descriptor() {
-        if (number_ >= 0) ::close(number_);
-    }
-    [[nodiscard]] int get() const { return number_; }
-
-private:
-    const int number_;
-};
 
 std::int64_t nanoseconds(const timespec& time) {
     return std::int64_t(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
@@ -88,9 +75,9 @@ std::optional<LayerFile> lookAt(const std::filesystem::path& path, LayerId layer
 
 Result<std::optional<FileStamp>> stampOf(const std::filesystem::path& path) {
     for (int left = kAttempts; left > 0; --left) {
-        const Descriptor file(path);
-        if (file.get() < 0 && errno == ENOENT) return std::nullopt;
-        if (file.get() < 0) return unreadable(path, std::strerror(errno));
+        const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK));
+        if (!file && errno == ENOENT) return std::nullopt;
+        if (!file) return unreadable(path, std::strerror(errno));
         auto stamp = attempt(path, file.get());
         if (!stamp || *stamp) return stamp;
     }

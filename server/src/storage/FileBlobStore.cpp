@@ -59,9 +59,9 @@ public:
     }
 
 private:
-    Unfinished(File file, fs::path path) : file_(std::move(file)), path_(std::move(path)) {}
+    Unfinished(Descriptor file, fs::path path) : file_(std::move(file)), path_(std::move(path)) {}
 
-    File file_;
+    Descriptor file_;
     fs::path path_;  // empty: the file was moved away
     Sha256 hash_;
     std::uint64_t written_ = 0;
@@ -108,7 +108,7 @@ private:
         return dropped_.contains(hash);
     }
     [[nodiscard]] Result<void> checkSpace(std::uint64_t bytes) const;
-    [[nodiscard]] Result<File> openValue(const Hash& hash) const;
+    [[nodiscard]] Result<Descriptor> openValue(const Hash& hash) const;
     Result<Unfinished> take(const Upload& upload, std::uint64_t offset);
     void putBack(const Upload& upload, Unfinished value);
     Result<void> keep(const Hash& hash, Unfinished& value);
@@ -130,7 +130,7 @@ Result<void> FileBlobStore::checkSpace(std::uint64_t bytes) const {
     return fail(ErrorCode::StorageFull, "the disk of " + folder_.string() + " is full");
 }
 
-Result<File> FileBlobStore::openValue(const Hash& hash) const {
+Result<Descriptor> FileBlobStore::openValue(const Hash& hash) const {
     if (!has(hash))
         return blobError(ErrorCode::BlobNotFound, hash, "is not in " + folder_.string());
     return openFile(name(hash), O_RDONLY);

@@ -13,10 +13,6 @@
 
 namespace usdlive::server {
 
-File::~File() {
-    if (descriptor_ >= 0) ::close(descriptor_);
-}
-
 Error systemError(const char* verb, const std::filesystem::path& path) {
     const std::error_code error(errno, std::system_category());
     const bool full = error.value() == ENOSPC || error.value() == EDQUOT;
@@ -24,9 +20,9 @@ Error systemError(const char* verb, const std::filesystem::path& path) {
             std::string("cannot ") + verb + " " + path.string() + ": " + error.message()};
 }
 
-Result<File> openFile(const std::filesystem::path& path, int flags) {
-    File file(::open(path.c_str(), flags | O_CLOEXEC, 0666));
-    if (file.get() < 0) return tl::unexpected(systemError("open", path));
+Result<Descriptor> openFile(const std::filesystem::path& path, int flags) {
+    Descriptor file(::open(path.c_str(), flags | O_CLOEXEC, 0666));
+    if (!file) return tl::unexpected(systemError("open", path));
     return file;
 }
 
@@ -41,7 +37,7 @@ Result<void> makeFolders(const std::filesystem::path& path) {
     return tl::unexpected(systemError("make the folder", path));
 }
 
-Result<void> writeAt(const File& file, std::uint64_t offset, ByteView bytes,
+Result<void> writeAt(const Descriptor& file, std::uint64_t offset, ByteView bytes,
                      const std::filesystem::path& path) {
     while (!bytes.empty()) {
         const ssize_t written = ::pwrite(file.get(), bytes.data(), bytes.size(), off_t(offset));
@@ -53,23 +49,16 @@ Result<void> writeAt(const File& file, std::uint64_t offset, ByteView bytes,
     return {};
 }
 
-Result<Bytes> readAt(const File& file, std::uint64_t offset, std::size_t size,
+Result<Bytes> readAt(const Descriptor& file, std::uint64_t offset, std::size_t size,
                      const std::filesystem::path& path) {
     Bytes bytes(size);
-    std::size_t done = 0;
-    while (done < size) {
-        const ssize_t got =
-            ::pread(file.get(), bytes.data() + done, size - done, off_t(offset + done));
-        if (got < 0 && errno == EINTR) continue;
-        if (got < 0) return tl::unexpected(systemError("read", path));
-        if (got == 0) break;
-        done += std::size_t(got);
-    }
-    bytes.resize(done);
+    const auto count = readPart(file, offset, bytes);
+    if (!count) return tl::unexpected(systemError("read", path));
+    bytes.resize(*count);
     return bytes;
 }
 
-Result<void> syncFile(const File& file, const std::filesystem::path& path) {
+Result<void> syncFile(const Descriptor& file, const std::filesystem::path& path) {
     if (::fsync(file.get()) != 0) return tl::unexpected(systemError("sync", path));
     return {};
 }
@@ -99,7 +88,7 @@ std::optional<Bytes> decode(ByteView encoded) {
 std::optional<Bytes> read(const std::filesystem::path& path) {
     std::error_code missing;
     const auto size = std::filesystem::file_size(path, missing);
-    const auto file = missing ? Result<File>() : openFile(path, O_RDONLY);
+    const auto file = missing ? Result<Descriptor>() : openFile(path, O_RDONLY);
     const auto encoded = missing || !file ? Result<Bytes>() : readAt(*file, 0, size, path);
     return encoded ? decode(*encoded) : std::nullopt;
 }

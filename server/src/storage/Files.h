@@ -4,47 +4,29 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
-#include <utility>
 
 #include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Result.h"
 
 namespace usdlive::server {
-
-/// An open file descriptor. The destructor closes it.
-class File {
-public:
-    File() = default;
-    explicit File(int descriptor) : descriptor_(descriptor) {}
-    File(File&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
-    File& operator=(File&& other) noexcept {
-        std::swap(descriptor_, other.descriptor_);
-        return *this;
-    }
-    ~File();
-
-    [[nodiscard]] int get() const { return descriptor_; }
-
-private:
-    int descriptor_ = -1;
-};
 
 /// Returns the error of errno as "cannot <verb> <path>: ...": StorageFull if the disk is full,
 /// otherwise StorageFailed.
 [[nodiscard]] Error systemError(const char* verb, const std::filesystem::path& path);
 
 /// `flags` are those of open(2); the file is closed on exec.
-[[nodiscard]] Result<File> openFile(const std::filesystem::path& path, int flags);
+[[nodiscard]] Result<Descriptor> openFile(const std::filesystem::path& path, int flags);
 /// Creates the folder and its parents. Each survives a power cut.
 [[nodiscard]] Result<void> makeFolders(const std::filesystem::path& path);
 
 // Writes or reads everything, or returns an error. `path` names the file in the error.
-[[nodiscard]] Result<void> writeAt(const File& file, std::uint64_t offset, ByteView bytes,
+[[nodiscard]] Result<void> writeAt(const Descriptor& file, std::uint64_t offset, ByteView bytes,
                                    const std::filesystem::path& path);
 /// Returns up to `size` bytes, and fewer only at the end of the file.
-[[nodiscard]] Result<Bytes> readAt(const File& file, std::uint64_t offset, std::size_t size,
+[[nodiscard]] Result<Bytes> readAt(const Descriptor& file, std::uint64_t offset, std::size_t size,
                                    const std::filesystem::path& path);
-[[nodiscard]] Result<void> syncFile(const File& file, const std::filesystem::path& path);
+[[nodiscard]] Result<void> syncFile(const Descriptor& file, const std::filesystem::path& path);
 /// Makes files that were created or renamed in the folder survive a power cut.
 [[nodiscard]] Result<void> syncFolder(const std::filesystem::path& path);
 

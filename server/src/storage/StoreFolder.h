@@ -68,7 +68,7 @@ private:
 
     std::filesystem::path path_;
     std::uint32_t format_ = 0;
-    File lock_, mark_;
+    Descriptor lock_, mark_;
 };
 
 }  // namespace usdlive::server

@@ -1,8 +1,6 @@
 // Serves the WebSocket sessions of one project.
 #include "usdlive/server/transport/WebSocketTransport.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <boost/asio/basic_waitable_timer.hpp>
 #include <boost/asio/post.hpp>
@@ -14,6 +12,7 @@
 #include "WebSocketHub.h"
 #include "WebSocketSession.h"
 #include "WhileAlive.h"
+#include "usdlive/common/core/Descriptor.h"
 
 namespace usdlive::server {
 
@@ -28,34 +27,28 @@ constexpr milliseconds kLongestSweep{1'000};
 constexpr milliseconds kStopSweep{50};
 
 /// Moves a connection from one io_context to another.
-class Descriptor {
+class ReleasedSocket {
 public:
-    explicit Descriptor(Socket& socket) {
+    explicit ReleasedSocket(Socket& socket) {
         boost::system::error_code error;
         const auto local = socket.local_endpoint(error);
         if (error) return;
         protocol_ = local.protocol();
-        descriptor_ = socket.release(error);
-        if (error) descriptor_ = -1;
-    }
-    Descriptor(Descriptor&& other) noexcept
-        : protocol_(other.protocol_), descriptor_(std::exchange(other.descriptor_, -1)) {}
-    Descriptor& operator=(Descriptor&&) = delete;
-    ~Descriptor() {
-        if (descriptor_ >= 0) ::close(descriptor_);
+        const int descriptor = socket.release(error);
+        if (!error) descriptor_ = Descriptor(descriptor);
     }
     [[nodiscard]] std::optional<Socket> assign(asio::io_context& io) {
         Socket socket(io);
         boost::system::error_code error;
-        if (descriptor_ >= 0) socket.assign(protocol_, descriptor_, error);
-        if (descriptor_ < 0 || error) return std::nullopt;
-        descriptor_ = -1;
+        if (descriptor_) socket.assign(protocol_, descriptor_.get(), error);
+        if (!descriptor_ || error) return std::nullopt;
+        (void)descriptor_.release();
         return socket;
     }
 
 private:
     tcp protocol_ = tcp::v4();
-    int descriptor_ = -1;
+    Descriptor descriptor_;
 };
 
 class WebSockets final : public WebSocketTransport, public WebSocketHub {
@@ -71,10 +64,10 @@ public:
     }
 
     void take(std::unique_ptr<Upgrade> upgrade) override {
-        Descriptor descriptor(upgrade->socket);
-        asio::post(io, whileAlive(life_, [this, descriptor = std::move(descriptor),
+        ReleasedSocket socket(upgrade->socket);
+        asio::post(io, whileAlive(life_, [this, socket = std::move(socket),
                                           upgrade = std::move(upgrade)]() mutable {
-                       open(descriptor, std::move(upgrade));
+                       open(socket, std::move(upgrade));
                    }));
     }
 
@@ -139,8 +132,8 @@ private:
         }
     }
 
-    void open(Descriptor& descriptor, std::unique_ptr<Upgrade> upgrade) {
-        auto socket = descriptor.assign(io);
+    void open(ReleasedSocket& released, std::unique_ptr<Upgrade> upgrade) {
+        auto socket = released.assign(io);
         if (!socket || stopDeadline_) return;
         const SessionId id = ++lastSession_;
         const auto session =
