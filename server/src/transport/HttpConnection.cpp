@@ -249,8 +249,10 @@ private:
         isReading_ = true;
         const std::uint64_t offset = unread_, size = std::min(kPartBytes, end_ - unread_);
         unread_ += size;
+        Bytes part = std::move(spare_);
+        part.resize(size);
         background_([io = &hub_.io, weak = weak_from_this(), content = content_, offset,
-                     part = Bytes(size)]() mutable {
+                     part = std::move(part)]() mutable {
             auto read = content->read(offset, part);
             asio::post(*io, [weak, read = std::move(read), part = std::move(part)]() mutable {
                 if (const auto self = weak.lock()) self->partRead(read, std::move(part));
@@ -272,10 +274,14 @@ private:
     void writePart() {
         if (isWriting_ || !ready_) return;
         isWriting_ = true;
-        writing_ = std::move(*ready_);
+        spare_ = std::exchange(writing_, std::move(*ready_));
         ready_.reset();
         extend(hub_.options.answerTime);
-        asio::async_write(socket_, asio::buffer(writing_),
+        // Asio would send 64 KiB at a time.
+        const auto wholePart = [](const beast::error_code& error, std::size_t /*sent*/) {
+            return error ? 0 : std::size_t(kPartBytes);
+        };
+        asio::async_write(socket_, asio::buffer(writing_), wholePart,
                           [self = shared_from_this()](beast::error_code error, std::size_t) {
                               if (error || self->done_) return self->finish();
                               self->partWritten();
@@ -334,6 +340,7 @@ private:
     std::uint64_t unsent_ = 0;            // number of bytes
     std::optional<Bytes> ready_;          // a part that was read
     Bytes writing_;
+    Bytes spare_;  // memory for a part that is read later
     bool isReading_ = false, isWriting_ = false;
 
     bool waits_ = false;  // for the page's answer
