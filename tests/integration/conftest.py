@@ -185,6 +185,26 @@ def project(tmp_path):
 
 
 @pytest.fixture
+def small_disk(tmp_path):
+    """small_disk("8m") mounts a separate disk of this size and returns its folder. Without root the test is skipped."""
+    folders: list[pathlib.Path] = []
+
+    def mount(size: str) -> pathlib.Path:
+        folder = tmp_path / f"disk{len(folders)}"
+        folder.mkdir()
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)],
+                                 capture_output=True, text=True, check=False)
+        if mounted.returncode != 0:
+            pytest.skip(f"a small disk cannot be mounted here: {mounted.stderr.strip()}")
+        folders.append(folder)
+        return folder
+
+    yield mount
+    for folder in folders:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+@pytest.fixture
 def serve(tmp_path):
     """serve(folder, *options) starts a server that is stopped after the test."""
     servers: list[Server] = []

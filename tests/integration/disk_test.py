@@ -2,7 +2,6 @@
 when there is space again."""
 
 import secrets
-import subprocess
 import time
 
 import pytest
@@ -17,16 +16,8 @@ ROOT = '#usda 1.0\n\ndef "World"\n{\n    string s\n}\n\n'
 
 
 @pytest.fixture
-def disk(tmp_path):
-    """A small separate disk."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "tmpfs", str(folder)],
-                             capture_output=True, text=True, check=False)
-    if mounted.returncode != 0:
-        pytest.skip(f"a small disk cannot be mounted here: {mounted.stderr.strip()}")
-    yield folder
-    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+def disk(small_disk):
+    return small_disk(f"{DISK_MIB}m")
 
 
 class Author:

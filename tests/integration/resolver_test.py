@@ -340,6 +340,34 @@ def test_a_cache_that_cannot_be_written_is_a_warning(serve, plain, project, tmp_
     assert "cannot be written" in opened.errors and str(tmp_path / "file") in opened.errors
 
 
+def test_a_cache_on_a_read_only_disk_serves_what_it_has_and_warns_once(serve, plain, project, small_disk):
+    folder = small_disk("8m")
+    server = serve(project)
+    textures = {"stone.png": os.urandom(1 << 20), "brick.png": os.urandom(100)}
+    for name, content in textures.items():
+        (project / name).write_bytes(content)
+    url = address(server, "shot.usda")
+    first = plain(PROBE, url, USDLIVE_CACHE=str(folder)).value()
+    subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
+    read = """
+import hashlib, json, sys
+from pxr import Ar
+resolver = Ar.GetResolver()
+hashes = []
+for address in sys.argv[1:] * 2:
+    with resolver.OpenAsset(resolver.Resolve(address)) as asset:
+        hashes.append(hashlib.sha256(asset.GetBuffer()).hexdigest())
+json.dump(hashes, sys.stdout)
+"""
+    again = plain(PROBE, url, USDLIVE_CACHE=str(folder))
+    assert again.value() == first
+    assert "cache" not in again.errors
+    for place in (folder, folder / "below"):
+        opened = plain(read, *(address(server, name) for name in textures), USDLIVE_CACHE=str(place))
+        assert opened.value() == [hashlib.sha256(content).hexdigest() for content in textures.values()] * 2
+        assert opened.errors.count(f"the cache {place} cannot be written: Read-only file system") == 1
+
+
 def test_several_projects_have_addresses_of_their_own(serve, plain, tmp_path):
     for name, radius in (("alpha", 1), ("my beta", 2)):
         (tmp_path / name).mkdir()

@@ -674,16 +674,8 @@ def test_a_read_only_file_is_left_alone(ctx, ball):
 
 
 @pytest.fixture
-def tiny(tmp_path):
-    """A disk of 300 KiB."""
-    folder = tmp_path / "tiny"
-    folder.mkdir()
-    mounted = os.geteuid() == 0 and not subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(folder)], capture_output=True).returncode
-    if not mounted:
-        pytest.skip("mounting a small disk needs root")
-    yield folder
-    subprocess.run(["umount", "-l", str(folder)], check=True)
+def tiny(small_disk):
+    return small_disk("300k")
 
 
 @pytest.mark.parametrize("name", ["a.usda", "a.usdc"])

@@ -2,7 +2,6 @@
 #include "Cache.h"
 
 #include <fcntl.h>
-#include <openssl/evp.h>
 #include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -16,11 +15,10 @@
 #include <ctime>
 #include <fstream>
 #include <limits>
-#include <stdexcept>
-#include <string_view>
 #include <thread>
 #include <vector>
 
+#include "Digest.h"
 #include "usdlive/common/core/Descriptor.h"
 
 namespace usdlive::resolver {
@@ -62,21 +60,20 @@ std::int64_t startOfTheMachine() {
     return std::numeric_limits<std::int64_t>::max();
 }
 
-bool hasHash(int file, const std::string& hash) {
+bool hasHash(const Descriptor& file, const std::string& hash) {
     Digest digest;
-    std::vector<char> part(kReadBytes);
-    off_t at = 0;
-    for (;;) {
-        const ssize_t count = ::pread(file, part.data(), part.size(), at);
-        if (count < 0 && errno == EINTR) continue;
-        if (count < 0) return false;
-        if (count == 0) return digest.hex() == hash;
-        digest.add(part.data(), std::size_t(count));
-        at += count;
+    std::vector<std::uint8_t> part(kReadBytes);
+    for (std::uint64_t at = 0;;) {
+        const auto count = readPart(file, at, part);
+        if (!count) return false;
+        if (*count == 0) return digest.hex() == hash;
+        digest.add(part.data(), *count);
+        at += *count;
     }
 }
 
-bool writeAll(int file, const char* data, std::size_t size) {
+bool writeAll(int file, const void* from, std::size_t size) {
+    const char* data = static_cast<const char*>(from);
     while (size > 0) {
         const ssize_t count = ::write(file, data, size);
         if (count < 0 && errno == EINTR) continue;
@@ -93,34 +90,6 @@ bool isHash(const std::string& text) {
 }
 
 }  // namespace
-
-// ---- Digest
-
-struct Digest::State {
-    EVP_MD_CTX* context = EVP_MD_CTX_new();
-    ~State() { EVP_MD_CTX_free(context); }
-};
-
-Digest::Digest() : state_(std::make_unique<State>()) {
-    if (EVP_DigestInit_ex(state_->context, EVP_sha256(), nullptr) != 1)
-        throw std::runtime_error("OpenSSL cannot compute a SHA-256");
-}
-Digest::~Digest() = default;
-void Digest::add(const char* data, std::size_t size) {
-    EVP_DigestUpdate(state_->context, data, size);
-}
-std::string Digest::hex() {
-    unsigned char bytes[EVP_MAX_MD_SIZE];
-    unsigned size = 0;
-    EVP_DigestFinal_ex(state_->context, bytes, &size);
-    constexpr std::string_view kDigits = "0123456789abcdef";
-    std::string text;
-    for (unsigned i = 0; i < size; ++i) {
-        text += kDigits[bytes[i] >> 4];
-        text += kDigits[bytes[i] & 15];
-    }
-    return text;
-}
 
 // ---- Lock
 
@@ -142,6 +111,87 @@ public:
 private:
     const Descriptor file_;
     bool isHeld_ = false;
+};
+
+// ---- NewFile
+
+/// A file that arrives. It is in memory if the cache folder takes no more. The destructor removes
+/// what is not complete.
+class Cache::NewFile final : public BodySink {
+public:
+    explicit NewFile(Cache& cache)
+        : cache_(cache), name_((cache.options_.folder / "new" / "XXXXXX").string()) {
+        std::error_code error = cache_.whyUnusable_;
+        if (!error) file_ = Descriptor(::mkostemp(name_.data(), O_CLOEXEC));
+        if (!error && !file_) error.assign(errno, std::system_category());
+        isOnDisk_ = bool(file_);
+        if (isOnDisk_)
+            ::flock(file_.get(), LOCK_EX | LOCK_NB);  // other processes see that it is in use
+        else
+            cache_.report("cannot be written: " + error.message());
+        if (!file_) file_ = Descriptor(::memfd_create("usdlive", MFD_CLOEXEC));
+    }
+    ~NewFile() override {
+        if (isOnDisk_) ::unlink(name_.c_str());
+    }
+
+    std::span<char> space() override { return part_ = digest_.space(); }
+
+    std::string add(std::size_t size) override {
+        digest_.add(size);
+        if (!writeAll(file_.get(), part_.data(), size))
+            if (!isOnDisk_ || !moveToMemory() || !writeAll(file_.get(), part_.data(), size))
+                return std::string("the file cannot be kept: ") + std::strerror(errno);
+        size_ += size;
+        return {};
+    }
+
+    /// Gives the file its name if its hash is the one that the server named and the one that is
+    /// wanted, which may be empty.
+    Outcome<std::pair<OpenFile, std::string>> keep(const std::string& wanted,
+                                                   const std::string& named) {
+        const std::string hash = digest_.hex();
+        if (hash != named || (!wanted.empty() && hash != wanted))
+            return Failure{"the file was changed while it was sent"};
+        ::lseek(file_.get(), 0, SEEK_SET);
+        if (isOnDisk_) {
+            std::error_code error;
+            const fs::path path = cache_.pathOf(hash);
+            fs::create_directories(path.parent_path(), error);
+            if (::rename(name_.c_str(), path.c_str()) == 0) isOnDisk_ = false;
+            ::flock(file_.get(), LOCK_UN);
+            cache_.added(size_);
+        }
+        OpenFile stream = opened(std::move(file_));
+        if (!stream) return Failure{std::strerror(errno)};
+        return std::pair<OpenFile, std::string>(std::move(stream), hash);
+    }
+
+private:
+    /// Continues in memory when the disk is full.
+    bool moveToMemory() {
+        cache_.report(std::string("takes no more: ") + std::strerror(errno));
+        Descriptor memory(::memfd_create("usdlive", MFD_CLOEXEC));
+        std::vector<std::uint8_t> part(kReadBytes);
+        for (std::uint64_t at = 0; at < size_;) {
+            const auto count = readPart(
+                file_, at, std::span(part).first(std::min<std::uint64_t>(part.size(), size_ - at)));
+            if (!count || *count == 0 || !writeAll(memory.get(), part.data(), *count)) return false;
+            at += *count;
+        }
+        ::unlink(name_.c_str());
+        isOnDisk_ = false;
+        file_ = std::move(memory);
+        return true;
+    }
+
+    Cache& cache_;
+    std::string name_;
+    Descriptor file_;
+    bool isOnDisk_ = false;  // and has no other name yet
+    std::uint64_t size_ = 0;
+    std::span<char> part_;
+    PartsDigest digest_;
 };
 
 // ---- Cache
@@ -168,12 +218,8 @@ Cache::Options Cache::optionsFromEnvironment() {
 
 // The size is checked when the first file is added.
 Cache::Cache(Options options) : options_(std::move(options)), unchecked_(options_.maxBytes) {
-    std::error_code error;
-    for (const char* part : {"files", "keys", "locks", "new"}) {
-        fs::create_directories(options_.folder / part, error);
-        if (error) return;
-    }
-    isUsable_ = true;
+    for (const char* part : {"files", "keys", "locks", "new"})
+        if (!whyUnusable_) fs::create_directories(options_.folder / part, whyUnusable_);
 }
 
 fs::path Cache::pathOf(const std::string& hash) const {
@@ -187,7 +233,7 @@ OpenFile Cache::find(const std::string& hash) {
     struct stat found{};
     if (!file || ::fstat(file.get(), &found) != 0) return noFile();
     const auto now = std::int64_t(std::time(nullptr));
-    if (found.st_mtim.tv_sec <= kStart && !hasHash(file.get(), hash)) {
+    if (found.st_mtim.tv_sec <= kStart && !hasHash(file, hash)) {
         ::unlink(path.c_str());
         return noFile();
     }
@@ -226,69 +272,10 @@ Outcome<OpenFile> Cache::keyedFile(const std::string& key, const Download& downl
 /// `hash` may be empty: it is then the one that the server names. Returns the hash with the file.
 Outcome<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& hash,
                                                        const Download& download) {
-    std::string name = (options_.folder / "new" / "XXXXXX").string();
-    Descriptor file(isUsable_ ? ::mkostemp(name.data(), O_CLOEXEC) : -1);
-    bool isOnDisk = bool(file);
-    if (isOnDisk)
-        ::flock(file.get(), LOCK_EX | LOCK_NB);  // other processes see that it is in use
-    else
-        report(std::string("cannot be written: ") + std::strerror(errno));
-    const auto drop = [&] {
-        if (isOnDisk) ::unlink(name.c_str());
-        isOnDisk = false;
-    };
-    if (!file) file = Descriptor(::memfd_create("usdlive", MFD_CLOEXEC));
-
-    Digest digest;
-    std::uint64_t size = 0;
-    // Continues in memory when the disk is full.
-    const auto moveToMemory = [&]() -> bool {
-        report(std::string("takes no more: ") + std::strerror(errno));
-        Descriptor memory(::memfd_create("usdlive", MFD_CLOEXEC));
-        std::vector<char> part(kReadBytes);
-        for (std::uint64_t at = 0; at < size;) {
-            const ssize_t count =
-                ::pread(file.get(), part.data(), std::min<std::uint64_t>(part.size(), size - at),
-                        off_t(at));
-            if (count <= 0 || !writeAll(memory.get(), part.data(), std::size_t(count)))
-                return false;
-            at += std::uint64_t(count);
-        }
-        drop();
-        file = std::move(memory);
-        return ::ftruncate(file.get(), off_t(size)) == 0 &&
-               ::lseek(file.get(), off_t(size), SEEK_SET) >= 0;
-    };
-    const auto named = download([&](const char* data, std::size_t count) -> std::string {
-        digest.add(data, count);
-        if (!writeAll(file.get(), data, count)) {
-            if (!isOnDisk || !moveToMemory() || !writeAll(file.get(), data, count))
-                return std::string("the file cannot be kept: ") + std::strerror(errno);
-        }
-        size += count;
-        return {};
-    });
-    if (!named) {
-        drop();
-        return named.failure();
-    }
-    const std::string is = digest.hex();
-    if (is != *named || (!hash.empty() && is != hash)) {
-        drop();
-        return Failure{"the file was changed while it was sent"};
-    }
-    ::lseek(file.get(), 0, SEEK_SET);
-    if (isOnDisk) {
-        std::error_code error;
-        const fs::path path = pathOf(is);
-        fs::create_directories(path.parent_path(), error);
-        if (::rename(name.c_str(), path.c_str()) != 0) drop();
-        ::flock(file.get(), LOCK_UN);
-        added(size);
-    }
-    OpenFile stream = opened(std::move(file));
-    if (!stream) return Failure{std::strerror(errno)};
-    return std::pair<OpenFile, std::string>(std::move(stream), is);
+    NewFile file(*this);
+    const auto named = download(file);
+    if (!named) return named.failure();
+    return file.keep(hash, *named);
 }
 
 std::string Cache::readKey(const std::string& key) const {
@@ -299,7 +286,7 @@ std::string Cache::readKey(const std::string& key) const {
 }
 
 void Cache::writeKey(const std::string& key, const std::string& hash) {
-    if (!isUsable_) return;
+    if (whyUnusable_) return;
     std::error_code error;
     const fs::path folder = options_.folder / "keys" / key.substr(0, 2);
     fs::create_directories(folder, error);

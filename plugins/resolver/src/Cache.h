@@ -11,7 +11,9 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <system_error>
 
+#include "BodySink.h"
 #include "Outcome.h"
 
 namespace usdlive::resolver {
@@ -38,10 +40,9 @@ public:
 
     explicit Cache(Options options);
 
-    /// Writes the content through the sink. Returns the SHA-256 that the server names, or why there
-    /// is none.
-    using Sink = std::function<std::string(const char* data, std::size_t size)>;
-    using Download = std::function<Outcome<std::string>(const Sink& sink)>;
+    /// Writes the content into the sink. Returns the SHA-256 that the server names, or why there is
+    /// none.
+    using Download = std::function<Outcome<std::string>(BodySink& sink)>;
 
     /// Returns the file with this content, which `download` fetches if it is missing. Of several
     /// threads and processes that need the same file, one fetches it.
@@ -55,6 +56,7 @@ public:
 
 private:
     class Lock;
+    class NewFile;
     [[nodiscard]] std::filesystem::path pathOf(const std::string& hash) const;
     [[nodiscard]] OpenFile find(const std::string& hash);
     [[nodiscard]] Outcome<std::pair<OpenFile, std::string>> fetch(const std::string& hash,
@@ -66,23 +68,9 @@ private:
     void removeOldFiles();
 
     const Options options_;
-    bool isUsable_ = false;
+    std::error_code whyUnusable_;  // why its folders could not be created
     std::once_flag reported_;
     std::atomic<std::uint64_t> unchecked_;  // bytes that were added since the size was checked
-};
-
-/// The SHA-256 of data that arrives in parts, as 64 hexadecimal digits.
-class Digest {
-public:
-    Digest();
-    ~Digest();
-    Digest(const Digest&) = delete;
-    void add(const char* data, std::size_t size);
-    [[nodiscard]] std::string hex();
-
-private:
-    struct State;
-    std::unique_ptr<State> state_;
 };
 
 }  // namespace usdlive::resolver

@@ -30,7 +30,9 @@ using asio::ip::tcp;
 using boost::system::error_code;
 
 constexpr unsigned kOk = 200, kNotModified = 304;
-constexpr std::size_t kPartBytes = 512 * 1024;
+constexpr std::size_t kHeaderBytes = 64 * 1024;
+// The memory of a body that is kept grows by this.
+constexpr std::size_t kGrowthBytes = 64 * 1024;
 // The time until a request notices that it is stopped.
 constexpr std::chrono::milliseconds kNotice{50};
 
@@ -40,11 +42,29 @@ constexpr std::size_t kMostBodyBytes = 512 * 1024 * 1024;
 
 std::string text(beast::string_view view) { return {view.data(), view.size()}; }
 
+/// Keeps a body that no sink takes.
+class BodyInMemory final : public BodySink {
+public:
+    explicit BodyInMemory(std::string& body) : body_(body) {}
+    std::span<char> space() override {
+        body_.resize(filled_ + kGrowthBytes);
+        return std::span(body_).subspan(filled_);
+    }
+    std::string add(std::size_t size) override {
+        body_.resize(filled_ += size);
+        return {};
+    }
+
+private:
+    std::string& body_;
+    std::size_t filled_ = 0;
+};
+
 /// One request on one connection. Asio's operations run on this thread, one at a time.
 class Exchange {
 public:
     Exchange(const HttpRequest& request, const HttpTimes& times)
-        : request_(request), times_(times), stream_(io_), parser_(), buffer_(kPartBytes) {
+        : request_(request), times_(times), stream_(io_), parser_(), buffer_(kHeaderBytes) {
         parser_.body_limit(boost::none);
     }
 
@@ -128,33 +148,33 @@ private:
         const auto length = parser_.content_length();
         if (!length) return "the answer has no length. Is this a usdlive server?";
         std::uint64_t left = *length;
+        BodyInMemory body(answer.body);
         const bool goesToSink = request_.sink && answer.status == kOk;
         if (!goesToSink && left > kMostBodyBytes) return "the answer is too large";
-        const auto take = [&](const char* data, std::size_t size) -> std::string {
-            left -= size;
-            if (goesToSink) return request_.sink(data, size);
-            answer.body.append(data, size);
-            return {};
-        };
-        const auto early = buffer_.data();  // arrived with the headers
-        const std::size_t first = std::min<std::uint64_t>(early.size(), left);
-        if (std::string problem = take(static_cast<const char*>(early.data()), first);
-            !problem.empty())
-            return problem;
-        std::vector<char> part(std::min<std::uint64_t>(left, kPartBytes));
+        BodySink& sink = goesToSink ? *request_.sink : body;
         while (left > 0) {
-            const std::size_t wanted = std::min<std::uint64_t>(left, part.size());
-            const ssize_t count = receive(part.data(), wanted);
+            std::span<char> space = sink.space();
+            space = space.first(std::min<std::uint64_t>(space.size(), left));
+            const ssize_t count = buffer_.size() > 0 ? takeEarly(space) : receive(space);
             if (count == 0) return causeOf(http::error::partial_message);
             if (count < 0) return causeOf({errno, boost::system::system_category()});
-            if (std::string problem = take(part.data(), std::size_t(count)); !problem.empty())
+            if (std::string problem = sink.add(std::size_t(count)); !problem.empty())
                 return problem;
+            left -= std::uint64_t(count);
         }
         return {};
     }
 
+    /// Takes what arrived with the headers.
+    ssize_t takeEarly(std::span<char> space) {
+        const std::size_t count =
+            asio::buffer_copy(asio::buffer(space.data(), space.size()), buffer_.data());
+        buffer_.consume(count);
+        return ssize_t(count);
+    }
+
     /// Reads what has arrived, and waits for it if necessary. Returns 0 at the end, -1 on an error.
-    ssize_t receive(char* data, std::size_t size) {
+    ssize_t receive(std::span<char> space) {
         const int socket = stream_.socket().native_handle();
         errno = ETIMEDOUT;
         for (auto left = times_.stall; left.count() > 0;) {
@@ -162,7 +182,7 @@ private:
                 errno = ECANCELED;
                 return -1;
             }
-            const ssize_t count = ::recv(socket, data, size, MSG_DONTWAIT);
+            const ssize_t count = ::recv(socket, space.data(), space.size(), MSG_DONTWAIT);
             if (count >= 0 || (errno != EAGAIN && errno != EINTR)) return count;
             pollfd ready{socket, POLLIN, 0};
             const auto wait = std::min(left, kNotice);

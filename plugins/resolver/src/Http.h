@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "BodySink.h"
 #include "Outcome.h"
 
 namespace usdlive::resolver {
@@ -30,9 +31,7 @@ struct HttpRequest {
     std::uint16_t port = 0;
     std::string target;  ///< percent-encoded path and query
     std::vector<std::pair<std::string, std::string>> headers = {};
-    /// Receives the body of a successful answer in parts. Returns an empty text, or the reason why
-    /// the request ends.
-    std::function<std::string(const char* data, std::size_t size)> sink = {};
+    BodySink* sink = nullptr;  ///< receives the body of a successful answer
 };
 
 /// True for `localhost` and addresses of the loopback interface.

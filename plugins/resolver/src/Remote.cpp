@@ -228,9 +228,9 @@ HttpRequest Project::requestFor(const std::string& target) const {
 
 /// Returns the hash of what was sent. `wanted`: the ETag has to begin with it.
 Outcome<std::string> Project::download(const std::string& target, const std::string& wanted,
-                                       const Cache::Sink& sink) {
+                                       BodySink& sink) {
     HttpRequest request = requestFor(target);
-    request.sink = sink;
+    request.sink = &sink;
     const auto answer = patientGet(request, times_);
     if (!answer) return answer.failure();
     if (answer->status != kOk) return Failure{sentenceOf(*answer), answer->status};
@@ -241,7 +241,7 @@ Outcome<std::string> Project::download(const std::string& target, const std::str
 
 Outcome<OpenFile> Project::openVersion(const std::string& path, const std::string& token) {
     // The hash in the token names the history, so the key needs neither server nor project.
-    return cache_.keyedFile(token + "/" + path, [&](const Cache::Sink& sink) {
+    return cache_.keyedFile(token + "/" + path, [&](BodySink& sink) {
         return download("/files/" + urlEncoded(path) + "?revision=" + revisionOf(token), token,
                         sink);
     });
@@ -254,7 +254,7 @@ Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& 
         const std::string target = "/files/" + urlEncoded(path);
         if (wanted.empty()) {
             // The server does not know the hash yet, or another file is there by now.
-            const auto fetch = [&](const Cache::Sink& sink) { return download(target, "", sink); };
+            const auto fetch = [&](BodySink& sink) { return download(target, "", sink); };
             const auto list = newest(kAskAgain);
             if (!list) return list.failure();
             const auto found = (*list)->files.find(path);
@@ -266,7 +266,7 @@ Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& 
                     path + "/" + std::to_string(found->second.modifiedMs) + "/" + host_ + prefix_,
                     fetch);
         }
-        auto file = cache_.file(wanted, [&](const Cache::Sink& sink) {
+        auto file = cache_.file(wanted, [&](BodySink& sink) {
             return download(target + "?hash=" + wanted, wanted, sink);
         });
         if (file) return file;
@@ -352,7 +352,7 @@ std::optional<Located> Remotes::locateIn(Server& server, const Url& url) {
 }
 
 Outcome<OpenFile> Remotes::openCached(const std::string& hash) {
-    const auto refuse = [](const Cache::Sink&) -> Outcome<std::string> {
+    const auto refuse = [](BodySink&) -> Outcome<std::string> {
         return Failure{"it is not in the cache, and there is no connection to the server"};
     };
     if (hash.empty()) return Failure{"there is no connection to the server"};

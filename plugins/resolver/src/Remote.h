@@ -89,7 +89,7 @@ private:
     [[nodiscard]] Outcome<SnapshotPtr> request(const SnapshotPtr& known, const Listing& listing);
     [[nodiscard]] HttpRequest requestFor(const std::string& target) const;
     [[nodiscard]] Outcome<std::string> download(const std::string& target,
-                                                const std::string& wanted, const Cache::Sink& sink);
+                                                const std::string& wanted, BodySink& sink);
 
     const std::string host_;
     const std::uint16_t port_;

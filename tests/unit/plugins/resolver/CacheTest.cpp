@@ -11,8 +11,12 @@
 #include <fstream>
 #include <thread>
 
+#include "Digest.h"
+#include "unit/SmallDisk.h"
+
 using namespace usdlive::resolver;
 using testing::HasSubstr;
+using usdlive::test::SmallDisk;
 namespace fs = std::filesystem;
 
 namespace {
@@ -23,8 +27,19 @@ std::string hashOfText(const std::string& text) {
     return digest.hex();
 }
 
+/// Adds a text to a sink as if it had arrived. Returns why the download ends.
+std::string put(BodySink& sink, std::string_view text) {
+    while (!text.empty()) {
+        const std::span<char> space = sink.space();
+        const std::size_t size = text.copy(space.data(), space.size());
+        if (const auto problem = sink.add(size); !problem.empty()) return problem;
+        text.remove_prefix(size);
+    }
+    return {};
+}
+
 std::string read(const OpenFile& file) {
-    std::string text(1 << 20, '\0');
+    std::string text(4 << 20, '\0');
     text.resize(std::fread(text.data(), 1, text.size(), file.get()));
     return text;
 }
@@ -38,12 +53,11 @@ protected:
     ~CacheTest() override { fs::remove_all(folder); }
 
     Cache::Download downloadOf(const std::string& text) {
-        return [this, text](const Cache::Sink& sink) -> Outcome<std::string> {
+        return [this, text](BodySink& sink) -> Outcome<std::string> {
             ++downloads;
             const std::size_t half = text.size() / 2;
             for (const auto& part : {text.substr(0, half), text.substr(half)})
-                if (const auto problem = sink(part.data(), part.size()); !problem.empty())
-                    return Failure{problem};
+                if (const auto problem = put(sink, part); !problem.empty()) return Failure{problem};
             return hashOfText(text);
         };
     }
@@ -91,8 +105,8 @@ TEST_F(CacheTest, KeepsNothingThatHasAnotherContent) {
     const auto file = cache.file(hashOfText("expected"), downloadOf("changed"));
     ASSERT_FALSE(file);
     EXPECT_THAT(file.failure().cause, HasSubstr("changed while"));
-    const auto failed = cache.file(hashOfText("expected"), [](const Cache::Sink& sink) {
-        (void)sink("exp", 3);
+    const auto failed = cache.file(hashOfText("expected"), [](BodySink& sink) {
+        (void)put(sink, "exp");
         return Outcome<std::string>(Failure{"the connection ended", 0});
     });
     EXPECT_EQ(failed.failure().cause, "the connection ended");
@@ -152,6 +166,49 @@ TEST_F(CacheTest, WithoutAFolderFilesAreInMemory) {
     EXPECT_THAT(problems.front(), HasSubstr((blocked / "cache").string()));
 }
 
+TEST_F(CacheTest, AFileThatFillsTheDiskContinuesInMemory) {
+    const SmallDisk disk("size=1m");
+    if (!disk) GTEST_SKIP() << "cannot mount a small disk";
+    Cache cache({disk.path(), kPlenty});
+    std::vector<std::string> problems;
+    cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
+    std::string text(3 << 20, '\0');
+    for (std::size_t i = 0; i < text.size(); ++i) text[i] = char(i * 31 / 7);
+    EXPECT_EQ(get(cache, text), text);
+    ASSERT_EQ(problems.size(), 1U);
+    EXPECT_THAT(problems.front(), HasSubstr("takes no more: No space left"));
+    EXPECT_TRUE(fs::is_empty(disk.path() / "new"));
+    EXPECT_EQ(get(cache, "brick"), "brick") << "there is space for small files";
+    EXPECT_EQ(get(cache, "brick"), "brick");
+    EXPECT_EQ(downloads, 2);
+}
+
+// A cache that was filled before, for example in the image of a container.
+TEST_F(CacheTest, AReadOnlyDiskServesWhatItHas) {
+    const SmallDisk disk("size=1m");
+    if (!disk) GTEST_SKIP() << "cannot mount a small disk";
+    const fs::path cacheFolder = disk.path() / "cache";
+    EXPECT_EQ(get(*std::make_unique<Cache>(Cache::Options{cacheFolder, kPlenty}), "brick"),
+              "brick");
+    ASSERT_TRUE(disk.makeReadOnly());
+    // One with folders, and one without.
+    for (const fs::path& place : {cacheFolder, disk.path() / "other"}) {
+        Cache cache({place, kPlenty});
+        std::vector<std::string> problems;
+        cache.onProblem = [&](const std::string& problem) { problems.push_back(problem); };
+        downloads = 0;
+        EXPECT_EQ(get(cache, "brick"), "brick");
+        EXPECT_EQ(downloads, place == cacheFolder ? 0 : 1);
+        for (int time = 0; time < 2; ++time) {
+            EXPECT_EQ(get(cache, "stone"), "stone");
+            EXPECT_EQ(read(*cache.keyedFile("12-ab/shot.usda", downloadOf("#usda"))), "#usda");
+        }
+        ASSERT_EQ(problems.size(), 1U);
+        EXPECT_THAT(problems.front(),
+                    HasSubstr(place.string() + " cannot be written: Read-only file system"));
+    }
+}
+
 TEST_F(CacheTest, ThreadsFetchTheSameFileOnce) {
     Cache cache({folder, kPlenty});
     std::atomic<int> fetched = 0;
@@ -159,10 +216,10 @@ TEST_F(CacheTest, ThreadsFetchTheSameFileOnce) {
     std::vector<std::thread> threads;
     for (int i = 0; i < 8; ++i)
         threads.emplace_back([&] {
-            const auto file = cache.file(hashOfText(text), [&](const Cache::Sink& sink) {
+            const auto file = cache.file(hashOfText(text), [&](BodySink& sink) {
                 ++fetched;
                 std::this_thread::sleep_for(std::chrono::milliseconds(20));
-                (void)sink(text.data(), text.size());
+                (void)put(sink, text);
                 return Outcome<std::string>(hashOfText(text));
             });
             EXPECT_EQ(read(*file), text);
@@ -178,8 +235,8 @@ TEST_F(CacheTest, AKilledProcessLeavesNoPartOfAFile) {
         const pid_t child = ::fork();
         if (child == 0) {
             Cache cache({folder, kPlenty});
-            (void)cache.file(hashOfText(text), [&](const Cache::Sink& sink) {
-                (void)sink(text.data(), text.size() / 2);
+            (void)cache.file(hashOfText(text), [&](BodySink& sink) {
+                (void)put(sink, std::string_view(text).substr(0, text.size() / 2));
                 ::kill(::getpid(), SIGKILL);
                 return Outcome<std::string>(Failure{"never"});
             });

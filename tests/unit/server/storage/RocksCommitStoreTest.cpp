@@ -4,9 +4,7 @@
 #include <gtest/gtest.h>
 #include <rocksdb/db.h>
 #include <signal.h>
-#include <sys/mount.h>
 #include <sys/resource.h>
-#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -17,6 +15,7 @@
 
 #include "TestCommits.h"
 #include "unit/Seeds.h"
+#include "unit/SmallDisk.h"
 
 namespace usdlive::server {
 namespace {
@@ -25,6 +24,7 @@ namespace fs = std::filesystem;
 using test::RandomEdits;
 using test::TestCommits;
 using test::TestFolder;
+using usdlive::test::SmallDisk;
 
 const LayerId kStoredLayer{"a.usda"};
 constexpr std::uint64_t kMib = 1024 * 1024;
@@ -644,27 +644,6 @@ TEST(RocksCommitStore, ReadersWorkWhileItAppends) {
     for (auto& reader : readers) reader.join();
     EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
 }
-
-/// A small separate disk; needs root.
-class SmallDisk {
-public:
-    explicit SmallDisk(const char* size)
-        : mounted_(::mount("tmpfs", folder_.path.c_str(), "tmpfs", 0, size) == 0) {}
-    ~SmallDisk() {
-        if (mounted_) ::umount2(folder_.path.c_str(), MNT_DETACH);
-    }
-    explicit operator bool() const { return mounted_; }
-    [[nodiscard]] const fs::path& path() const { return folder_.path; }
-    [[nodiscard]] std::uint64_t free() const {
-        struct statvfs disk{};
-        ::statvfs(folder_.path.c_str(), &disk);
-        return disk.f_bavail * disk.f_frsize;
-    }
-
-private:
-    TestFolder folder_;
-    bool mounted_;
-};
 
 /// Limits the length of files, so that writes fail as on a failing disk.
 class FileLimit {
