@@ -19,6 +19,7 @@ TARGETS = [
     ["client/src/session"],
     ["client/src/transport"],
     ["client/src/usd"],
+    ["client/src/cli"],
     ["client/python/src"],
     ["server/src/project"],
     ["server/src/storage"],
@@ -32,6 +33,10 @@ TARGETS = [
     ["tests/unit/bombs"],
     ["tests/simulation"],
     ["tests/model"],
+    ["plugins/edf/format"],
+    ["plugins/edf/museum"],
+    ["plugins/edf/table"],
+    ["plugins/obj"],
 ]
 
 NAMED = re.compile(

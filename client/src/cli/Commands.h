@@ -27,15 +27,9 @@ struct CatOptions : Common {
     Revision revision = 0;
     std::string checkpoint;  ///< used instead of a revision
 };
-struct TreeOptions : CatOptions {
-    bool composed = false;  ///< show `stage` instead of the layer
-    ComposedOptions stage;
-};
-struct DumpOptions : CatOptions {
-    bool composed = false;
-    ComposedOptions stage;
-};
-struct FlattenOptions : CatOptions {
+/// A verb that composes a stage.
+struct StageOptions : CatOptions {
+    bool composed = false;  ///< `tree` and `dump`: show `stage`
     ComposedOptions stage;
 };
 struct LogOptions : Common {

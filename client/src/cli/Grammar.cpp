@@ -151,8 +151,8 @@ private:
     }
 
     void addTree() {
-        auto options = std::make_shared<TreeOptions>();
-        const auto read = [](const Words& words, TreeOptions& into) {
+        auto options = std::make_shared<StageOptions>();
+        const auto read = [](const Words& words, StageOptions& into) {
             if (into.composed) {
                 chooseRoot(words, into, into.stage, "tree --composed");
                 into.stage.json = into.json;
@@ -165,7 +165,7 @@ private:
         auto* tree =
             add("tree", "Print the prims of a layer, or of a composed stage, with their types",
                 "[URL] LAYER | --composed FILE | --composed URL LAYER", options, read,
-                [](const TreeOptions& chosen) {
+                [](const StageOptions& chosen) {
                     return chosen.composed ? treeComposed(chosen.stage) : cli::tree(chosen);
                 });
         tree->add_flag(
@@ -177,15 +177,15 @@ private:
     }
 
     void addDump() {
-        auto options = std::make_shared<DumpOptions>();
-        const auto read = [](const Words& words, DumpOptions& into) {
+        auto options = std::make_shared<StageOptions>();
+        const auto read = [](const Words& words, StageOptions& into) {
             if (!into.stage.batch.empty() ? !words.empty() : !into.composed)
                 usageError("name a stage: usdlive dump --composed FILE, or --composed URL LAYER");
             if (into.stage.batch.empty()) chooseRoot(words, into, into.stage, "dump --composed");
         };
         auto* verb = add("dump", "Print everything that a composed stage shows, as JSON",
                          "--composed FILE | --composed URL LAYER | --batch LIST", options, read,
-                         [](const DumpOptions& chosen) { return dumpComposed(chosen.stage); });
+                         [](const StageOptions& chosen) { return dumpComposed(chosen.stage); });
         verb->add_flag(
             "--composed", options->composed,
             "Compose the stage of this layer of a project, or of a file without a server");
@@ -206,13 +206,13 @@ private:
     }
 
     void addFlatten() {
-        auto options = std::make_shared<FlattenOptions>();
-        const auto read = [](const Words& words, FlattenOptions& into) {
+        auto options = std::make_shared<StageOptions>();
+        const auto read = [](const Words& words, StageOptions& into) {
             chooseRoot(words, into, into.stage, "flatten");
         };
         auto* verb =
             add("flatten", "Write what a stage shows as one layer", "FILE | URL LAYER", options,
-                read, [](const FlattenOptions& chosen) { return flattenComposed(chosen.stage); });
+                read, [](const StageOptions& chosen) { return flattenComposed(chosen.stage); });
         verb->add_option("--session", options->stage.session, "The session layer")
             ->type_name("FILE");
         verb->add_option("--out", options->stage.out,
