@@ -123,17 +123,17 @@ Result<void> writeSynced(const fs::path& path, const Bytes& bytes) {
         ::unlink(unfinished.c_str());
         return fail(ErrorCode::StorageFailed, "cannot write " + path.string() + ": " + reason);
     };
-    const int file = ::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    if (file < 0) return failed();
+    const Descriptor file(
+        ::open(unfinished.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600));
+    if (!file) return failed();
     std::size_t written = 0;
     while (written < bytes.size()) {
-        const ssize_t put = ::write(file, bytes.data() + written, bytes.size() - written);
+        const ssize_t put = ::write(file.get(), bytes.data() + written, bytes.size() - written);
         if (put < 0 && errno == EINTR) continue;
         if (put <= 0) break;
         written += std::size_t(put);
     }
-    const bool whole = written == bytes.size() && ::fdatasync(file) == 0;
-    ::close(file);
+    const bool whole = written == bytes.size() && ::fdatasync(file.get()) == 0;
     if (!whole || ::rename(unfinished.c_str(), path.c_str()) != 0) return failed();
     return {};
 }
@@ -152,10 +152,8 @@ void removeOrphan(const fs::path& folder) {
 
 // A new file name is durable only after its folder was synced.
 void syncFolder(const fs::path& folder) {
-    const int opened = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (opened < 0) return;
-    ::fsync(opened);
-    ::close(opened);
+    const Descriptor opened(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    if (opened) ::fsync(opened.get());
 }
 
 }  // namespace

@@ -20,24 +20,23 @@ namespace fs = std::filesystem;
 constexpr const char* kLock = ".lock";
 constexpr int kAttempts = 3;
 
-// Returns the locked file, or -1 if another process has locked it or it no longer exists.
-int lockFile(const fs::path& path, int flags) {
-    const int file = ::open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | flags, 0600);
-    if (file < 0) return -1;
+// Returns the locked file, or none if another process has locked it or it no longer exists.
+Descriptor lockFile(const fs::path& path, int flags) {
+    Descriptor file(::open(path.c_str(), O_RDWR | O_CLOEXEC | O_NOFOLLOW | flags, 0600));
+    if (!file) return file;
     struct stat opened{}, named{};
     // A process that removes the file has it locked, so it may have disappeared before flock().
-    if (::flock(file, LOCK_EX | LOCK_NB) == 0 && ::fstat(file, &opened) == 0 &&
+    if (::flock(file.get(), LOCK_EX | LOCK_NB) == 0 && ::fstat(file.get(), &opened) == 0 &&
         ::stat(path.c_str(), &named) == 0 && opened.st_ino == named.st_ino)
         return file;
-    ::close(file);
-    return -1;
+    return Descriptor();
 }
 
-void remove(const fs::path& folder, int lock) {
+// Keeps the lock until the folder was removed.
+void remove(const fs::path& folder, const Descriptor& /*lock*/) {
     std::error_code ignored;
     fs::remove_all(folder, ignored);
     fs::remove(folder.string() + kLock, ignored);
-    ::close(lock);
 }
 
 }  // namespace
@@ -48,7 +47,7 @@ std::string unusedName() {
 }
 
 ProcessFolder::~ProcessFolder() {
-    if (lock_ >= 0) remove(path_, lock_);
+    if (lock_) remove(path_, lock_);
 }
 
 void ProcessFolder::swap(ProcessFolder& other) noexcept {
@@ -60,14 +59,14 @@ ProcessFolder ProcessFolder::make(const fs::path& parent, const std::string& pre
     ProcessFolder made;
     for (int attempt = 0; attempt < kAttempts; ++attempt) {
         const fs::path path = parent / (prefix + unusedName());
-        const int lock = lockFile(path.string() + kLock, O_CREAT | O_EXCL);
-        if (lock < 0) continue;
+        Descriptor lock = lockFile(path.string() + kLock, O_CREAT | O_EXCL);
+        if (!lock) continue;
         if (::mkdir(path.c_str(), 0700) != 0) {
             remove(path, lock);
             break;
         }
         made.path_ = path;
-        made.lock_ = lock;
+        made.lock_ = std::move(lock);
         break;
     }
     return made;
@@ -81,7 +80,7 @@ void ProcessFolder::removeDead(const fs::path& parent, const std::string& prefix
             entry.path().extension() == kLock)
             locks.push_back(entry.path());
     for (const fs::path& path : locks)
-        if (const int lock = lockFile(path, 0); lock >= 0)
+        if (const Descriptor lock = lockFile(path, 0))
             remove(fs::path(path).replace_extension(), lock);
 }
 

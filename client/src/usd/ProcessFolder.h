@@ -4,6 +4,8 @@
 #include <filesystem>
 #include <string>
 
+#include "usdlive/common/core/Descriptor.h"
+
 namespace usdlive::client {
 
 /// A folder that one process uses and removes at its end. The process keeps the file
@@ -27,13 +29,13 @@ public:
     static void removeDead(const std::filesystem::path& parent, const std::string& prefix);
 
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-    [[nodiscard]] explicit operator bool() const { return lock_ >= 0; }
+    [[nodiscard]] explicit operator bool() const { return bool(lock_); }
 
 private:
     void swap(ProcessFolder& other) noexcept;
 
     std::filesystem::path path_;
-    int lock_ = -1;
+    Descriptor lock_;
 };
 
 /// Returns a name that no other process uses.

@@ -27,16 +27,8 @@ void appendRecord(Bytes& out, ByteView payload) {
     appendBytes(out, payload);
 }
 
-bool readFully(int file, std::uint8_t* to, std::size_t size, std::uint64_t at) {
-    while (size > 0) {
-        const ssize_t got = ::pread(file, to, size, off_t(at));
-        if (got < 0 && errno == EINTR) continue;
-        if (got <= 0) return false;
-        to += got;
-        size -= std::size_t(got);
-        at += std::uint64_t(got);
-    }
-    return true;
+bool readFully(const Descriptor& file, Bytes& bytes, std::uint64_t at) {
+    return readPart(file, at, bytes) == bytes.size();
 }
 
 }  // namespace
@@ -50,10 +42,6 @@ RecordFile& RecordFile::operator=(RecordFile&& other) noexcept {
     return *this;
 }
 
-RecordFile::~RecordFile() {
-    if (file_ >= 0) ::close(file_);
-}
-
 Error RecordFile::failed(const char* what) const {
     return {ErrorCode::StorageFailed,
             "cannot " + std::string(what) + " " + path_.string() + ": " + std::strerror(errno)};
@@ -63,13 +51,13 @@ Result<RecordFile> RecordFile::open(const std::filesystem::path& path, Mode mode
     RecordFile opened;
     opened.path_ = path;
     const int flags = O_RDWR | O_CLOEXEC | (mode == Mode::New ? O_CREAT | O_EXCL : 0);
-    opened.file_ = ::open(path.c_str(), flags, 0600);
-    if (opened.file_ < 0) return tl::unexpected(opened.failed("open"));
-    if (::flock(opened.file_, LOCK_EX | LOCK_NB) != 0)
+    opened.file_ = Descriptor(::open(path.c_str(), flags, 0600));
+    if (!opened.file_) return tl::unexpected(opened.failed("open"));
+    if (::flock(opened.file_.get(), LOCK_EX | LOCK_NB) != 0)
         return fail(ErrorCode::StorageLocked, path.string() + " is in use");
     struct stat status{};
     // The owner may have removed the file between the two calls.
-    if (::fstat(opened.file_, &status) != 0 || status.st_nlink == 0)
+    if (::fstat(opened.file_.get(), &status) != 0 || status.st_nlink == 0)
         return fail(ErrorCode::StorageLocked, path.string() + " was removed");
     opened.size_ = std::uint64_t(status.st_size);
     return opened;
@@ -81,12 +69,11 @@ Result<Bytes> RecordFile::read(std::uint64_t at) const {
         return fail(ErrorCode::StorageCorrupt,
                     path_.string() + ": the record at byte " + std::to_string(at) + " is damaged");
     };
-    if (at + kHeaderBytes > size_ || !readFully(file_, header.data(), header.size(), at))
-        return torn();
+    if (at + kHeaderBytes > size_ || !readFully(file_, header, at)) return torn();
     const std::uint32_t size = ByteReader(header).u32();
     if (size > size_ - at - kHeaderBytes) return torn();
     Bytes payload(size);
-    if (!readFully(file_, payload.data(), payload.size(), at + kHeaderBytes)) return torn();
+    if (!readFully(file_, payload, at + kHeaderBytes)) return torn();
     const Hash hash = sha256(ByteView(payload));
     if (!std::equal(hash.bytes.begin(), hash.bytes.begin() + kCheckBytes,
                     header.begin() + sizeof(std::uint32_t)))
@@ -115,12 +102,12 @@ Result<std::vector<std::uint64_t>> RecordFile::append(const std::vector<Bytes>& 
     }
     std::size_t written = 0;
     while (written < all.size()) {
-        const ssize_t put =
-            ::pwrite(file_, all.data() + written, all.size() - written, off_t(size_ + written));
+        const ssize_t put = ::pwrite(file_.get(), all.data() + written, all.size() - written,
+                                     off_t(size_ + written));
         if (put < 0 && errno == EINTR) continue;
         if (put <= 0) {
             const Error error = failed("write");
-            static_cast<void>(::ftruncate(file_, off_t(size_)));
+            static_cast<void>(::ftruncate(file_.get(), off_t(size_)));
             return tl::unexpected(error);
         }
         written += std::size_t(put);
@@ -130,12 +117,12 @@ Result<std::vector<std::uint64_t>> RecordFile::append(const std::vector<Bytes>& 
 }
 
 Result<void> RecordFile::sync() {
-    if (::fdatasync(file_) != 0) return tl::unexpected(failed("sync"));
+    if (::fdatasync(file_.get()) != 0) return tl::unexpected(failed("sync"));
     return {};
 }
 
 Result<void> RecordFile::truncate(std::uint64_t size) {
-    if (::ftruncate(file_, off_t(size)) != 0) return tl::unexpected(failed("shorten"));
+    if (::ftruncate(file_.get(), off_t(size)) != 0) return tl::unexpected(failed("shorten"));
     size_ = size;
     return {};
 }
@@ -147,9 +134,9 @@ Result<void> RecordFile::moveTo(const std::filesystem::path& path) {
 }
 
 void RecordFile::remove() {
-    if (file_ < 0) return;
+    if (!file_) return;
     ::unlink(path_.c_str());
-    ::close(std::exchange(file_, -1));
+    file_ = Descriptor();
     size_ = 0;
 }
 

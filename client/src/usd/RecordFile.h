@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "usdlive/common/core/Bytes.h"
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Result.h"
 
 namespace usdlive::client {
@@ -21,7 +22,6 @@ public:
     RecordFile() = default;
     RecordFile(RecordFile&& other) noexcept;
     RecordFile& operator=(RecordFile&& other) noexcept;
-    ~RecordFile();
 
     enum class Mode { New, Existing };
     /// Opens and locks the file until the object or the process ends. Errors: InvalidArgument (it
@@ -39,7 +39,7 @@ public:
     Result<void> sync();
     Result<void> truncate(std::uint64_t size);
 
-    [[nodiscard]] bool isOpen() const { return file_ >= 0; }
+    [[nodiscard]] bool isOpen() const { return bool(file_); }
     [[nodiscard]] std::uint64_t size() const { return size_; }
     [[nodiscard]] const std::filesystem::path& path() const { return path_; }
     /// Renames the file over another one.
@@ -50,7 +50,7 @@ private:
     [[nodiscard]] Error failed(const char* what) const;
 
     std::filesystem::path path_;
-    int file_ = -1;
+    Descriptor file_;
     std::uint64_t size_ = 0;
 };
 

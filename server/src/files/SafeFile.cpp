@@ -11,6 +11,8 @@
 #include <cstring>
 #include <utility>
 
+#include "usdlive/common/core/Descriptor.h"
+
 namespace usdlive::server {
 
 namespace fs = std::filesystem;
@@ -26,23 +28,17 @@ tl::unexpected<Error> failedTo(const char* what) {
 }
 
 Result<void> syncPath(const fs::path& path, int flags) {
-    const int file = ::open(path.c_str(), flags | O_CLOEXEC);
-    if (file < 0) return failedTo("cannot be opened for syncing");
-    const bool synced = ::fsync(file) == 0;
-    const int problem = errno;
-    ::close(file);
-    errno = problem;
-    if (!synced) return failedTo("cannot be synced to the disk");
+    const Descriptor file(::open(path.c_str(), flags | O_CLOEXEC));
+    if (!file) return failedTo("cannot be opened for syncing");
+    if (::fsync(file.get()) != 0) return failedTo("cannot be synced to the disk");
     return {};
 }
 
 }  // namespace
 
 void startWritingBack(const fs::path& path) {
-    const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    if (file < 0) return;
-    ::sync_file_range(file, 0, 0, SYNC_FILE_RANGE_WRITE);
-    ::close(file);
+    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    if (file) ::sync_file_range(file.get(), 0, 0, SYNC_FILE_RANGE_WRITE);
 }
 
 bool isWritable(const fs::path& path, mode_t mode) {
@@ -70,13 +66,11 @@ Result<SafeFile> SafeFile::create(const fs::path& target, std::string_view prefi
     }
     const std::string suffix = "." + std::string(extension);
     std::string name = target.parent_path() / (std::string(prefix) + "XXXXXX" + suffix);
-    const int file = ::mkostemps(name.data(), int(suffix.size()), O_CLOEXEC);
-    if (file < 0) return failedTo("its folder is not writable");
+    const Descriptor file(::mkostemps(name.data(), int(suffix.size()), O_CLOEXEC));
+    if (!file) return failedTo("its folder is not writable");
     SafeFile safe(target, name);
     const mode_t mode = exists ? present.st_mode & kPermissionBits : kNewFile;
-    const bool permitted = ::fchmod(file, mode) == 0;
-    ::close(file);
-    if (!permitted) return failedTo("cannot get its permissions");
+    if (::fchmod(file.get(), mode) != 0) return failedTo("cannot get its permissions");
     return safe;
 }
 
