@@ -1,10 +1,10 @@
-"""Tests that the composed commands survive input that is too deep for OpenUSD, and name layer, path and limit."""
+"""Tests that the composed commands and the server survive input that is too deep for OpenUSD, and name layer, path and limit."""
 
 import os
 import subprocess
 
 import pytest
-from conftest import refused
+from conftest import refused, run
 
 COMMANDS = [("tree", "--composed"), ("dump", "--composed"), ("flatten",)]
 
@@ -50,3 +50,19 @@ def test_a_layer_with_a_path_of_a_million_elements_is_left_out(command, tmp_path
     assert "Other" in output
     if command[0] != "dump":
         assert bad in errors and "65535 elements" in errors
+
+
+@pytest.mark.parametrize("ending", ["usda", "usd"])
+def test_a_server_refuses_a_file_that_is_too_deep_and_serves_the_others(ending, project, serve):
+    name = f"deep.{ending}"
+    write(project / name, 'def "d" {\n' * 200_000 + "}\n" * 200_000)
+    write(project / "parentheses.usda", f'def "A" {{\n pathExpression e = "{"(" * 100_000}"\n}}\n')
+    write(project / "other.usda", 'def "Other" {\n}\n')
+    server = serve(project)
+    message = refused("cat", server.url, name)
+    assert name in message and "line 4098" in message and "4096 brackets" in message
+    assert "parentheses" in refused("cat", server.url, "parentheses.usda")
+    assert "Other" in run("cat", server.url, "other.usda")
+    write(project / name, 'def "Mended" {\n}\n')
+    assert "Mended" in run("cat", server.url, name)
+    assert server.stop() == 0

@@ -22,6 +22,7 @@
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
+#include "usdlive/common/usd/TextDepth.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::server {
@@ -250,6 +251,8 @@ private:
 
     Result<LayerDoc> read(const LayerId& layer, const fs::path& path) {
         const usd::TfComplaints complaints;
+        if (const auto why = usd::whyTooDeep(pxr::ArResolvedPath(path.string())); !why.empty())
+            return unreadable(layer, why);
         const auto opened = pxr::SdfLayer::OpenAsAnonymous(path.string());
         if (!opened) return unreadable(layer, complaints.text("OpenUSD gives no reason"));
         BlobKeeper keeper(blobs_, importing_);

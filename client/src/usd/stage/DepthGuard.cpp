@@ -2,7 +2,6 @@
 #include "usd/stage/DepthGuard.h"
 
 #include <pxr/base/work/loops.h>
-#include <pxr/usd/ar/asset.h>
 #include <pxr/usd/ar/packageUtils.h>
 #include <pxr/usd/ar/resolvedPath.h>
 #include <pxr/usd/ar/resolver.h>
@@ -17,12 +16,11 @@
 #include <pxr/usd/sdf/variableExpression.h>
 
 #include <algorithm>
-#include <array>
 #include <deque>
-#include <string_view>
 #include <utility>
 
 #include "usd/content/PathListItems.h"
+#include "usdlive/common/usd/TextDepth.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::stage {
@@ -36,98 +34,9 @@ using pxr::TfToken;
 
 namespace {
 
-// Limits of a text. Sdf's parser takes up to 300 bytes of the stack for a bracket, and 2 KiB for a
-// parenthesis of a path expression, which is inside a string.
-constexpr std::size_t kMostBrackets = 4096;
-constexpr std::size_t kMostParentheses = 1024;
-// SdfPath counts no further. It also calls itself for each element when a path is destroyed.
-constexpr std::size_t kMostElements = 65'535;
-
 // Composition reads no spec deeper than this: an arc leads to a path of kDeepestPath elements, and
 // composes as many levels below it.
 constexpr std::size_t kDeepestSpec = 2 * kDeepestPath;
-
-// Finds how deeply the brackets of a text nest, outside and inside of strings.
-class NestingScan {
-public:
-    explicit NestingScan(std::string_view text) : text_(text) {}
-
-    // Returns the line of the first bracket that is nested too deeply, or 0.
-    std::size_t run() {
-        std::size_t brackets = 0;
-        while (at_ < text_.size()) {
-            const char c = text_[at_];
-            if (c == '{' || c == '(' || c == '[') {
-                if (++brackets > kMostBrackets) return line();
-            } else if (c == '}' || c == ')' || c == ']') {
-                brackets -= brackets > 0;
-            } else if (c == '"' || c == '\'') {
-                if (!skipString(c)) return line();
-                continue;
-            } else if (c == '@') {
-                skipAsset();
-                continue;
-            } else if (c == '#' || text_.substr(at_, 2) == "//") {
-                skipTo("\n");
-                continue;
-            } else if (text_.substr(at_, 2) == "/*") {
-                ++at_;
-                skipTo("*/");
-                continue;
-            } else if (c == '<') {
-                const std::size_t begin = at_;
-                skipTo(">");
-                if (countSlashes(begin) > kMostElements) return line();
-                continue;
-            }
-            ++at_;
-        }
-        return 0;
-    }
-
-private:
-    [[nodiscard]] std::size_t line() const {
-        return 1 +
-               std::size_t(std::count(text_.begin(), text_.begin() + std::ptrdiff_t(at_), '\n'));
-    }
-
-    [[nodiscard]] std::size_t countSlashes(std::size_t begin) const {
-        if (at_ - begin <= kMostElements) return 0;
-        return std::size_t(std::ranges::count(text_.substr(begin, at_ - begin), '/'));
-    }
-
-    void skipTo(std::string_view end) {
-        const std::size_t found = text_.find(end, at_ + 1);
-        at_ = found == std::string_view::npos ? text_.size() : found + end.size();
-    }
-
-    void skipAsset() {
-        if (text_.substr(at_, 3) != "@@@") return skipTo("@");
-        at_ += 2;
-        do skipTo("@@@");
-        while (at_ < text_.size() && text_[at_ - 4] == '\\');
-    }
-
-    bool skipString(char quote) {
-        const std::string end(text_.substr(at_, 3) == std::string(3, quote) ? 3 : 1, quote);
-        std::size_t parentheses = 0;
-        for (at_ += end.size(); at_ < text_.size(); ++at_) {
-            const char c = text_[at_];
-            if (c == quote && text_.substr(at_, end.size()) == end) {
-                at_ += end.size();
-                return true;
-            }
-            if (c == '\\') ++at_;
-            if (c == '\n' && end.size() == 1) return true;  // the parser refuses it
-            if (c == '(' && ++parentheses > kMostParentheses) return false;
-            if (c == ')') parentheses -= parentheses > 0;
-        }
-        return true;
-    }
-
-    const std::string_view text_;
-    std::size_t at_ = 0;
-};
 
 pxr::ArResolvedPath resolvedFile(const std::string& identifier) {
     auto& resolver = pxr::ArGetResolver();
@@ -145,20 +54,8 @@ std::string problemOfText(const std::string& identifier) {
     if (SdfLayer::IsAnonymousLayerIdentifier(identifier)) return {};
     if (identifier.find("://") != std::string::npos) return {};
     const auto path = resolvedFile(identifier);
-    const auto asset = path.empty() ? nullptr : pxr::ArGetResolver().OpenAsset(path);
-    std::array<char, 4> start{};
-    if (!asset || asset->GetSize() <= kMostParentheses ||
-        asset->Read(start.data(), start.size(), 0) != start.size() || start[0] != '#')
-        return {};
-    const auto text = asset->GetBuffer();
-    if (!text) return {};
-    const auto line = NestingScan({text.get(), asset->GetSize()}).run();
-    if (line == 0) return {};
-    return "cannot open the layer '" + identifier + "': line " + std::to_string(line) +
-           " is nested too deeply. At most " + std::to_string(kMostBrackets) +
-           " brackets may be open and " + std::to_string(kMostParentheses) +
-           " parentheses in a string, and a path may have " + std::to_string(kMostElements) +
-           " elements.";
+    const std::string why = path.empty() ? std::string() : usd::whyTooDeep(path);
+    return why.empty() ? why : "cannot open the layer '" + identifier + "': " + why;
 }
 
 // Returns the number of elements and the first of them, for paths of any length.
