@@ -1,7 +1,6 @@
 // Composes the prims of a stage with a PcpCache that follows its layers.
 #include "ComposedStage.h"
 
-#include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/node.h>
 #include <pxr/usd/sdf/changeList.h>
@@ -50,11 +49,6 @@ using pxr::SdfPath;
 
 namespace {
 
-pxr::ArResolverContext contextOfStage(const pxr::SdfLayerHandle& root) {
-    if (root->IsAnonymous()) return pxr::ArGetResolver().CreateDefaultContext();
-    return pxr::ArGetResolver().CreateDefaultContextForAsset(root->GetIdentifier());
-}
-
 // Calls `visit` with the layer and path of each opinion of `prim`, strong to weak, until it returns
 // true.
 template <class Visit>
@@ -87,28 +81,30 @@ bool canBeInstance(const PcpPrimIndex& prim) {
 
 ComposedStage::ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                              const StageView& view)
-    : ComposedStage(root, session, view, contextOfStage(root)) {}
+    : ComposedStage({root, session, stage::contextOf(root)}, view) {}
 
-ComposedStage::ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
-                             const StageView& view, const pxr::ArResolverContext& context)
-    : root_(root), session_(session), view_(view), context_(context) {
-    makeCache();
+ComposedStage::ComposedStage(pxr::PcpLayerStackIdentifier layers, const StageView& view)
+    : layers_(std::move(layers)),
+      root_(layers_.rootLayer),
+      session_(layers_.sessionLayer),
+      view_(view) {
+    makeComposition();
     changedKey_ = pxr::TfNotice::Register(pxr::TfCreateWeakPtr(this), &ComposedStage::onChanged);
 }
 
 ComposedStage::~ComposedStage() { pxr::TfNotice::Revoke(changedKey_); }
 
-void ComposedStage::makeCache() {
-    cache_ = std::make_unique<pxr::PcpCache>(
-        pxr::PcpLayerStackIdentifier(root_, session_, context_), "usd", true);
-    cache_->SetVariantFallbacks(view_.variantFallbacks);
-    cache_->RequestLayerMuting(view_.muted, {});
-    pxr::PcpErrorVector errors;
-    (void)cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
+void ComposedStage::makeComposition() {
     uncomposed_ = {SdfPath::AbsoluteRootPath()};
     hasInstances_ = false;
     sources_.clear();
     opened_.clear();
+    composition_ = std::make_unique<stage::Composition>(
+        layers_, view_.muted,
+        stage::Composition::Scope{
+            [this](const auto& prim, auto* names) { return composesChildren(prim, names); },
+            [this](const SdfPath& path) { return view_.isLoaded(path); }},
+        view_.variantFallbacks);
 }
 
 void ComposedStage::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice) {
@@ -118,11 +114,12 @@ void ComposedStage::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&
     }
     if (stale_) return;
     pxr::PcpChanges changes;
-    changes.DidChange(cache_.get(), notice.GetChangeListVec());
+    composition_->guard(notice.GetChangeListVec(), changes);
+    changes.DidChange(&composition_->cache(), notice.GetChangeListVec());
     if (changesActive(notice.GetChangeListVec())) uncomposed_ = {SdfPath::AbsoluteRootPath()};
     if (changes.IsEmpty()) return;
     noteChanges(changes);
-    changes.Apply();
+    composition_->apply(changes);
     dropOldInstances(changes);
 }
 
@@ -130,7 +127,7 @@ void ComposedStage::onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer&
 // again, because another instance may now be the source of a prototype.
 void ComposedStage::noteChanges(const pxr::PcpChanges& changes) {
     for (const auto& [cache, change] : changes.GetCacheChanges()) {
-        if (cache != cache_.get()) continue;
+        if (cache != &composition_->cache()) continue;
         for (const auto* paths :
              {&change.didChangeSignificantly, &change.didChangePrims, &change.didChangeSpecs})
             for (const SdfPath& path : *paths)
@@ -145,22 +142,23 @@ void ComposedStage::noteChanges(const pxr::PcpChanges& changes) {
 void ComposedStage::dropOldInstances(const pxr::PcpChanges& changes) {
     pxr::PcpChanges dropped;
     for (const auto& [cache, change] : changes.GetCacheChanges()) {
-        if (cache != cache_.get()) continue;
+        if (cache != &composition_->cache()) continue;
         for (const SdfPath& path : change.didChangeSpecs) {
-            const auto* prim = path.IsPrimPath() ? cache_->FindPrimIndex(path) : nullptr;
+            const auto* prim =
+                path.IsPrimPath() ? composition_->cache().FindPrimIndex(path) : nullptr;
             if (prim && (prim->IsInstanceable() || canBeInstance(*prim)))
-                dropped.DidChangeSignificantly(cache_.get(), path);
+                dropped.DidChangeSignificantly(&composition_->cache(), path);
         }
     }
     if (dropped.IsEmpty()) return;
     noteChanges(dropped);
-    dropped.Apply();
+    composition_->apply(dropped);
 }
 
 pxr::PcpCache& ComposedStage::composed() {
-    if (stale_.exchange(false)) makeCache();
+    if (stale_.exchange(false)) makeComposition();
     if (!uncomposed_.empty()) compose();
-    return *cache_;
+    return composition_->cache();
 }
 
 pxr::PcpLayerStackRefPtr ComposedStage::localLayers() {
@@ -168,26 +166,26 @@ pxr::PcpLayerStackRefPtr ComposedStage::localLayers() {
 }
 
 void ComposedStage::compose() {
-    // Several threads call both functions at once.
-    const auto children = [this](const PcpPrimIndex& prim, pxr::TfTokenVector* names) {
-        if (!isActive(prim)) return false;
-        if (prim.IsInstanceable()) hasInstances_ = true;
-        if (prim.IsInstanceable() && !opened_.contains(prim.GetPath())) return false;
-        if (view_.mask.empty()) return true;
-        pxr::PcpTokenSet prohibited;
-        prim.ComputePrimChildNames(names, &prohibited);
-        std::erase_if(*names, [&](const pxr::TfToken& name) {
-            return !view_.includes(prim.GetPath().AppendChild(name));
-        });
-        return !names->empty();
-    };
-    const auto payloads = [this](const SdfPath& path) { return view_.isLoaded(path); };
     pxr::SdfPathVector roots = reachable(std::exchange(uncomposed_, {}));
     while (!roots.empty()) {
-        pxr::PcpErrorVector errors;
-        cache_->ComputePrimIndexesInParallel(roots, &errors, children, payloads);
+        composition_->composeInParallel(roots);
         roots = hasInstances_ ? newSources() : pxr::SdfPathVector();
     }
+}
+
+// Several threads call it at once.
+bool ComposedStage::composesChildren(const PcpPrimIndex& prim, pxr::TfTokenVector* names) {
+    if (!isActive(prim)) return false;
+    if (prim.GetPath().GetPathElementCount() >= stage::kDeepestPath) return false;
+    if (prim.IsInstanceable()) hasInstances_ = true;
+    if (prim.IsInstanceable() && !opened_.contains(prim.GetPath())) return false;
+    if (view_.mask.empty()) return true;
+    pxr::PcpTokenSet prohibited;
+    prim.ComputePrimChildNames(names, &prohibited);
+    std::erase_if(*names, [&](const pxr::TfToken& name) {
+        return !view_.includes(prim.GetPath().AppendChild(name));
+    });
+    return !names->empty();
 }
 
 // Returns the paths that an active, composed parent shows, without paths below other ones.
@@ -196,14 +194,15 @@ pxr::SdfPathVector ComposedStage::reachable(const pxr::SdfPathSet& paths) const 
     const auto isChild = [&](const SdfPath& path) {
         const SdfPath parent = path.GetParentPath();
         const auto [known, isNew] = children.try_emplace(parent);
-        const auto* index = isNew ? cache_->FindPrimIndex(parent) : nullptr;
+        const auto* index = isNew ? composition_->cache().FindPrimIndex(parent) : nullptr;
         if (index && isActive(*index)) {
             pxr::TfTokenVector names;
             pxr::PcpTokenSet prohibited;
             index->ComputePrimChildNames(&names, &prohibited);
             for (const auto& name : names) known->second.insert(name);
         }
-        return known->second.count(path.GetNameToken()) > 0 && view_.includes(path);
+        return known->second.count(path.GetNameToken()) > 0 && view_.includes(path) &&
+               stage::canBePrim(path);
     };
     pxr::SdfPathVector roots(paths.begin(), paths.end());
     SdfPath::RemoveDescendentPaths(&roots);
@@ -217,7 +216,7 @@ pxr::SdfPathVector ComposedStage::reachable(const pxr::SdfPathSet& paths) const 
 // has no source yet.
 pxr::SdfPathVector ComposedStage::newSources() {
     std::unordered_map<pxr::PcpInstanceKey, SdfPath, pxr::PcpInstanceKey::Hash> first;
-    cache_->ForEachPrimIndex([&](const PcpPrimIndex& prim) {
+    composition_->cache().ForEachPrimIndex([&](const PcpPrimIndex& prim) {
         if (!prim.IsInstanceable() || !isActive(prim)) return;
         const auto [known, isNew] = first.emplace(pxr::PcpInstanceKey(prim), prim.GetPath());
         const auto source = sources_.find(known->first);
@@ -255,6 +254,14 @@ const PcpPrimIndex* ComposedStage::prim(const SdfPath& path) {
         if (!index || !index->IsValid() || !index->HasSpecs()) return nullptr;
     }
     return index;
+}
+
+std::string ComposedStage::whyLeftOut(const SdfPath& path) {
+    (void)composed();
+    if (!composition_->leavesOut(path)) return {};
+    for (const auto& problem : composition_->depthProblems())
+        if (path.HasPrefix(problem.prim) && problem.prim.IsPrimPath()) return problem.message;
+    return {};
 }
 
 bool ComposedStage::isInstance(const SdfPath& path) {

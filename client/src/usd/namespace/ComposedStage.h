@@ -3,20 +3,21 @@
 
 #include <pxr/base/tf/notice.h>
 #include <pxr/base/tf/weakBase.h>
-#include <pxr/usd/ar/resolverContext.h>
-#include <pxr/usd/pcp/cache.h>
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/instanceKey.h>
 #include <pxr/usd/pcp/layerStack.h>
+#include <pxr/usd/pcp/layerStackIdentifier.h>
 #include <pxr/usd/pcp/primIndex.h>
 #include <pxr/usd/sdf/notice.h>
 
 #include <atomic>
 #include <memory>
+#include <string>
 #include <thread>
 #include <unordered_map>
 #include <unordered_set>
 
+#include "usd/stage/Composition.h"
 #include "usdlive/client/usd/namespace/EditedStage.h"
 
 namespace usdlive::naming {
@@ -31,8 +32,7 @@ public:
     ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                   const StageView& view);
     /// Composes copies of a stage's layers with the stage's resolver context.
-    ComposedStage(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
-                  const StageView& view, const pxr::ArResolverContext& context);
+    ComposedStage(pxr::PcpLayerStackIdentifier layers, const StageView& view);
     ~ComposedStage();
     ComposedStage(const ComposedStage&) = delete;
     ComposedStage& operator=(const ComposedStage&) = delete;
@@ -45,6 +45,8 @@ public:
     /// Returns the prim at `path`, also below an instance, or null if there is none. Valid until
     /// the layers change.
     [[nodiscard]] const pxr::PcpPrimIndex* prim(const pxr::SdfPath& path);
+    /// Returns the reason if the prim at `path` is left out because arcs lead too deep.
+    [[nodiscard]] std::string whyLeftOut(const pxr::SdfPath& path);
     [[nodiscard]] bool isInstance(const pxr::SdfPath& path);
     [[nodiscard]] bool isInstanceProxy(const pxr::SdfPath& path);
     [[nodiscard]] static bool isActive(const pxr::PcpPrimIndex& prim);
@@ -55,18 +57,19 @@ public:
 
 private:
     void compose();
-    void makeCache();
+    void makeComposition();
+    bool composesChildren(const pxr::PcpPrimIndex& prim, pxr::TfTokenVector* names);
     void noteChanges(const pxr::PcpChanges& changes);
     void dropOldInstances(const pxr::PcpChanges& changes);
     [[nodiscard]] pxr::SdfPathVector reachable(const pxr::SdfPathSet& paths) const;
     [[nodiscard]] pxr::SdfPathVector newSources();
     void onChanged(const pxr::SdfNotice::LayersDidChangeSentPerLayer& notice);
 
-    const pxr::SdfLayerRefPtr root_, session_;
+    const pxr::PcpLayerStackIdentifier layers_;
+    const pxr::SdfLayerRefPtr root_, session_;  // keep the layers in memory
     const StageView view_;
-    const pxr::ArResolverContext context_;
     const std::thread::id thread_ = std::this_thread::get_id();
-    std::unique_ptr<pxr::PcpCache> cache_;
+    std::unique_ptr<stage::Composition> composition_;
     pxr::SdfPathSet uncomposed_;       // prims that are composed again, with all prims below them
     std::atomic<bool> stale_ = false;  // set when another thread changed a layer
     std::atomic<bool> hasInstances_ = false;

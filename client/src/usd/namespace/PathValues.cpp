@@ -14,6 +14,7 @@
 #include <string>
 
 #include "usd/content/PathListItems.h"
+#include "usd/stage/DepthGuard.h"
 
 namespace usdlive::naming {
 
@@ -27,6 +28,11 @@ namespace {
 
 struct Collect {
     pxr::SdfPathSet& paths;
+
+    // Leaves out paths that Sdf cannot compare. No prim has them.
+    void add(const SdfPath& path) const {
+        if (!path.IsEmpty() && !stage::isTooDeep(path.GetPrimPath())) paths.insert(path);
+    }
 };
 
 const PathMove* nearestMove(const SdfPath& path, const PathMoves& moves) {
@@ -43,7 +49,7 @@ SdfPath movedPath(const SdfPath& path, const PathMoves& moves) {
     return move ? path.ReplacePrefix(move->from, move->to) : path;
 }
 SdfPath collectPath(const SdfPath& path, const Collect& collect) {
-    collect.paths.insert(path);
+    collect.add(path);
     return path;
 }
 
@@ -57,19 +63,18 @@ SdfPathListOp movedList(const SdfPathListOp& list, const PathMoves& moves) {
     return moved;
 }
 SdfPathListOp collectList(const SdfPathListOp& list, const Collect& collect) {
-    content::forEachPath(list, [&](const SdfPath& path) { collect.paths.insert(path); });
+    content::forEachPath(list, [&](const SdfPath& path) { collect.add(path); });
     return list;
 }
 
 SdfPathExpression collectExpression(const SdfPathExpression& expression, const Collect& collect) {
-    const auto add = [&](const SdfPath& path) {
-        if (!path.IsEmpty()) collect.paths.insert(path);
-    };
     const auto logic = [](SdfPathExpression::Op, int) {};
     const auto reference = [&](const SdfPathExpression::ExpressionReference& one) {
-        add(one.path);
+        collect.add(one.path);
     };
-    const auto pattern = [&](const SdfPathExpression::PathPattern& one) { add(one.GetPrefix()); };
+    const auto pattern = [&](const SdfPathExpression::PathPattern& one) {
+        collect.add(one.GetPrefix());
+    };
     expression.Walk(logic, reference, pattern);
     return expression;
 }

@@ -61,10 +61,15 @@ private:
         const SdfPath& path = edit_.from;
         if (stages_.host->isInPrototype(path))
             return "The prim to edit belongs to a prototype prim";
-        if (!stage_.prim(path)) return "The prim to edit is not a valid prim";
+        if (!stage_.prim(path)) return notValid("The prim to edit", path);
         if (stage_.isInstanceProxy(path))
             return "The prim to edit is a prototype proxy descendant of an instance prim";
         return {};
+    }
+
+    [[nodiscard]] std::string notValid(const std::string& what, const SdfPath& path) const {
+        const auto why = stage_.whyLeftOut(path);
+        return what + " is not a valid prim" + (why.empty() ? std::string() : ": " + why);
     }
 
     [[nodiscard]] std::string sourcePropertyError() const {
@@ -95,7 +100,7 @@ private:
     [[nodiscard]] std::string parentError(const SdfPath& parent) const {
         if (stages_.host->isInPrototype(parent))
             return "The new parent prim belongs to a prototype prim";
-        if (!stage_.prim(parent)) return "The new parent prim is not a valid prim";
+        if (!stage_.prim(parent)) return notValid("The new parent prim", parent);
         if (stage_.isInstanceProxy(parent))
             return "The new parent prim is a prototype proxy descendant of an instance prim";
         if (isProperty_)

@@ -152,9 +152,10 @@ SdfLayerHandle ScratchStages::copyOf(const SdfLayerHandle& layer) const {
 
 std::unique_ptr<ComposedStage> ScratchStages::compose(ComposedStage& stage) const {
     const auto& identifier = stage.composed().GetLayerStackIdentifier();
-    return std::make_unique<ComposedStage>(copyOf(identifier.rootLayer),
-                                           copyOf(identifier.sessionLayer), stage.view(),
-                                           identifier.pathResolverContext);
+    return std::make_unique<ComposedStage>(
+        pxr::PcpLayerStackIdentifier{copyOf(identifier.rootLayer), copyOf(identifier.sessionLayer),
+                                     identifier.pathResolverContext},
+        stage.view());
 }
 
 void ScratchStages::apply(const Plan& plan) const {

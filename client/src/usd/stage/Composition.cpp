@@ -17,12 +17,6 @@ using pxr::SdfPath;
 
 namespace {
 
-// Returns the same resolver context that UsdStage binds.
-pxr::ArResolverContext contextOf(const pxr::SdfLayerHandle& root) {
-    if (root->IsAnonymous()) return pxr::ArGetResolver().CreateDefaultContext();
-    return pxr::ArGetResolver().CreateDefaultContextForAsset(root->GetIdentifier());
-}
-
 Composition::Scope everything(Composition::Payloads payloads) {
     return {[](const pxr::PcpPrimIndex&, pxr::TfTokenVector*) { return true; },
             [payloads](const SdfPath&) { return payloads == Composition::Payloads::All; }};
@@ -45,23 +39,36 @@ void keepVariables(pxr::PcpChanges& changes, const pxr::PcpLayerStackIdentifier&
 
 }  // namespace
 
+// UsdStage binds the same context.
+pxr::ArResolverContext contextOf(const pxr::SdfLayerHandle& root) {
+    if (root->IsAnonymous()) return pxr::ArGetResolver().CreateDefaultContext();
+    return pxr::ArGetResolver().CreateDefaultContextForAsset(root->GetIdentifier());
+}
+
 // This composes single prims when they are needed, so no layer is opened in advance.
 Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                          const std::vector<std::string>& muted, Payloads payloads)
-    : Composition(root, session, muted, everything(payloads), DepthGuard::Layers::FindOnly) {}
+    : Composition({root, session, contextOf(root)}, muted, everything(payloads), {},
+                  DepthGuard::Layers::FindOnly) {}
 
 Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                          const std::vector<std::string>& muted, Scope scope)
-    : Composition(root, session, muted, std::move(scope), DepthGuard::Layers::Open) {}
+    : Composition({root, session, contextOf(root)}, muted, std::move(scope), {},
+                  DepthGuard::Layers::Open) {}
 
-Composition::Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
+Composition::Composition(const pxr::PcpLayerStackIdentifier& stack,
                          const std::vector<std::string>& muted, Scope scope,
-                         DepthGuard::Layers layers)
-    : cache_(std::make_unique<pxr::PcpCache>(
-          pxr::PcpLayerStackIdentifier(root, session, contextOf(root)), "usd", true)),
+                         const pxr::PcpVariantFallbackMap& fallbacks)
+    : Composition(stack, muted, std::move(scope), fallbacks, DepthGuard::Layers::Open) {}
+
+Composition::Composition(const pxr::PcpLayerStackIdentifier& stack,
+                         const std::vector<std::string>& muted, Scope scope,
+                         const pxr::PcpVariantFallbackMap& fallbacks, DepthGuard::Layers layers)
+    : cache_(std::make_unique<pxr::PcpCache>(stack, "usd", true)),
       muted_(muted),
       scope_(std::move(scope)),
-      guard_(root, session, layers) {
+      guard_(stack.rootLayer, stack.sessionLayer, layers) {
+    cache_->SetVariantFallbacks(fallbacks);
     checkAll();
     mute(nullptr);
     pxr::PcpErrorVector errors;

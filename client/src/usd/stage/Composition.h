@@ -1,9 +1,11 @@
 // Declares Composition, a PcpCache of a root layer and a session layer that follows their changes.
 #pragma once
 
+#include <pxr/usd/ar/resolverContext.h>
 #include <pxr/usd/pcp/cache.h>
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/layerStack.h>
+#include <pxr/usd/pcp/layerStackIdentifier.h>
 #include <pxr/usd/sdf/changeList.h>
 #include <pxr/usd/sdf/layer.h>
 
@@ -17,6 +19,9 @@
 #include "usd/stage/DepthGuard.h"
 
 namespace usdlive::stage {
+
+/// Returns the resolver context that a stage of this root layer uses.
+[[nodiscard]] pxr::ArResolverContext contextOf(const pxr::SdfLayerHandle& root);
 
 /// A root layer and a session layer, composed by Pcp and kept up to date while the layers change.
 /// An edit of a value composes no prim again. An edit of an arc composes only the prims that it
@@ -43,6 +48,9 @@ public:
                 const std::vector<std::string>& muted, Payloads payloads);
     Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
                 const std::vector<std::string>& muted, Scope scope);
+    /// Does the same with a resolver context of the caller, and these variant fallbacks.
+    Composition(const pxr::PcpLayerStackIdentifier& stack, const std::vector<std::string>& muted,
+                Scope scope, const pxr::PcpVariantFallbackMap& fallbacks);
     Composition(const Composition&) = delete;
     Composition& operator=(const Composition&) = delete;
 
@@ -61,6 +69,8 @@ public:
     void guardPayloads(const pxr::SdfPathSet& prims, pxr::PcpChanges& changes);
     /// Removes the names of children that are left out because their arcs lead too deep.
     void dropLeftOut(const pxr::SdfPath& prim, pxr::TfTokenVector& names) const;
+    /// Returns true if a prim is left out because it, or a prim that it uses, leads too deep.
+    [[nodiscard]] bool leavesOut(const pxr::SdfPath& prim) const { return guard_.leavesOut(prim); }
     /// Returns what is left out because it is too deep.
     [[nodiscard]] const std::vector<DepthGuard::Problem>& depthProblems() const {
         return guard_.problems();
@@ -91,8 +101,9 @@ public:
     [[nodiscard]] std::size_t primsComposed() const { return primsComposed_; }
 
 private:
-    Composition(const pxr::SdfLayerHandle& root, const pxr::SdfLayerHandle& session,
-                const std::vector<std::string>& muted, Scope scope, DepthGuard::Layers layers);
+    Composition(const pxr::PcpLayerStackIdentifier& stack, const std::vector<std::string>& muted,
+                Scope scope, const pxr::PcpVariantFallbackMap& fallbacks,
+                DepthGuard::Layers layers);
     const pxr::PcpPrimIndex* compose(const pxr::SdfPath& prim);
     bool composesChildren(const pxr::PcpPrimIndex& index, pxr::TfTokenVector* names) const;
     bool checkAll();

@@ -99,11 +99,11 @@ bool isLayerFile(const std::string& asset) {
     return extension.starts_with("usd") && asset.find(":SDF_FORMAT_ARGS:") == std::string::npos;
 }
 
+// Returns true if an entry may change arcs by more than new names of specs.
 bool changesArcs(const SdfPath& path, const pxr::SdfChangeList::Entry& entry) {
     const auto& flags = entry.flags;
-    if (flags.didReplaceContent || flags.didReloadContent || flags.didRename ||
-        flags.didAddNonInertPrim || flags.didAddInertPrim || flags.didRemoveNonInertPrim ||
-        flags.didRemoveInertPrim)
+    if (flags.didReplaceContent || flags.didReloadContent || flags.didAddNonInertPrim ||
+        flags.didAddInertPrim || flags.didRemoveNonInertPrim || flags.didRemoveInertPrim)
         return true;
     if (!entry.subLayerChanges.empty()) return true;
     if (path != SdfPath::AbsoluteRootPath() && !path.IsPrimOrPrimVariantSelectionPath())
@@ -319,9 +319,15 @@ bool DepthGuard::check(const pxr::SdfLayerChangeListVec& changes,
         const auto known = checked_.find(layer);
         SdfPathVector changed;
         if (known != checked_.end()) {
-            for (const auto& [path, entry] : list.GetEntryList())
-                if (changesArcs(path, entry)) changed.push_back(path);
-            if (changed.empty()) continue;
+            // Sdf keeps the paths before a rename for other changes of the same notice, so renames
+            // count if arcs change, too.
+            bool areRenames = !deep_.contains(layer) && leftOut_.empty();
+            for (const auto& [path, entry] : list.GetEntryList()) {
+                const bool isArc = changesArcs(path, entry);
+                if (isArc || entry.flags.didRename) changed.push_back(path);
+                areRenames = areRenames && !isArc;
+            }
+            if (changed.empty() || areRenames) continue;
             // It may remove an arc that is too deep, or add one to a prim that is left out.
             if (deep_.contains(layer) || !leftOut_.empty())
                 return checkAll(std::set(unused_), payloads_, opened);

@@ -3,10 +3,13 @@
 #include "usdlive/client/usd/namespace/NamespaceEditor.h"
 
 #include <gtest/gtest.h>
+#include <malloc.h>
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/primSpec.h>
+#include <pxr/usd/sdf/reference.h>
 #include <pxr/usd/sdf/relationshipSpec.h>
+#include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -294,6 +297,93 @@ LayerDoc docOfText(const std::string& text) {
         void keepBlob(const Hash&, SharedBytes) override {}
     } none;
     return *usd::readLayer(layerOfText(text), none);
+}
+
+SdfPath deepPath(int depth) {
+    SdfPath path = SdfPath::AbsoluteRootPath();
+    for (int i = 0; i < depth; ++i) path = path.AppendChild(pxr::TfToken("d"));
+    return path;
+}
+
+// Expects that the prims of `C` can be edited, one by one and in a batch, and that </A/Part> is
+// refused with a reason.
+void expectEditableWithout(NamespaceEditor& editor, const std::string& reason) {
+    const auto move = [&](const char* from, const char* to) {
+        EXPECT_TRUE(editor.MovePrimAtPath(SdfPath(from), SdfPath(to)));
+    };
+    move("/C", "/D");
+    EXPECT_EQ(editor.ApplyEdits().whyNot(), "");
+    move("/D", "/E");
+    move("/E/P", "/P");
+    EXPECT_EQ(editor.ApplyEdits().whyNot(), "");
+    move("/P", "/E/P");
+    move("/E", "/C");
+    EXPECT_EQ(editor.ApplyEdits().whyNot(), "");
+    for (const auto& batch : {std::vector<const char*>{}, std::vector<const char*>{"/C", "/D"}}) {
+        if (!batch.empty()) move(batch[0], batch[1]);
+        move("/A/Part", "/A/Q");
+        const auto whyNot = editor.ApplyEdits().whyNot();
+        EXPECT_NE(whyNot.find("The prim to edit is not a valid prim: "), std::string::npos)
+            << whyNot;
+        EXPECT_NE(whyNot.find(reason), std::string::npos) << whyNot;
+    }
+}
+
+TEST(NamespaceEditor, PrimsWhoseArcsLeadTooDeepAreRefusedAndTheRestIsEdited) {
+    for (const int depth : {513, 30'000, 65'541})
+        for (const char* kind : {"reference", "inherit"}) {
+            SCOPED_TRACE(std::string(kind) + " of " + std::to_string(depth));
+            const auto layer = layerOfText(
+                "def \"A\" {\n def \"Part\" {\n}\n}\ndef \"C\" {\n def \"P\" {\n}\n rel r = "
+                "</C/P>\n}\n");
+            NamespaceEditor followed(std::make_unique<PlainStage>(layer));
+            followed.Prepare();
+            const auto part = layer->GetPrimAtPath(SdfPath("/A/Part"));
+            if (*kind == 'r')
+                part->GetReferenceList().Prepend(pxr::SdfReference("", deepPath(depth)));
+            if (*kind == 'i') part->GetInheritPathList().Prepend(deepPath(depth));
+            layer->SetField(SdfPath("/C.r"), pxr::SdfFieldKeys->TargetPaths,
+                            pxr::VtValue(pxr::SdfPathListOp::CreateExplicit(
+                                {SdfPath("/C/P"), deepPath(depth)})));
+            expectEditableWithout(followed, std::to_string(depth) + " elements");
+            NamespaceEditor opened(std::make_unique<PlainStage>(layer));
+            expectEditableWithout(opened, std::to_string(depth) + " elements");
+        }
+}
+
+// An arc that leads too deep is added below a prim that is renamed in the same notice.
+TEST(NamespaceEditor, AnArcThatLeadsTooDeepIsFoundBelowARenamedPrim) {
+    const auto layer =
+        layerOfText("def \"A\" {\n def \"Part\" {\n}\n}\ndef \"C\" {\n def \"P\" {\n}\n}\n");
+    NamespaceEditor editor(std::make_unique<PlainStage>(layer));
+    editor.Prepare();
+    {
+        const pxr::SdfChangeBlock block;
+        layer->GetPrimAtPath(SdfPath("/A/Part"))
+            ->GetReferenceList()
+            .Prepend(pxr::SdfReference("", deepPath(30'000)));
+        layer->GetPrimAtPath(SdfPath("/A"))->SetName("B");
+    }
+    layer->GetPrimAtPath(SdfPath("/B"))->SetName("A");
+    expectEditableWithout(editor, "30000 elements");
+}
+
+// OpenUSD 26.8 reads freed memory when only the source of expression variables changes. The test
+// overwrites memory that is freed, so that reading it ends the process.
+TEST(NamespaceEditor, VariablesOfAReferencedLayerCanComeFromTheStageInstead) {
+    const auto asset = layerOfText("def \"A\" {\n def \"B\" {\n}\n}\n");
+    const pxr::VtDictionary variables{{"WHICH", pxr::VtValue("one")}};
+    asset->SetExpressionVariables(variables);
+    const auto root =
+        layerOfText("def \"P\" (\n references = @" + asset->GetIdentifier() + "@</A>\n) {\n}\n");
+    NamespaceEditor editor(std::make_unique<PlainStage>(root));
+    editor.Prepare();
+    mallopt(M_PERTURB, 165);
+    root->SetExpressionVariables(variables);
+    mallopt(M_PERTURB, 0);
+    editor.MovePrimAtPath(SdfPath("/P/B"), SdfPath("/P/C"));
+    EXPECT_EQ(editor.ApplyEdits().whyNot(), "");
+    EXPECT_EQ(root->GetRelocates(), (pxr::SdfRelocates{{SdfPath("/P/B"), SdfPath("/P/C")}}));
 }
 
 // Mixes renames with edits, renames, deletes and batches of other editors, while connections are
