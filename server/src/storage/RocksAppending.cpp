@@ -176,18 +176,15 @@ Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch, bool synced) {
     rocksdb::WriteOptions options;
     options.sync = synced;
     auto status = db_->Write(options, &batch);
-    const auto isAtLimit = [&] {
-        return status.subcode() == rocksdb::Status::SubCode::kSpaceLimit;
-    };
-    if (isAtLimit()) {
-        // Tables reached the limit of measureSpace() in the background. RocksDB has written nothing
-        // since.
+    // RocksDB writes nothing after its tables found the disk or their limit full.
+    const auto areTablesFull = [&] { return isFull(status) && !background_->hasWriteFailed(); };
+    if (areTablesFull()) {
         stopped_ = true;
         (void)measureSpace();
         if (!stopped_) status = db_->Write(options, &batch);
     }
     if (status.ok()) return {};
-    if (isAtLimit())
+    if (areTablesFull())
         return fail(ErrorCode::StorageFull, "the disk of the store " + folder_.path().string() +
                                                 " is too full for its tables. Free some space");
     // A part may be on the disk. Only reopening the store shows it, so there is no second attempt.

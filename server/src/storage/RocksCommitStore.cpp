@@ -23,11 +23,11 @@ RocksCommitStore::~RocksCommitStore() {
 }
 
 RocksCommitStore::Space RocksCommitStore::measureSpace() const {
-    std::uint64_t unflushed = 0;
+    std::uint64_t coming = background_->mergingBytes();  // what will be written to tables
     for (auto* handle : handles_) {
         std::uint64_t bytes = 0;
         db_->GetIntProperty(handle, rocksdb::DB::Properties::kCurSizeAllMemTables, &bytes);
-        unflushed += bytes;
+        coming += bytes;
     }
     const std::lock_guard lock(spaceMutex_);
     const DiskSpace disk = diskSpace(folder_.path());
@@ -36,7 +36,7 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
     space.margin = std::clamp(wanted / 2, kLeastMargin, kMostMargin);
     space.least = std::max(wanted, space.margin);
     const std::uint64_t usable = reserve_.usable(disk.free);
-    space.usable = usable > unflushed ? usable - unflushed : 0;
+    space.usable = usable > coming ? usable - coming : 0;
     reserve_.adapt(disk.free, space.margin / 2, space.least);
     // Tables are merged only if enough space remains.
     files_->SetMaxAllowedSpaceUsage(files_->GetTotalSize() + std::max(usable, kMib));

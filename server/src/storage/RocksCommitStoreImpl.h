@@ -13,6 +13,7 @@
 #include <shared_mutex>
 #include <unordered_map>
 
+#include "BackgroundWork.h"
 #include "FreeSpace.h"
 #include "LayerSnapshots.h"
 #include "RocksSupport.h"
@@ -214,6 +215,7 @@ private:
     StoreFolder folder_;
     const RocksCommitStoreOptions options_;
     const std::shared_ptr<rocksdb::SstFileManager> files_;
+    const std::shared_ptr<BackgroundWork> background_ = std::make_shared<BackgroundWork>();
     std::uint64_t logBytes_ = 0;  // size of the log that was replayed at opening
     std::unique_ptr<rocksdb::DB> db_;
     std::vector<rocksdb::ColumnFamilyHandle*> handles_;

@@ -52,6 +52,7 @@ Result<void> RocksCommitStore::checkRoom() {
 
 Result<void> RocksCommitStore::openDatabase() {
     rocksdb::DBOptions options = databaseOptions(files_);
+    options.listeners.push_back(background_);
     // Never creates a database where commits were acknowledged.
     const auto mark = folder_.mark();
     options.create_if_missing = !mark || mark->revision == 0;
