@@ -38,8 +38,9 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
     const std::uint64_t usable = reserve_.usable(disk.free);
     space.usable = usable > coming ? usable - coming : 0;
     reserve_.adapt(disk.free, space.margin / 2, space.least);
-    // Tables are merged only if enough space remains.
+    // Tables are merged only if enough space remains, also for what waits in memory.
     files_->SetMaxAllowedSpaceUsage(files_->GetTotalSize() + std::max(usable, kMib));
+    files_->SetCompactionBufferSize(coming + space.margin);
     if (stopped_ && space.usable >= space.margin) resume();
     hasSpace_ = !stopped_ && space.usable >= space.least;
     plenty_ = hasSpace_ ? space.usable - space.least : 0;
