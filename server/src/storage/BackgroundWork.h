@@ -1,4 +1,4 @@
-// What RocksDB reports of its background work.
+// Follows the background work of RocksDB.
 #pragma once
 
 #include <rocksdb/listener.h>

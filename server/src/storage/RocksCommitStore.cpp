@@ -23,7 +23,7 @@ RocksCommitStore::~RocksCommitStore() {
 }
 
 RocksCommitStore::Space RocksCommitStore::measureSpace() const {
-    std::uint64_t coming = background_->mergingBytes();  // what will be written to tables
+    std::uint64_t coming = background_->mergingBytes();  // bytes that wait for tables
     for (auto* handle : handles_) {
         std::uint64_t bytes = 0;
         db_->GetIntProperty(handle, rocksdb::DB::Properties::kCurSizeAllMemTables, &bytes);
