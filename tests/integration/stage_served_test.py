@@ -109,6 +109,8 @@ def test_one_of_several_projects(tmp_path, serve):
     server = serve(tmp_path / "one", str(tmp_path / "two words"))
     assert run("tree", "--composed", f"{server.url}/one", "a@b.usda") == "One\n"
     assert run("tree", "--composed", f"{server.url}/two%20words", "a@b.usda") == "Two\n"
+    assert run("tree", "--composed", f"{server.url}/one/a@b.usda") == "One\n"
+    assert "several projects" in refused("flatten", server.url, "a@b.usda")
     assert "three" in refused("tree", "--composed", f"{server.url}/three", "a@b.usda")
 
 
@@ -118,6 +120,7 @@ def test_what_cannot_be_composed_says_why(shot):
     assert "the newest revision is 0" in refused("flatten", shot.url, "shot.usda", "-r", "9")
     assert "ws://HOST:PORT" in refused("flatten", "dds://project", "shot.usda")
     assert "a revision belongs to a layer of a server" in usage_error("flatten", "shot.usda", "-r", "9")
+    assert "--revision" in usage_error("dump", "--batch", "list", "-r", "9") and "--json" in usage_error("flatten", "--json", "a")
     assert "FILE" in usage_error("flatten") and "URL LAYER" in usage_error("dump", shot.url)
     assert "FILE" in usage_error("tree", "--composed", shot.url)
     shot.kill()

@@ -32,6 +32,9 @@ constexpr std::chrono::seconds kServerTime{10};
 Result<Revision> newestRevision(const client::ServerAddress& server) {
     const auto projects = client::listProjects(server, kServerTime);
     if (!projects) return tl::unexpected(projects.error());
+    if (projects->areSeveral && server.project.empty())
+        return fail(ErrorCode::InvalidArgument,
+                    server.url() + " has several projects; use ws://HOST:PORT/PROJECT");
     for (const auto& project : projects->all)
         if (project.name == server.project || server.project.empty()) return project.revision;
     return fail(ErrorCode::NotConnected, server.url() + " is no project of this server");
@@ -57,7 +60,6 @@ Result<std::string> addressOf(const ServedRoot& root) {
 }
 
 Result<std::unique_ptr<stage::Stage>> openStage(const ComposedOptions& options) {
-    registerPlugins();
     const auto name = options.served ? addressOf(*options.served) : options.root;
     if (!name) return tl::unexpected(name.error());
     const auto root = stage::openLayer(*name);
@@ -139,10 +141,12 @@ void printTree(const stage::Prim& prim, std::size_t depth) {
 }  // namespace
 
 Result<void> dumpComposed(const ComposedOptions& options) {
+    registerPlugins();
     return options.batch.empty() ? dumpOne(options) : dumpBatch(options);
 }
 
 Result<void> treeComposed(const ComposedOptions& options) {
+    registerPlugins();
     auto opened = openStage(options);
     if (!opened) return tl::unexpected(opened.error());
     const auto root = (*opened)->pseudoRoot();
@@ -157,6 +161,7 @@ Result<void> treeComposed(const ComposedOptions& options) {
 }
 
 Result<void> flattenComposed(const ComposedOptions& options) {
+    registerPlugins();
     auto opened = openStage(options);
     if (!opened) return tl::unexpected(opened.error());
     const auto layer = stage::flatten(**opened);

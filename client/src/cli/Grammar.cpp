@@ -85,25 +85,33 @@ public:
 private:
     using Words = std::vector<std::string>;
 
-    /// Adds a verb with the common options. When it is chosen, `read` parses the words into the
-    /// options or throws usageError(), and `run` gets the options.
+    /// Adds a verb. When it is chosen, `read` parses the words into the options or throws
+    /// usageError(), and `run` gets the options.
     template <class Options, class Read, class Run>
-    CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
-                  std::shared_ptr<Options> options, Read read, Run run) {
+    CLI::App* addVerb(const std::string& name, const std::string& help, const std::string& usage,
+                      std::shared_ptr<Options> options, Read read, Run run) {
         CLI::App* verb = app_.add_subcommand(name, help);
         verb->formatter(std::make_shared<VerbFormatter>(usage));
         verb->footer(std::string("\n") + kUrl);
         auto words = std::make_shared<Words>();
         verb->add_option("WORDS", *words)->type_name("");
+        verb->callback([&chosen = chosen_, options, words, read, run] {
+            read(*words, *options);
+            chosen = [options, run] { return run(*options); };
+        });
+        return verb;
+    }
+
+    /// Adds a verb with the common options.
+    template <class Options, class Read, class Run>
+    CLI::App* add(const std::string& name, const std::string& help, const std::string& usage,
+                  std::shared_ptr<Options> options, Read read, Run run) {
+        CLI::App* verb = addVerb(name, help, usage, options, read, run);
         verb->add_option("-u,--user", options->user,
                          "Act in the name of this user; default: the user of the system")
             ->type_name("NAME")
             ->envname("USDLIVE_USER");
         verb->add_flag("--json", options->json, "Print JSON");
-        verb->callback([&chosen = chosen_, options, words, read, run] {
-            read(*words, *options);
-            chosen = [options, run] { return run(*options); };
-        });
         return verb;
     }
 
@@ -141,20 +149,14 @@ private:
     void addCat(const std::string& name, const std::string& help,
                 Result<void> (*run)(const CatOptions&)) {
         auto options = std::make_shared<CatOptions>();
-        auto* cat = add(name, help, "[URL] LAYER", kOne, options, run);
-        auto* revision = cat->add_option("-r,--revision", options->revision,
-                                         "Print the layer at this revision; 0 is the current one")
-                             ->capture_default_str();
-        cat->add_option("-c,--checkpoint", options->checkpoint,
-                        "Print the layer at this checkpoint")
-            ->excludes(revision);
+        addRevision(*add(name, help, "[URL] LAYER", kOne, options, run), *options);
     }
 
     void addTree() {
         auto options = std::make_shared<StageOptions>();
         const auto read = [](const Words& words, StageOptions& into) {
             if (into.composed) {
-                chooseRoot(words, into, into.stage, "tree --composed");
+                chooseRoot(words, into, "tree --composed");
                 into.stage.json = into.json;
                 return;
             }
@@ -181,11 +183,11 @@ private:
         const auto read = [](const Words& words, StageOptions& into) {
             if (!into.stage.batch.empty() ? !words.empty() : !into.composed)
                 usageError("name a stage: usdlive dump --composed FILE, or --composed URL LAYER");
-            if (into.stage.batch.empty()) chooseRoot(words, into, into.stage, "dump --composed");
+            if (into.stage.batch.empty()) chooseRoot(words, into, "dump --composed");
         };
-        auto* verb = add("dump", "Print everything that a composed stage shows, as JSON",
-                         "--composed FILE | --composed URL LAYER | --batch LIST", options, read,
-                         [](const StageOptions& chosen) { return dumpComposed(chosen.stage); });
+        auto* verb = addVerb("dump", "Print everything that a composed stage shows, as JSON",
+                             "--composed FILE | --composed URL LAYER | --batch LIST", options, read,
+                             [](const StageOptions& chosen) { return dumpComposed(chosen.stage); });
         verb->add_flag(
             "--composed", options->composed,
             "Compose the stage of this layer of a project, or of a file without a server");
@@ -198,21 +200,22 @@ private:
                          "Of arrays with more elements only their number and a hash")
             ->capture_default_str();
         verb->add_option("--out", options->stage.out, "Write to this file")->type_name("FILE");
+        addRevision(*verb, *options);
         verb->add_option("--batch", options->stage.batch,
                          "Many stages: each line of the file has ROOT, SESSION, DIR and OUT, with "
                          "tabs between them")
-            ->type_name("LIST");
-        addRevision(*verb, *options);
+            ->type_name("LIST")
+            ->excludes(verb->get_option("--revision"), verb->get_option("--checkpoint"));
     }
 
     void addFlatten() {
         auto options = std::make_shared<StageOptions>();
         const auto read = [](const Words& words, StageOptions& into) {
-            chooseRoot(words, into, into.stage, "flatten");
+            chooseRoot(words, into, "flatten");
         };
         auto* verb =
-            add("flatten", "Write what a stage shows as one layer", "FILE | URL LAYER", options,
-                read, [](const StageOptions& chosen) { return flattenComposed(chosen.stage); });
+            addVerb("flatten", "Write what a stage shows as one layer", "FILE | URL LAYER", options,
+                    read, [](const StageOptions& chosen) { return flattenComposed(chosen.stage); });
         verb->add_option("--session", options->stage.session, "The session layer")
             ->type_name("FILE");
         verb->add_option("--out", options->stage.out,
@@ -231,21 +234,22 @@ private:
 
     /// The words name the root layer of a stage: a file, an address with a revision, or a layer of
     /// a project.
-    static void chooseRoot(const Words& words, const CatOptions& options, ComposedOptions& into,
-                           const std::string& verb) {
-        if (words.size() == 1 && (words.front().find("://") == std::string::npos ||
-                                  words.front().find('@') != std::string::npos)) {
-            if (options.revision != 0 || !options.checkpoint.empty())
+    static void chooseRoot(const Words& words, StageOptions& into, const std::string& verb) {
+        const std::string word = words.size() == 1 ? words.front() : std::string();
+        const bool isAddress =
+            word.starts_with("usdlive://") && word.find('@') != std::string::npos;
+        if (isAddress || (!word.empty() && word.find("://") == std::string::npos)) {
+            if (into.revision != 0 || !into.checkpoint.empty())
                 usageError("a revision belongs to a layer of a server: usdlive " + verb +
                            " URL LAYER");
-            into.root = words.front();
+            into.stage.root = word;
             return;
         }
         auto target = orUsageError(parseTarget(words));
         if (words.empty() || target.layers.size() != 1)
             usageError("name a file or a layer: usdlive " + verb + " FILE, or usdlive " + verb +
                        " URL LAYER");
-        into.served = ServedRoot{std::move(target), options.revision, options.checkpoint};
+        into.stage.served = ServedRoot{std::move(target), into.revision, into.checkpoint};
     }
 
     void addLog() {

@@ -63,7 +63,7 @@ std::string PartsDigest::hex() {
     return digest_.hex();
 }
 
-/// Hashes the parts until there will be no more.
+/// Hashes the parts until end() is called and none is left.
 void PartsDigest::hash() {
     std::unique_lock lock(mutex_);
     for (;;) {

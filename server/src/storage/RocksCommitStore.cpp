@@ -51,7 +51,7 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
 /// Lets RocksDB write again after its tables had reached the limit.
 void RocksCommitStore::resume() const {
     const auto status = db_->Resume();
-    if (status.IsBusy()) return;  // it already tries to
+    if (status.IsBusy()) return;  // it recovers by itself
     stopped_ = false;
     if (status.ok()) return;
     const std::unique_lock lock(mutex_);
