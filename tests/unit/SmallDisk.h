@@ -36,6 +36,17 @@ public:
         ::statvfs(path_.c_str(), &disk);
         return disk.f_bavail * disk.f_frsize;
     }
+    /// Returns false if more is in use.
+    [[nodiscard]] bool resize(std::uint64_t bytes) const {
+        const std::string size = "size=" + std::to_string(bytes);
+        return ::mount(nullptr, path_.c_str(), nullptr, MS_REMOUNT, size.c_str()) == 0;
+    }
+    /// Makes it as small as what is in use.
+    void fill() const {
+        struct statvfs disk{};
+        do ::statvfs(path_.c_str(), &disk);
+        while (!resize((disk.f_blocks - disk.f_bfree) * disk.f_frsize));
+    }
     /// Returns false if a file is open for writing.
     [[nodiscard]] bool makeReadOnly() const {
         return ::mount(nullptr, path_.c_str(), nullptr, MS_REMOUNT | MS_RDONLY, nullptr) == 0;

@@ -179,9 +179,9 @@ Result<void> RocksCommitStore::write(rocksdb::WriteBatch& batch, bool synced) {
     // RocksDB writes nothing after its tables found the disk or their limit full.
     const auto areTablesFull = [&] { return isFull(status) && !background_->hasWriteFailed(); };
     if (areTablesFull()) {
-        stopped_ = true;
+        background_->setStopped();
         (void)measureSpace();
-        if (!stopped_) status = db_->Write(options, &batch);
+        if (!background_->hasStopped()) status = db_->Write(options, &batch);
     }
     if (status.ok()) return {};
     if (areTablesFull())

@@ -41,8 +41,8 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
     // Tables are merged only if enough space remains, also for what waits in memory.
     files_->SetMaxAllowedSpaceUsage(files_->GetTotalSize() + std::max(usable, kMib));
     files_->SetCompactionBufferSize(coming + space.margin);
-    if (stopped_ && space.usable >= space.margin) resume();
-    hasSpace_ = !stopped_ && space.usable >= space.least;
+    if (background_->hasStopped() && space.usable >= space.margin) resume();
+    hasSpace_ = !background_->hasStopped() && space.usable >= space.least;
     plenty_ = hasSpace_ ? space.usable - space.least : 0;
     spaceTime_ = Clock::now();
     return space;
@@ -51,9 +51,7 @@ RocksCommitStore::Space RocksCommitStore::measureSpace() const {
 /// Lets RocksDB write again after its tables had reached the limit.
 void RocksCommitStore::resume() const {
     const auto status = db_->Resume();
-    if (status.IsBusy()) return;  // it recovers by itself
-    stopped_ = false;
-    if (status.ok()) return;
+    if (status.ok() || status.IsBusy() || isFull(status)) return;
     const std::unique_lock lock(mutex_);
     failure_ = error(status, "write to");  // only opening the store again can help
     failure_->code = ErrorCode::StorageFailed;
@@ -62,7 +60,8 @@ void RocksCommitStore::resume() const {
 Result<void> RocksCommitStore::checkSpace(std::uint64_t bytes) const {
     {
         const std::lock_guard lock(spaceMutex_);
-        if (Clock::now() < spaceTime_ + kSpaceCacheTime && plenty_ >= kPlenty + kCopies * bytes)
+        if (Clock::now() < spaceTime_ + kSpaceCacheTime && plenty_ >= kPlenty + kCopies * bytes &&
+            !background_->hasStopped())
             return {};
     }
     const Space space = measureSpace();
@@ -109,7 +108,7 @@ bool RocksCommitStore::hasSpace() const {
     }
     const Space space = measureSpace();
     // The space of a deleted folder is unknown; append() reports that error.
-    return (space.usable >= space.least && !stopped_) || !folder_.isThere();
+    return (space.usable >= space.least && !background_->hasStopped()) || !folder_.isThere();
 }
 
 Result<std::unique_ptr<CommitStore>> createRocksCommitStore(

@@ -240,8 +240,7 @@ private:
     mutable std::mutex olderMutex_;                      // guards the next
     std::map<std::uint32_t, std::set<Revision>> older_;  // older snapshots of a layer
 
-    mutable std::atomic<bool> stopped_ = false;  // RocksDB writes nothing until resume()
-    mutable std::mutex spaceMutex_;              // guards the next four
+    mutable std::mutex spaceMutex_;  // guards the next four
     mutable Reserve reserve_;
     mutable std::chrono::steady_clock::time_point spaceTime_;
     mutable bool hasSpace_ = false;

@@ -789,6 +789,46 @@ TEST(RocksCommitStore, AFullDiskRefusesAndRecovers) {
     EXPECT_EQ(open(folder)->head().revision, commits.head.revision);
 }
 
+// Somebody else fills the disk at the moment when the store writes a table.
+TEST(RocksCommitStore, ADiskThatFillsBehindItsTablesIsNoFailure) {
+    constexpr std::uint64_t kSize = 192 * kMib;
+    const SmallDisk disk("size=192m");
+    if (!disk) GTEST_SKIP() << "cannot mount a small disk";
+    RocksCommitStoreOptions tight;
+    tight.minFreeBytes = 16 * kMib;
+    const fs::path folder = disk.path() / "store";
+    const auto opened = [&] { return std::move(*createRocksCommitStore(folder, tight)); };
+    auto store = opened();
+    TestCommits commits;
+    std::mt19937 random(3);
+    for (int round = 0; round < 2; ++round) {
+        SCOPED_TRACE(round);
+        const auto tables = filesOf(folder, ".sst");
+        for (int step = 0; step < 200 && filesOf(folder, ".sst") == tables; ++step) {
+            const auto commit = bigCommit(commits, random, 256 * 1024);
+            ASSERT_TRUE(store->append({&commit, 1}));
+        }
+        disk.fill();
+        std::this_thread::sleep_for(std::chrono::milliseconds(100));
+        const auto commit = bigCommit(commits, random, 1'000);
+        auto appended = store->append({&commit, 1});
+        if (!appended) {
+            EXPECT_EQ(appended.error().code, ErrorCode::StorageFull) << appended.error().message;
+        }
+        ASSERT_TRUE(disk.resize(kSize));
+        if (round % 2) {
+            store.reset();  // does not wait for the table
+            store = opened();
+        }
+        for (int left = 100; left > 0 && !appended; --left) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(20));
+            appended = store->append({&commit, 1});
+        }
+        ASSERT_TRUE(appended) << appended.error().message;
+    }
+    EXPECT_EQ(store->loadLayer(kStoredLayer).value()->dump(), commits.layers[kStoredLayer].dump());
+}
+
 // The store itself fills the disk, while its tables are written and merged in the background.
 TEST(RocksCommitStore, FillsADiskToItsLimit) {
     const SmallDisk disk("size=160m");
