@@ -1,12 +1,23 @@
 """Plays the same edits with Usd.NamespaceEditor and with ours, each on copies of its own, and compares verdicts,
-layers and composed stages."""
+layers and composed stages.
 
+    python namespace_oracle.py FIRST LAST [SHOWN]
+
+plays the seeds from FIRST to LAST, shows the first SHOWN differences of each 50 seeds, and counts the results. "more
+corrected" are edits after which our layers differ only as docs/namespace-editing.md lists it."""
+
+import collections
 import contextlib
+import difflib
+import json
 import os
 import pathlib
 import random
+import resource
 import shutil
+import subprocess
 import sys
+import tempfile
 
 import namespace_scenes as scenes
 import usdlive
@@ -154,9 +165,10 @@ def loses_the_relocate(theirs: Sdf.Layer, ours: Sdf.Layer, new: Sdf.Path) -> boo
             and [relocate for relocate in ours.relocates if relocate != more[0]] == list(theirs.relocates))
 
 
-def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], gone: list[set[Sdf.Path]]) -> bool:
+def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], gone: list[set[Sdf.Path]],
+                 unmoved: Sdf.Path) -> bool:
     """Do the layers differ in nothing but paths to what is no longer there, which theirs has left as they were, and
-    paths to what is not gone, which theirs has removed?"""
+    paths to what is not gone, which theirs has removed? `unmoved` is a prim that theirs has not moved, or empty."""
     layer, theirs, ours = theirs, _fields(theirs), _fields(ours)
     if set(theirs) != set(ours):
         return False
@@ -166,11 +178,21 @@ def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], go
             continue
         left = set(_paths_of(value)) - set(_paths_of(ours[key]))
         kept = set(_paths_of(ours[key])) - set(_paths_of(value))
-        if not left and not kept or any(stage.GetObjectAtPath(path) for stage in own for path in left):
+        if unmoved:
+            left = {path for path in left if not path.HasPrefix(unmoved)}
+        elif not left and not kept:
+            return False
+        if any(stage.GetObjectAtPath(path) for stage in own for path in left):
             return False
         if any(path in paths for stage, paths in zip(stages, gone) if stage in own for path in kept):
             return False
     return True
+
+
+def exists_or_inactive(stage: Usd.Stage, path: Sdf.Path) -> bool:
+    """Is there such an object, or is its parent inactive, so that the stage does not show it?"""
+    parent = stage.GetPrimAtPath(path.GetParentPath())
+    return bool(stage.GetObjectAtPath(path)) or bool(parent) and not parent.IsActive()
 
 
 class Comparison:
@@ -188,11 +210,13 @@ class Comparison:
         self.is_same = not differing
         # Ours corrects paths in places that Usd's editor leaves as they are, and keeps paths to what is still there.
         old, new = Sdf.Path(edit[1]), Sdf.Path(edit[2]) if edit[2] else Sdf.Path()
+        unmoved = old if any(loses_the_relocate(a, b, new) for a, b in differing) else Sdf.Path()
         self.corrects_more = all(
-            only_sounder(a, b, [theirs.stage, *theirs.dependents], gone) and
+            only_sounder(a, b, [theirs.stage, *theirs.dependents], gone, unmoved) and
             (list(a.relocates) == list(b.relocates) or loses_the_relocate(a, b, new)) for a, b in differing)
         self.adds_relocate = any(list(a.relocates) != list(b.relocates) for a, b in differing)
-        self.is_moved = not ours.stage.GetObjectAtPath(old) and (not edit[2] or bool(ours.stage.GetObjectAtPath(new)))
+        self.is_moved = not ours.stage.GetObjectAtPath(old) and (not edit[2] or exists_or_inactive(ours.stage, new))
+        self.composes_same = self.is_same or theirs.composed() == ours.composed()
         self.texts, self.composed = [], []
         if not self.corrects_more:
             self.texts = list(zip(theirs.texts(), ours.texts()))
@@ -238,27 +262,65 @@ def random_comparisons(seed: int, folder: pathlib.Path, edits: int = 4):
                 yield Comparison(scene, edit, folder / f"seed{seed}-{number}")
 
 
-if __name__ == "__main__":
-    import collections
-    import difflib
-    import tempfile
-
-    first, last = int(sys.argv[1]), int(sys.argv[2])
-    shown = int(sys.argv[3]) if len(sys.argv) > 3 else 3
+def count(first: int, last: int, shown: int) -> collections.Counter:
     counts = collections.Counter()
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(first, last):
             for comparison in random_comparisons(seed, pathlib.Path(folder)):
                 difference = comparison.difference()
-                kind = "unknown" if not comparison.is_known else difference.split(":")[0] or (
-                    "more corrected" if not comparison.is_same else
-                    "same, applied" if comparison.ours[0] else "same, refused")
-                counts[kind] += 1
+                counts[kind_of(comparison)] += 1
                 if difference and shown > 0:
                     shown -= 1
-                    print(f"--- seed {seed}: {comparison.edit}: {difference}")
-                    for a, b in [] if difference.startswith("verdict") else comparison.texts:
-                        for line in list(difflib.unified_diff(a.splitlines(), b.splitlines(), "theirs", "ours", n=2,
-                                                         lineterm=""))[:40]:
-                            print("   ", line)
-    print(dict(counts))
+                    show(seed, comparison)
+    return counts
+
+
+def kind_of(comparison: Comparison) -> str:
+    if not comparison.is_known:
+        return "unknown"
+    if difference := comparison.difference():
+        return difference.split(":")[0]
+    if comparison.is_same:
+        return "same, applied" if comparison.ours[0] else "same, refused"
+    return "more corrected" if comparison.composes_same else "more corrected, composed"
+
+
+def show(seed: int, comparison: Comparison) -> None:
+    difference = comparison.difference()
+    print(f"--- seed {seed}: {comparison.edit}: {difference}")
+    for a, b in [] if difference.startswith("verdict") else comparison.texts:
+        for line in list(difflib.unified_diff(a.splitlines(), b.splitlines(), "theirs", "ours", n=2, lineterm=""))[:40]:
+            print("   ", line)
+
+
+def count_bounded(first: int, last: int, shown: int) -> collections.Counter:
+    """Counts in a process of its own. Usd composes some stages without an end; their seeds are counted as endless."""
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+
+    try:
+        done = subprocess.run([sys.executable, __file__, "--here", str(first), str(last), str(shown)],
+                              timeout=10 + (last - first), preexec_fn=limit, stdout=subprocess.PIPE, text=True,
+                              stderr=subprocess.DEVNULL, check=True)
+    except subprocess.SubprocessError:
+        if last - first == 1:
+            print(f"--- seed {first}: endless")
+            return collections.Counter(endless=1)
+        return sum((count_bounded(seed, seed + 1, shown) for seed in range(first, last)), collections.Counter())
+    *text, counts = done.stdout.splitlines()
+    print(*text, sep="\n", end="\n" if text else "", flush=True)
+    return collections.Counter(json.loads(counts))
+
+
+def main() -> None:
+    here = sys.argv[1] == "--here"
+    first, last, shown = (int(number) for number in [*sys.argv[1 + here:], "3"][:3])
+    if here:
+        print(json.dumps(count(first, last, shown)))
+    else:
+        pieces = [(at, min(at + 50, last)) for at in range(first, last, 50)]
+        print(dict(sum((count_bounded(*piece, shown) for piece in pieces), collections.Counter())))
+
+
+if __name__ == "__main__":
+    main()

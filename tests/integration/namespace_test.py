@@ -48,6 +48,9 @@ def test_random_edits_come_to_the_same(tmp_path):
     511, 545, 20257,  # paths to a prim that keeps opinions of other arcs were removed
     346, 20358,  # and paths to a prim that a relocate removed were kept
     20234, 20364, 20850,  # a path to a moved prim was deleted, because its new place is below a deleted prim
+    20015, 20027, 20403,  # paths to a prim whose name a relocate takes away were kept
+    20540, 20904, 40523,  # the same
+    20574,  # the edit makes a prim active, and a path to its child was removed
 ])
 def test_seeds_that_failed_once(seed, tmp_path):
     compared = [comparison.difference() for comparison in oracle.random_comparisons(seed, tmp_path)]
@@ -266,6 +269,31 @@ def test_targets_stay_if_opinions_of_another_arc_keep_the_prim():
         "/World/A", "/World/A/Y", "/World/A.p"]
     assert stage.GetAttributeAtPath("/User.e").Get() == Sdf.PathExpression("/World/A//*")
     assert editor.Undo() == [] and len(stage.GetRelationshipAtPath("/User.r").GetTargets()) == 6
+
+
+def test_targets_go_if_a_relocate_takes_the_name_from_other_opinions(tmp_path):
+    """The relocate is authored where the prim is inherited from. No child of that name remains, whatever has opinions
+    about it. In a batch, each edit is compared with the stage as the edits before leave it."""
+    scene = scenes.Scene({
+        "root.usda": scenes.usda("""
+            def "Class" ( prepend references = @./asset.usda@</Asset> ) {}
+            def "Other" { def "Part" {} }
+            def "World" ( prepend inherits = [</Class>, </Other>] ) { over "Part" {} }
+            def "User" { rel r = [</World/Part>, </Other/Part>, </World>] }"""),
+        "asset.usda": scenes.usda('def "Asset" { def "Part" {} }')})
+    alone, batch = (oracle.Opened(scene, tmp_path / name) for name in ("alone", "batch"))
+    editor = alone.editor(usdlive.NamespaceEditor)
+    editor.DeletePrimAtPath("/Class/Part")
+    assert editor.ApplyEdits()
+    assert not alone.stage.GetPrimAtPath("/World/Part")
+    assert alone.stage.GetRelationshipAtPath("/User.r").GetTargets() == ["/Other/Part", "/World"]
+    editor = batch.editor(usdlive.NamespaceEditor)
+    editor.DeletePrimAtPath("/Class/Part")
+    editor.MovePrimAtPath("/Other", "/Second")
+    editor.DeletePrimAtPath("/Second/Part")
+    editor.MovePrimAtPath("/World", "/Earth")
+    assert editor.ApplyEdits(), editor.GetResult().whyNot
+    assert batch.stage.GetRelationshipAtPath("/User.r").GetTargets() == ["/Earth"]
 
 
 def test_a_new_relocate_keeps_those_below_it(tmp_path):

@@ -38,6 +38,7 @@ public:
     ComposedStage& operator=(const ComposedStage&) = delete;
 
     [[nodiscard]] const StageView& view() const { return view_; }
+    [[nodiscard]] const pxr::PcpLayerStackIdentifier& layers() const { return layers_; }
     /// Returns the cache, with all prims composed.
     [[nodiscard]] pxr::PcpCache& composed();
     [[nodiscard]] pxr::PcpLayerStackRefPtr localLayers();

@@ -11,6 +11,7 @@
 
 #include "Application.h"
 #include "ComposedStage.h"
+#include "Deletions.h"
 #include "PathIndex.h"
 #include "Planner.h"
 #include "ScratchStages.h"
@@ -178,17 +179,20 @@ private:
             plans.push_back(naming::planEdit(stages, edits_.front(), options_));
             result.errors = plans.front().errors;
             result.warnings = plans.front().warnings;
+            if (result) naming::Deletions(stages).settle(plans.front());
             return plans;
         }
         const naming::ScratchStages scratch(stages);
+        naming::Deletions deletions(scratch.stages());
         for (std::size_t i = 0; i < edits_.size(); ++i) {
-            const auto plan = naming::planEdit(scratch.stages(), edits_[i], options_);
-            auto real = scratch.toReal(plan);
+            auto plan = naming::planEdit(scratch.stages(), edits_[i], options_);
+            if (plan.errors.empty()) deletions.settle(plan);
+            auto real = scratch.toReal(std::move(plan));
             for (const auto& error : real.errors) result.errors.push_back(named(i) + error);
             for (const auto& warning : real.warnings) result.warnings.push_back(named(i) + warning);
             if (!result) return {};
             plans.push_back(std::move(real));
-            if (i + 1 < edits_.size()) scratch.apply(plan);
+            if (i + 1 < edits_.size()) scratch.apply(plans.back());
         }
         return plans;
     }

@@ -271,91 +271,19 @@ private:
                 plan_.layers[layer].moves.push_back({oldPath, newPath});
         if (!isProperty_) noteRelocates(edits);
         for (const auto* cache : caches) {
-            plan_.objects.emplace_back();
+            auto& objects = plan_.objects.emplace_back();
+            auto& reported = plan_.reportedDeleted.emplace_back();
             const auto changes = edits.dependentCachePathChanges.find(cache);
             if (changes == edits.dependentCachePathChanges.end()) continue;
             for (const auto& [oldPath, newPath] : changes->second) {
                 if (oldPath == newPath) continue;
                 const bool isEdit = cache == caches.front() && oldPath == from;
-                // Pcp reports objects as deleted that specs of other arcs keep.
                 if (newPath.IsEmpty() && !isEdit)
-                    noteDeleted(*cache, oldPath);
+                    reported.push_back(oldPath);
                 else
-                    plan_.objects.back().push_back({oldPath, newPath});
+                    objects.push_back({oldPath, newPath});
             }
         }
-    }
-
-    // Notes the objects at and below a path that lose all their specs.
-    void noteDeleted(const pxr::PcpCache& cache, const SdfPath& path) {
-        const auto* prim = cache.FindPrimIndex(path);
-        if (!prim || !prim->IsValid() || !keepsSpecs(*prim, pxr::TfToken())) {
-            plan_.objects.back().push_back({path, SdfPath()});
-            return;
-        }
-        pxr::TfTokenVector names;
-        prim->ComputePrimPropertyNames(&names);
-        for (const auto& name : names)
-            if (!keepsSpecs(*prim, name))
-                plan_.objects.back().push_back({path.AppendProperty(name), SdfPath()});
-        pxr::PcpTokenSet prohibited;
-        names.clear();
-        prim->ComputePrimChildNames(&names, &prohibited);
-        for (const auto& name : names)
-            if (const SdfPath child = path.AppendChild(name); cache.FindPrimIndex(child))
-                noteDeleted(cache, child);
-    }
-
-    // Returns true if a spec of the prim, or of one of its properties, is still composed after the
-    // edit.
-    [[nodiscard]] bool keepsSpecs(const PcpPrimIndex& prim, const pxr::TfToken& property) const {
-        return std::ranges::any_of(prim.GetNodeRange(), [&](const PcpNodeRef& node) {
-            if (!node.CanContributeSpecs() || !node.HasSpecs() || isRemoved(node)) return false;
-            return property.IsEmpty() || hasPropertySpec(node, property);
-        });
-    }
-
-    // Returns true if the edit moves the specs of the node, or specs with an arc that leads to it,
-    // or relocates a node above it.
-    [[nodiscard]] bool isRemoved(const PcpNodeRef& node) const {
-        SdfPath path = node.GetPath();
-        for (auto at = node; at; at = at.GetParentNode()) {
-            at = introduced(at);
-            const auto& layers = at.GetLayerStack()->GetLayers();
-            if (at.GetPath().HasPrefix(edit_.from) && std::ranges::any_of(layers, [&](auto& one) {
-                    const auto planned = plan_.layers.find(one);
-                    return planned != plan_.layers.end() && planned->second.relocates;
-                }))
-                return true;
-            if (areMoved(layers, path)) return true;
-            path = at.GetIntroPath();
-        }
-        return false;
-    }
-
-    // Pcp copies a specializes node to the root node. Returns the node that was copied, or `node`.
-    [[nodiscard]] static PcpNodeRef introduced(const PcpNodeRef& node) {
-        const auto origin = node.GetOriginNode();
-        const bool isCopy = node.GetArcType() == pxr::PcpArcTypeSpecialize && origin &&
-                            node.GetParentNode().IsRootNode() && origin != node.GetParentNode() &&
-                            origin.GetSite() == node.GetSite();
-        return isCopy ? origin : node;
-    }
-
-    // Returns true if there are specs at the path and the plan moves all of them.
-    [[nodiscard]] bool areMoved(const pxr::SdfLayerRefPtrVector& layers,
-                                const SdfPath& path) const {
-        bool moved = false;
-        for (const auto& layer : layers) {
-            if (!layer->HasSpec(path)) continue;
-            const auto planned = plan_.layers.find(layer);
-            moved = planned != plan_.layers.end() &&
-                    std::ranges::any_of(planned->second.moves, [&](const PathMove& move) {
-                        return path.HasPrefix(move.from);
-                    });
-            if (!moved) return false;
-        }
-        return moved;
     }
 
     void noteRelocates(const pxr::PcpDependentNamespaceEdits& edits) {

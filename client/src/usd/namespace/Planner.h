@@ -37,6 +37,9 @@ struct Plan {
     std::map<pxr::SdfLayerHandle, LayerPlan> layers;
     /// For each stage (the edited one, then its dependents), the composed objects that move.
     std::vector<PathMoves> objects;
+    /// For each stage, other objects that Pcp reports as deleted. Specs of other arcs can keep
+    /// them. Deletions adds those that are deleted to `objects`.
+    std::vector<pxr::SdfPathVector> reportedDeleted;
     std::vector<pxr::SdfLayerHandleVector> localLayers;
     bool hasRelocates = false;  // true if relocates also move the opinions over arcs
     std::vector<std::string> errors, warnings;

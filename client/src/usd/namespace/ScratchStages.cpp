@@ -49,6 +49,13 @@ VtValue withRenamedAssets(const VtValue& value, const Rename& rename) {
     return value;
 }
 
+VtValue withRenamedAssets(const VtValue& value, const std::map<std::string, std::string>& names) {
+    return withRenamedAssets(value, [&](const std::string& path) {
+        const auto renamed = names.find(path);
+        return renamed == names.end() ? path : renamed->second;
+    });
+}
+
 std::string evaluated(const std::string& path, const pxr::VtDictionary& variables) {
     if (!pxr::SdfVariableExpression::IsExpression(path)) return path;
     const auto result = pxr::SdfVariableExpression(path).EvaluateTyped<std::string>(variables);
@@ -115,7 +122,8 @@ void ScratchStages::redirect(const std::vector<ComposedStage*>& stages) {
         const auto variables = variablesOf(layer, stages);
         const Rename rename = [&](const std::string& path) {
             auto renamed = redirected(layer, path, variables);
-            copy.written.emplace(renamed, path);
+            copy.toOriginal.emplace(renamed, path);
+            copy.toCopy.emplace(path, renamed);
             return renamed;
         };
         std::vector<std::string> sublayers = copy.layer->GetSubLayerPaths();
@@ -151,17 +159,19 @@ SdfLayerHandle ScratchStages::copyOf(const SdfLayerHandle& layer) const {
 }
 
 std::unique_ptr<ComposedStage> ScratchStages::compose(ComposedStage& stage) const {
-    const auto& identifier = stage.composed().GetLayerStackIdentifier();
+    const auto& layers = stage.layers();
     return std::make_unique<ComposedStage>(
-        pxr::PcpLayerStackIdentifier{copyOf(identifier.rootLayer), copyOf(identifier.sessionLayer),
-                                     identifier.pathResolverContext},
+        pxr::PcpLayerStackIdentifier{copyOf(layers.rootLayer), copyOf(layers.sessionLayer),
+                                     layers.pathResolverContext},
         stage.view());
 }
 
 void ScratchStages::apply(const Plan& plan) const {
     const pxr::SdfChangeBlock block;
-    for (const auto& [layer, changes] : plan.layers) {
-        for (const auto& arc : changes.arcs) layer->SetField(arc.path, arc.field, arc.value);
+    for (const auto& [original, changes] : plan.layers) {
+        const auto& [layer, toOriginal, toCopy] = copies_.at(original);
+        for (const auto& arc : changes.arcs)
+            layer->SetField(arc.path, arc.field, withRenamedAssets(arc.value, toCopy));
         (void)moveSpecs(layer, changes.moves);
         if (changes.relocates) layer->SetRelocates(*changes.relocates);
     }
@@ -171,12 +181,8 @@ Plan ScratchStages::toReal(Plan plan) const {
     std::map<SdfLayerHandle, LayerPlan> layers;
     for (auto& [layer, changes] : plan.layers) {
         const auto& original = originals_.at(layer);
-        const auto& written = copies_.at(original).written;
         for (auto& arc : changes.arcs)
-            arc.value = withRenamedAssets(arc.value, [&](const std::string& path) {
-                const auto own = written.find(path);
-                return own == written.end() ? path : own->second;
-            });
+            arc.value = withRenamedAssets(arc.value, copies_.at(original).toOriginal);
         layers.emplace(original, std::move(changes));
     }
     plan.layers = std::move(layers);

@@ -22,7 +22,7 @@ public:
     ScratchStages& operator=(const ScratchStages&) = delete;
 
     [[nodiscard]] const Stages& stages() const { return scratch_; }
-    /// Makes the changes of a plan in the copies.
+    /// Makes the changes of a plan of the original stages in the copies.
     void apply(const Plan& plan) const;
     /// Returns the plan with the copies replaced by the original layers.
     [[nodiscard]] Plan toReal(Plan plan) const;
@@ -30,7 +30,7 @@ public:
 private:
     struct Copy {
         pxr::SdfLayerRefPtr layer;
-        std::map<std::string, std::string> written;  ///< by asset path of the copy
+        std::map<std::string, std::string> toOriginal, toCopy;  ///< asset paths
     };
     using Composed = std::vector<std::unique_ptr<ComposedStage>>;
 
