@@ -165,10 +165,7 @@ def test_files_that_change_in_the_folder_are_seen_after_an_event(serve, shot):
         assert resolved(stage, "/Wall.brick") == sha(shot / "tex" / "brick.png")
         assert resolved(stage, "/Wall.none") == sha(shot / "tex" / "none.png")
         assert stage.GetAttributeAtPath("/Chair.size").Get() == 604
-        # A package that was missing is found when its prim is composed again.
-        later = stage.GetPrimAtPath("/Later")
-        later.SetInstanceable(True)
-        assert later.GetAttribute("size").Get() == 14
+        wait(lambda: stage.GetPrimAtPath("/Later").GetAttribute("size").Get() == 14, live)
         assert len(stage.GetAttributeAtPath(points).Get()) == 4
         # A removed file is an event, too.
         (shot / "tex" / "none.png").unlink()

@@ -60,6 +60,7 @@ Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options optio
                UserName{options_.user}}),
       opens_(layers_, values_, events_),
       locks_(layers_.live(), frame_, session_, UserName{options_.user}),
+      late_(layers_.live(), places_, files_, *background_),
       uploads_(session_, *this) {
     session_.showPresence({});
     if (ownFolder_)
@@ -120,6 +121,7 @@ Client::TickResult Client::Impl::tick(double budgetMs, Seal seal) {
 void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
     const Raised ticking(ticking_);
     const Stopwatch watch;
+    const client::ProjectFiles::Tick neverWaits(files_);
     const auto left = [&] { return std::max(budgetMs - watch.ms(), 0.1); };
     layers_.adoptLoaded(left());
     result.more = opens_.start(left());
@@ -134,8 +136,9 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         // layer at the end of the block.
         for (const client::Event& one : happened)
             if (const auto* changed = std::get_if<event::LayersChanged>(&one))
-                layers_.setOfProject(changed->layers);
+                late_.add(layers_.setOfProject(changed->layers));
         layers_.makeNamedFindable();
+        late_.compose();
     }
     takeEvents(std::move(happened), result);
     result.more = opens_.advance(left()) || result.more;
@@ -158,10 +161,12 @@ void Client::Impl::useAddresses() {
 void Client::Impl::followFiles() {
     if (!files_.isStarted()) return;
     files_.follow(session_.isConnected(), line_.connection(), steadyMs());
-    auto changed = files_.takeChanged();
-    if (changed.empty()) return;
-    files_.reload(changed, [this](const auto& layer) { return layers_.idOf(layer).has_value(); });
-    events_.push(event::FilesChanged{std::move(changed)});
+    auto news = files_.takeNews();
+    if (news.isEmpty()) return;
+    const auto isLive = [this](const auto& layer) { return layers_.idOf(layer).has_value(); };
+    late_.add(files_.reload(news.changed, isLive));
+    late_.add(news.arrived);
+    if (!news.changed.empty()) events_.push(event::FilesChanged{std::move(news.changed)});
 }
 
 // An upload ends when this process can resolve the file, too.
@@ -253,12 +258,10 @@ bool Client::Impl::note(client::Event& one) {
         line_.welcomed();
         std::vector<LayerId> layers;
         for (const LayerInfo& info : connected->welcome.layers) layers.push_back(info.layer);
-        layers_.setOfProject(std::move(layers));
+        late_.add(layers_.setOfProject(std::move(layers)));
         layers_.followLocks();
     } else if (const auto* states = std::get_if<event::LayerStatesChanged>(&one)) {
         for (const LayerState& state : states->layers) layers_.followLock(state.layer);
-    } else if (const auto* changed = std::get_if<event::LayersChanged>(&one)) {
-        layers_.setOfProject(changed->layers);
     } else if (const auto* committed = std::get_if<event::Committed>(&one)) {
         if (committed->commit.id.client == session_.id()) values_.committed(committed->commit);
     } else if (auto* joined = std::get_if<event::Joined>(&one)) {

@@ -19,6 +19,7 @@
 #include "usd/EditorFrame.h"
 #include "usd/FileUploads.h"
 #include "usd/FolderPlaces.h"
+#include "usd/LateAssets.h"
 #include "usd/LocksAndMutes.h"
 #include "usd/LostWorkReports.h"
 #include "usd/OpenLayers.h"
@@ -170,6 +171,7 @@ private:
     client::OpenRequests opens_;
     client::LocksAndMutes locks_;
     client::ProjectFiles files_;
+    client::LateAssets late_;
     client::FileUploads uploads_;
     /// Uploads that ended, and for which the list of files is awaited, with its number.
     std::vector<std::pair<client::FileUploads::Ended, std::uint64_t>> uploaded_;

@@ -2,6 +2,7 @@
 #include "usd/LiveLayer.h"
 
 #include <pxr/base/tf/weakPtr.h>
+#include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
 
 namespace usdlive::client {
@@ -143,6 +144,16 @@ void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
     if (!applied && !layer_->IsMuted())
         surroundings_.report(
             {applied.error().code, id_.value + " <" + path + ">: " + applied.error().message});
+}
+
+void LiveLayer::notify(const std::string& path, const std::string& field, const ListItem& item) {
+    const LayerDoc* view = content();
+    const FieldValue* value = view ? view->field(path, field) : nullptr;
+    if (!value || layer_->IsMuted()) return;
+    const pxr::SdfChangeBlock block;
+    const SetField whole{field, {}, *value};
+    static_cast<void>(store_->apply(path, EraseField{field, item}));
+    static_cast<void>(store_->apply(path, whole));
 }
 
 bool LiveLayer::hasWrites() const { return isFilled() && capture_.hasWrites(); }

@@ -48,6 +48,10 @@ public:
     [[nodiscard]] const pxr::SdfLayerRefPtr& layer() const { return layer_; }
     /// Returns whether the layer has all its content and the editor may write.
     [[nodiscard]] bool isFilled() const { return store_ && !fill_; }
+    /// Returns the session's view of the layer if isFilled(), otherwise nullptr.
+    [[nodiscard]] const LayerDoc* content() const {
+        return isFilled() ? surroundings_.view() : nullptr;
+    }
 
     /// Call it when another user has locked or unlocked the layer (LK1). While it is locked,
     /// `permissionToEdit` is false and Sdf refuses edits of the editor. Afterwards the editor's own
@@ -76,6 +80,10 @@ public:
     void appendBigArrays(std::vector<pxr::VtValue>& arrays) const {
         if (isFilled()) capture_.appendBigArrays(arrays);
     }
+
+    /// Lets Sdf notify of the field as if the item had been removed and added again. The content
+    /// stays as it is. Precondition: not hasWrites().
+    void notify(const std::string& path, const std::string& field, const ListItem& item);
 
     void blobArrived(const Hash& hash);
     [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }

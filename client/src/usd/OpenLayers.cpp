@@ -39,16 +39,17 @@ bool OpenLayers::isOfProject(const LayerId& id) const {
     return std::ranges::binary_search(ofProject_, id);
 }
 
-void OpenLayers::setOfProject(std::vector<LayerId> layers) {
+std::vector<LayerId> OpenLayers::setOfProject(std::vector<LayerId> layers) {
     std::ranges::sort(layers);
     std::vector<LayerId> added;
     std::ranges::set_difference(layers, ofProject_, std::back_inserter(added));
     // The project may have the failed layers now, and layers that others use.
     failed_.clear();
     if (!added.empty()) used_.clear();
-    with_.places.add(std::move(added), ofProject_.empty() ? kFirstFindableMs : kFindableMs);
+    with_.places.add(added, ofProject_.empty() ? kFirstFindableMs : kFindableMs);
     ofProject_ = std::move(layers);
     std::erase_if(guessed_, [this](const LayerId& id) { return isOfProject(id); });
+    return added;
 }
 
 // --- opening

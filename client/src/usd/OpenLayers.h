@@ -47,7 +47,8 @@ public:
     /// Returns the layers of the project, sorted.
     [[nodiscard]] const std::vector<LayerId>& ofProject() const { return ofProject_; }
     [[nodiscard]] bool isOfProject(const LayerId& id) const;
-    void setOfProject(std::vector<LayerId> layers);
+    /// Returns the layers that were not in the project before.
+    std::vector<LayerId> setOfProject(std::vector<LayerId> layers);
 
     // Opening.
     /// Makes a layer of this client's own place live. Errors: LayerNotFound, LayerUnreadable,

@@ -56,14 +56,6 @@ std::string hostAndPort(const ServerAddress& web) {
     return web.host + ":" + std::to_string(web.port);
 }
 
-// Returns the path of a file in the project; nothing for layers of other origin.
-std::optional<std::string> fileOf(const pxr::SdfLayerHandle& layer, const std::string& base) {
-    std::string path = pxr::SdfLayer::SplitIdentifier(layer->GetIdentifier()).first;
-    if (pxr::ArIsPackageRelativePath(path)) path = pxr::ArSplitPackageRelativePathOuter(path).first;
-    if (!path.starts_with(base)) return std::nullopt;
-    return percentDecoded(std::string_view(path).substr(base.size()));
-}
-
 }  // namespace
 
 std::string encodedInAddress(std::string_view path) {
@@ -89,6 +81,8 @@ struct ProjectFiles::State {
     std::mutex mutex;               // guards the next members
     std::set<std::string> found;    // have changed
     std::set<std::string> late;     // have changed, and did not arrive; tried again
+    std::set<std::string> needed;   // a tick needed them; tried again until they arrive
+    std::set<std::string> arrived;  // a tick needed them, and they are in the cache
     std::set<std::string> changed;  // have changed, and are in the cache if a layer is made of them
     std::uint64_t asked = 0, answered = 0;  // lists
     int fetching = 0;                       // tasks that fetch files
@@ -141,7 +135,10 @@ void ProjectFiles::follow(bool isConnected, const Connection& connection, std::i
         // The server may have another port when it is back.
         const auto web = isConnected ? connection.web() : std::nullopt;
         resolver_->connected(token_, web ? hostAndPort(*web).c_str() : "", isConnected ? 1 : 0);
-        if (isConnected) ask(nowMs);
+        if (isConnected) {
+            ask(nowMs);
+            fetchNeeded({});
+        }
     }
     fetchUsed();
 }
@@ -179,6 +176,51 @@ bool ProjectFiles::isReported(std::uint64_t list) const {
            state_->fetching == 0;
 }
 
+std::optional<std::string> ProjectFiles::fileAt(const std::string& identifier) const {
+    std::string path = pxr::SdfLayer::SplitIdentifier(identifier).first;
+    if (pxr::ArIsPackageRelativePath(path)) path = pxr::ArSplitPackageRelativePathOuter(path).first;
+    if (!isStarted() || !path.starts_with(base_)) return std::nullopt;
+    return percentDecoded(std::string_view(path).substr(base_.size()));
+}
+
+ProjectFiles::Tick::Tick(ProjectFiles& files) : files_(files) {
+    if (files_.isStarted()) files_.resolver_->beginTick(files_.token_);
+}
+
+ProjectFiles::Tick::~Tick() {
+    if (!files_.isStarted()) return;
+    std::set<std::string> needed;
+    files_.resolver_->endTick(
+        files_.token_,
+        [](void* paths, const char* path) {
+            static_cast<std::set<std::string>*>(paths)->insert(path);
+        },
+        &needed);
+    if (!needed.empty()) files_.fetchNeeded(std::move(needed));
+}
+
+// Also fetches the files that did not arrive the last time.
+void ProjectFiles::fetchNeeded(std::set<std::string> files) {
+    {
+        const std::lock_guard lock(state_->mutex);
+        files.merge(std::exchange(state_->needed, {}));
+        if (files.empty()) return;
+        ++state_->fetching;
+    }
+    worker_->post([state = state_, files = std::move(files)] {
+        std::set<std::string> here, missing;
+        for (const std::string& file : files)
+            (state->resolver->fetch(state->token, file.c_str(), State::isStopped, state.get())
+                 ? here
+                 : missing)
+                .insert(file);
+        const std::lock_guard lock(state->mutex);
+        state->arrived.merge(here);
+        state->needed.merge(missing);
+        --state->fetching;
+    });
+}
+
 // A tick must not wait until a package has arrived that a stage uses.
 void ProjectFiles::fetchUsed() {
     std::set<std::string> found;
@@ -190,7 +232,7 @@ void ProjectFiles::fetchUsed() {
     }
     std::vector<std::string> used;
     for (const auto& layer : pxr::SdfLayer::GetLoadedLayers())
-        if (const auto file = layer ? fileOf(layer, base_) : std::nullopt)
+        if (const auto file = layer ? fileAt(layer->GetIdentifier()) : std::nullopt)
             if (found.contains(*file)) used.push_back(*file);
     worker_->post([state = state_, found = std::move(found), used = std::move(used)]() mutable {
         std::set<std::string> late;
@@ -204,22 +246,27 @@ void ProjectFiles::fetchUsed() {
     });
 }
 
-std::vector<std::string> ProjectFiles::takeChanged() {
+ProjectFiles::News ProjectFiles::takeNews() {
     const std::lock_guard lock(state_->mutex);
     const auto changed = std::exchange(state_->changed, {});
-    return {changed.begin(), changed.end()};
+    const auto arrived = std::exchange(state_->arrived, {});
+    return {{changed.begin(), changed.end()}, {arrived.begin(), arrived.end()}};
 }
 
-void ProjectFiles::reload(const std::vector<std::string>& files,
-                          const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const {
+std::vector<std::string> ProjectFiles::reload(
+    const std::vector<std::string>& files,
+    const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const {
     std::set<pxr::SdfLayerHandle> changed;
+    std::set<std::string> unused(files.begin(), files.end());
     for (const auto& layer : pxr::SdfLayer::GetLoadedLayers()) {
-        const auto file = layer ? fileOf(layer, base_) : std::nullopt;
-        if (file && std::ranges::binary_search(files, *file) && !layer->IsDirty() && !isLive(layer))
-            changed.insert(layer);
+        const auto file = layer ? fileAt(layer->GetIdentifier()) : std::nullopt;
+        if (!file || !std::ranges::binary_search(files, *file)) continue;
+        unused.erase(*file);
+        if (!layer->IsDirty() && !isLive(layer)) changed.insert(layer);
     }
     if (!changed.empty()) pxr::SdfLayer::ReloadLayers(changed);
     resolver_->notify(token_);
+    return {unused.begin(), unused.end()};
 }
 
 }  // namespace usdlive::client

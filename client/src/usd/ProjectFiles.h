@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -43,22 +44,46 @@ public:
 
     /// Call it in every tick. Asks for the list of files if that is due.
     void follow(bool isConnected, const Connection& connection, std::int64_t nowMs);
+    /// Keeps composition from waiting for the server: as long as it exists, files that stages
+    /// compose and that are not here yet are not found. They are fetched afterwards.
+    class Tick {
+    public:
+        explicit Tick(ProjectFiles& files);
+        ~Tick();
+        Tick(const Tick&) = delete;
+        Tick& operator=(const Tick&) = delete;
+
+    private:
+        ProjectFiles& files_;
+    };
+    /// Returns the path in the project of the file with this identifier of a layer. Nothing for
+    /// layers of other origin.
+    [[nodiscard]] std::optional<std::string> fileAt(const std::string& identifier) const;
+
     /// Requests the list of files as soon as possible. Returns a number for isReported().
     [[nodiscard]] std::uint64_t askSoon();
     /// Returns true when the list that askSoon() has requested is here, or could not be fetched,
-    /// and takeChanged() has returned what it changed.
+    /// and takeNews() has returned what it changed.
     [[nodiscard]] bool isReported(std::uint64_t list) const;
-    /// Returns the files that have changed since the last call, sorted.
-    [[nodiscard]] std::vector<std::string> takeChanged();
+    /// The files to which something has happened, sorted.
+    struct News {
+        std::vector<std::string> changed;  ///< were added, changed or removed in the project
+        std::vector<std::string> arrived;  ///< were needed by a Tick, and are here
+        [[nodiscard]] bool isEmpty() const { return changed.empty() && arrived.empty(); }
+    };
+    /// Returns what has happened since the last call.
+    [[nodiscard]] News takeNews();
     /// Loads layers again that were made from these files, except for unsaved and live ones, and
-    /// lets stages resolve their asset paths again.
-    void reload(const std::vector<std::string>& files,
-                const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const;
+    /// lets stages resolve their asset paths again. Returns the files of which no layer is loaded.
+    std::vector<std::string> reload(
+        const std::vector<std::string>& files,
+        const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const;
 
 private:
     struct State;
     void ask(std::int64_t nowMs);
     void fetchUsed();
+    void fetchNeeded(std::set<std::string> files);
 
     const ResolverInterface* resolver_ = nullptr;
     const char* token_ = nullptr;

@@ -106,7 +106,20 @@ int fetch(const char* token, const char* path, IsStopped isStopped, void* contex
     const SnapshotPtr files = located ? located->project->lastFollowed() : nullptr;
     if (!files) return 0;
     const auto entry = files->files.find(path);
-    return entry == files->files.end() || located->project->openFile(path, entry->second.hash);
+    if (entry == files->files.end()) return 1;
+    if (!located->project->openFile(path, entry->second.hash)) return 0;
+    live->tick->fetched(path, entry->second.hash);
+    return 1;
+}
+
+void beginTick(const char* token) {
+    if (const auto live = LiveProjects::ofProcess().findToken(token)) live->tick->begin();
+}
+
+void endTick(const char* token, void (*needed)(void*, const char*), void* context) {
+    const auto live = LiveProjects::ofProcess().findToken(token);
+    if (!live) return;
+    for (const std::string& path : live->tick->end()) needed(context, path.c_str());
 }
 
 void close(const char* token) {
@@ -127,9 +140,10 @@ void notify(const char* token) {
 }  // namespace usdlive::resolver
 
 extern "C" __attribute__((visibility("default"))) const usdlive::ResolverInterface*
-usdliveResolverInterface1() {
+usdliveResolverInterface2() {
     static const usdlive::ResolverInterface functions{
-        usdlive::resolver::live,  usdlive::resolver::connected, usdlive::resolver::refresh,
-        usdlive::resolver::fetch, usdlive::resolver::notify,    usdlive::resolver::close};
+        usdlive::resolver::live,   usdlive::resolver::connected, usdlive::resolver::refresh,
+        usdlive::resolver::fetch,  usdlive::resolver::beginTick, usdlive::resolver::endTick,
+        usdlive::resolver::notify, usdlive::resolver::close};
     return &functions;
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <system_error>
+#include <utility>
 
 namespace usdlive::resolver {
 
@@ -40,6 +41,28 @@ Url LiveProject::atServer(Url url) const {
     return url;
 }
 
+std::set<std::string> Tick::end() {
+    isRunning_ = false;
+    const std::lock_guard lock(mutex_);
+    return std::exchange(needed_, {});
+}
+
+void Tick::fetched(const std::string& path, const std::string& hash) {
+    const std::lock_guard lock(mutex_);
+    fetched_[path] = hash;
+}
+
+bool Tick::wasFetched(const std::string& path, const std::string& hash) const {
+    const std::lock_guard lock(mutex_);
+    const auto found = fetched_.find(path);
+    return found != fetched_.end() && found->second == hash;
+}
+
+void Tick::need(const std::string& path) {
+    const std::lock_guard lock(mutex_);
+    needed_.insert(path);
+}
+
 LiveProjects& LiveProjects::ofProcess() {
     // Never destroyed: layers may be read while the process ends.
     static auto& projects = *new LiveProjects;
@@ -66,29 +89,32 @@ const char* LiveProjects::add(const std::string& server, const std::string& pref
         .first->first.c_str();
 }
 
-void LiveProjects::setConnected(const std::string& token, const std::string& server,
-                                bool isConnected) {
-    const auto url = parseUrl("usdlive://" + server + "/");
+template <class Change>
+void LiveProjects::change(const std::string& token, Change change) {
     const std::lock_guard lock(mutex_);
     const auto found = projects_.find(token);
     if (found == projects_.end()) return;
-    LiveProject now = *found->second;
-    now.isConnected = isConnected;
-    if (url) {
-        now.host = url->host;
-        now.port = url->port;
-    }
-    found->second = std::make_shared<const LiveProject>(std::move(now));
+    LiveProject changed = *found->second;
+    change(changed);
+    found->second = std::make_shared<const LiveProject>(std::move(changed));
+}
+
+void LiveProjects::setConnected(const std::string& token, const std::string& server,
+                                bool isConnected) {
+    change(token, [&](LiveProject& project) {
+        project.isConnected = isConnected;
+        if (const auto url = parseUrl("usdlive://" + server + "/")) {
+            project.host = url->host;
+            project.port = url->port;
+        }
+    });
 }
 
 void LiveProjects::close(const std::string& token) {
-    const std::lock_guard lock(mutex_);
-    const auto found = projects_.find(token);
-    if (found == projects_.end()) return;
-    LiveProject closed = *found->second;
-    closed.isConnected = false;
-    closed.isClosed = true;
-    found->second = std::make_shared<const LiveProject>(std::move(closed));
+    change(token, [](LiveProject& project) {
+        project.isConnected = false;
+        project.isClosed = true;
+    });
 }
 
 LiveProjectPtr LiveProjects::find(const Url& url) const {

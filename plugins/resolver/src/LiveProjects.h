@@ -1,17 +1,40 @@
 // The projects that a client library of this process has live.
 #pragma once
 
+#include <atomic>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 
 #include "Remote.h"
 #include "Url.h"
 
 namespace usdlive::resolver {
+
+/// The part of a frame in which nothing may wait for the server. Any thread.
+class Tick {
+public:
+    void begin() { isRunning_ = true; }
+    /// Returns the files that were needed since begin(): paths in the project.
+    [[nodiscard]] std::set<std::string> end();
+    [[nodiscard]] bool isRunning() const { return isRunning_; }
+
+    /// Call it when the file with this content has come. The cache may not have it, if it cannot be
+    /// written.
+    void fetched(const std::string& path, const std::string& hash);
+    [[nodiscard]] bool wasFetched(const std::string& path, const std::string& hash) const;
+    void need(const std::string& path);
+
+private:
+    std::atomic<bool> isRunning_ = false;
+    mutable std::mutex mutex_;  // guards the next members
+    std::set<std::string> needed_;
+    std::map<std::string, std::string> fetched_;  // hashes by path
+};
 
 /// A project whose layers are live in this process.
 struct LiveProject {
@@ -23,6 +46,7 @@ struct LiveProject {
     std::filesystem::path folder;  ///< has a file without content for each live layer
     bool isConnected = true;       ///< the server can be asked
     bool isClosed = false;         ///< its client has ended
+    std::shared_ptr<Tick> tick = std::make_shared<Tick>();
 
     /// Returns whether the address is one of this project's server.
     [[nodiscard]] bool hasServerOf(const Url& url) const {
@@ -57,6 +81,10 @@ public:
     [[nodiscard]] LiveProjectPtr findAt(const Url& url) const;
 
 private:
+    /// Replaces a project by a changed copy.
+    template <class Change>
+    void change(const std::string& token, Change change);
+
     mutable std::mutex mutex_;  // guards the next member
     std::map<std::string, LiveProjectPtr> projects_;
 };

@@ -9,6 +9,7 @@
 #include <pxr/usd/ar/notice.h>
 #include <pxr/usd/ar/resolver.h>
 #include <pxr/usd/ar/writableAsset.h>
+#include <pxr/usd/sdf/fileFormat.h>
 
 #include <algorithm>
 #include <cstdlib>
@@ -110,10 +111,10 @@ protected:
         if (live && live->layerFile(*url)) return ArResolvedPath(url->resolvedPath());
         const auto found = find(*url, live);
         if (!found) {
-            report(assetPath, found.failure());
+            if (!isInTick(live)) report(assetPath, found.failure());
             return {};
         }
-        if (!found->entry) return {};
+        if (!found->entry || (isInTick(live) && isAwaited(*url, *found, live))) return {};
         return ArResolvedPath(resolved(*url, *found).resolvedPath());
     }
 
@@ -257,6 +258,18 @@ private:
         return live && url.isLive() ? live->layerFile(url) : std::nullopt;
     }
 
+    static bool isInTick(const LiveProjectPtr& live) { return live && live->tick->isRunning(); }
+
+    /// Returns whether the file is one that a tick may not open, because it has to be fetched.
+    bool isAwaited(const Url& url, const Found& found, const LiveProjectPtr& live) const {
+        if (usdlive::resolver::isUsdLayer(url.path) || !SdfFileFormat::FindByExtension(url.path))
+            return false;
+        const auto& [path, hash] = std::pair(found.located.path, found.entry->hash);
+        if (live->tick->wasFetched(path, hash) || remotes_.openCached(hash)) return false;
+        live->tick->need(path);
+        return true;
+    }
+
     /// Asks for the files of a live project. Returns whether some have changed.
     bool follow(const Url& url, const LiveProjectPtr& live) const {
         const auto located = locate(url, live);
@@ -305,7 +318,8 @@ private:
     Outcome<Located> locate(const Url& url, const LiveProjectPtr& live) const {
         if (!live) return remotes_.locate(url);
         const Url there = live->atServer(url);
-        return live->isConnected ? remotes_.locateOnce(there) : remotes_.locateKnown(there);
+        return live->isConnected && !isInTick(live) ? remotes_.locateOnce(there)
+                                                    : remotes_.locateKnown(there);
     }
 
     /// Returns the list of files that is valid for the address.
@@ -313,8 +327,13 @@ private:
                                 const LiveProjectPtr& live) const {
         const bool isFollowed = live && url.path.starts_with(live->prefix);
         // A layer without a placeholder is none that the client knows.
-        if (isFollowed && !usdlive::resolver::isUsdLayer(url.path))
-            return located.project->followed();
+        const bool isInList = isFollowed && !usdlive::resolver::isUsdLayer(url.path);
+        if (isInTick(live)) {
+            auto last = isInList ? located.project->lastFollowed() : located.project->last();
+            if (!last) return Failure{"its list of files is not here yet"};
+            return last;
+        }
+        if (isInList) return located.project->followed();
         if (live && !live->isConnected) return located.project->known();
         if (!url.pin.empty()) return located.project->at(url.pin);
         const Context* const context = _GetCurrentContextObject<Context>();

@@ -107,3 +107,21 @@ TEST_F(LiveProjectsTest, APackageIsFoundAtTheServerOfItsLiveProject) {
     EXPECT_EQ(projects.add("localhost:7447", "shots/", folder.string()), first);
     EXPECT_TRUE(at("shots/car.usdz"));
 }
+
+TEST_F(LiveProjectsTest, ATickNeedsAFileUntilItsContentHasCome) {
+    const std::string token = projects.add("localhost:7447", "", folder.string());
+    const auto tick = projects.findToken(token)->tick;
+    EXPECT_FALSE(tick->isRunning());
+    tick->begin();
+    EXPECT_TRUE(tick->isRunning());
+    for (const char* path : {"b.usdz", "a.usdz", "b.usdz"}) tick->need(path);
+    EXPECT_EQ(tick->end(), (std::set<std::string>{"a.usdz", "b.usdz"}));
+    EXPECT_FALSE(tick->isRunning());
+    EXPECT_TRUE(tick->end().empty());
+    tick->fetched("b.usdz", "12ab");
+    EXPECT_TRUE(tick->wasFetched("b.usdz", "12ab"));
+    EXPECT_FALSE(tick->wasFetched("b.usdz", "34cd"));
+    EXPECT_FALSE(tick->wasFetched("a.usdz", "12ab"));
+    projects.setConnected(token, "localhost:7448", true);
+    EXPECT_EQ(projects.findToken(token)->tick, tick) << "it stays when the project changes";
+}

@@ -26,6 +26,13 @@ struct ResolverInterface {
     /// Returns 0 if the project has the file, but it did not arrive.
     int (*fetch)(const char* token, const char* path, int (*isStopped)(void* context),
                  void* context);
+    /// Between these two calls, nothing that a stage of the project composes waits for the server:
+    /// lists of files are those that are known, and files that OpenUSD opens as layers are not
+    /// found unless they are in the cache, or fetch() has returned 1 for them. endTick() calls
+    /// `needed` for each file that was not found for this reason.
+    void (*beginTick)(const char* token);
+    void (*endTick)(const char* token, void (*needed)(void* context, const char* path),
+                    void* context);
     /// Makes the stages of the project resolve their asset paths again. Call it on the thread that
     /// owns them.
     void (*notify)(const char* token);
@@ -35,7 +42,7 @@ struct ResolverInterface {
 
 /// The name of the function that returns them, a ResolverInterfaceFunction. A change of the
 /// interface changes the number.
-inline constexpr const char* kResolverInterface = "usdliveResolverInterface1";
+inline constexpr const char* kResolverInterface = "usdliveResolverInterface2";
 using ResolverInterfaceFunction = const ResolverInterface* (*)();
 
 }  // namespace usdlive
