@@ -89,6 +89,17 @@ pxr::SdfPathVector Prototypes::settle(std::set<Prototype*>& changed) {
     return sources;
 }
 
+bool Prototypes::rekey(Prototype& prototype, const pxr::PcpInstanceKey& arcs) {
+    const InstanceKey key{arcs, prototype.key.load, prototype.key.mask};
+    const auto [begin, end] = byArcs_.equal_range(arcs);
+    for (auto at = begin; at != end; ++at)
+        if (at->second->key == key) return false;
+    std::erase_if(byArcs_, [&](const auto& one) { return one.second == &prototype; });
+    prototype.key = key;
+    byArcs_.emplace(arcs, &prototype);
+    return true;
+}
+
 std::vector<std::unique_ptr<Prototype>> Prototypes::takeUnused() {
     std::vector<std::unique_ptr<Prototype>> unused;
     for (auto& prototype : all_) {

@@ -5,6 +5,7 @@
 #include <pxr/usd/ar/resolverContextBinder.h>
 #include <pxr/usd/ar/resolverScopedCache.h>
 #include <pxr/usd/pcp/layerStack.h>
+#include <pxr/usd/pcp/pathTranslation.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
@@ -147,6 +148,18 @@ void StageState::readFallbackTypes() {
         pxr::VtDictionaryOverRecursive(&fallbackTypes_, weaker.UncheckedGet<pxr::VtDictionary>());
 }
 
+void StageState::noteUnmoved(const PcpPrimIndex& index) {
+    bool unmoved = false;
+    for (const pxr::PcpNodeRef& node : index.GetNodeRange())
+        unmoved = unmoved ||
+                  (node.CanContributeSpecs() && node.GetLayerStack()->HasRelocates() &&
+                   node.GetArcType() != pxr::PcpArcTypeRelocate &&
+                   pxr::PcpTranslatePathFromNodeToRoot(node, node.GetPath()) != index.GetPath());
+    if (!unmoved) return;
+    const std::scoped_lock lock(retiredMutex_);
+    unmoved_.insert(index.GetPath());
+}
+
 void StageState::composeType(PrimNode& node) {
     node.typeName = composeTypeName(*node.index);
     node.apiSchemas = composeApiSchemas(*node.index);
@@ -208,6 +221,7 @@ void StageState::compose(PrimNode& node) {
     } else {
         composeFlags(node);
         composeType(node);
+        noteUnmoved(*node.index);
     }
     composeChildren(node, nullptr);
 }

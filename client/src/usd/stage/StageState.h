@@ -72,6 +72,7 @@ private:
     void bury(PrimNode& node);
     void enter(PrimNode& node);
     void readFallbackTypes();
+    void noteUnmoved(const pxr::PcpPrimIndex& index);
 
     // Following changes (StageUpdates.cpp)
     struct Gathered;
@@ -86,6 +87,14 @@ private:
                                                        Gathered& into) const;
     void gatherComing(const std::vector<Exchanged>& exchanged, Gathered& into);
     void follow(pxr::PcpChanges& changes, Gathered& gathered);
+    template <class Add>
+    void forAffected(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfPath& path,
+                     Gathered& into, Add&& add) const;
+    template <class Add>
+    void forUnmoved(const pxr::PcpLayerStackPtr& stack, const pxr::SdfPath& path, Gathered& into,
+                    Add&& add) const;
+    void composeUnmoved(const Gathered& gathered, pxr::PcpChanges& changes) const;
+    bool hasArcsOf(Prototype& prototype, const pxr::PcpPrimIndex& index);
     void becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose);
     void recompose(Paths& resynced);
     [[nodiscard]] bool isComposed(const pxr::SdfPath& path) const;
@@ -96,8 +105,11 @@ private:
 
     const std::thread::id thread_ = std::this_thread::get_id();
     std::unordered_map<pxr::SdfPath, PrimNode*, pxr::SdfPath::Hash> nodes_;
-    std::mutex retiredMutex_;  // guards retired_ while prims are composed
+    std::mutex retiredMutex_;  // guards retired_ and unmoved_ while prims are composed
     std::vector<PrimNodePtr> retired_;
+    // Prims at the sources of relocates that are shown nevertheless, because a prim that they
+    // specialize has opinions on them. A path stays here when its prim is removed.
+    Paths unmoved_;
     pxr::VtDictionary fallbackTypes_;
     std::vector<std::weak_ptr<Stage::Listener>> listeners_;
     pxr::TfNotice::Key changedKey_;

@@ -2,6 +2,7 @@
 #include <pxr/usd/ar/resolverScopedCache.h>
 #include <pxr/usd/pcp/changes.h>
 #include <pxr/usd/pcp/dependency.h>
+#include <pxr/usd/pcp/pathTranslation.h>
 #include <pxr/usd/sdf/schema.h>
 
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include <optional>
 #include <utility>
 
+#include "Opinions.h"
 #include "StageState.h"
 
 namespace usdlive::stage {
@@ -39,22 +41,7 @@ bool isClipField(const TfToken& field) {
     return field == SdfFieldKeys->Clips || field == SdfFieldKeys->ClipSets;
 }
 
-// Calls `add` for each path of the stage that a spec in these layer stacks contributes to. Specs in
-// a variant contribute only if the variant is selected.
-template <class Add>
-void forAffected(const pxr::PcpCache& cache, const pxr::PcpLayerStackPtrVector& stacks,
-                 const SdfPath& path, Add&& add) {
-    for (const auto& stack : stacks) {
-        if (!path.ContainsPrimVariantSelection() && get_pointer(stack) == &*cache.GetLayerStack())
-            add(path);
-        const auto dependencies = cache.FindSiteDependencies(
-            stack, path,
-            pxr::PcpDependencyTypeDirect | pxr::PcpDependencyTypeAncestral |
-                pxr::PcpDependencyTypeNonVirtual | pxr::PcpDependencyTypeVirtual,
-            true, false, false);
-        for (const auto& dependency : dependencies) add(dependency.indexPath);
-    }
-}
+using Unmoved = std::map<SdfPath, Paths>;
 
 // Removes specs below inactive prims or outside of the mask. They contribute to no prim.
 template <class Gathered>
@@ -67,6 +54,29 @@ void dropHidden(const StageState& state, Gathered& gathered) {
     std::erase_if(gathered.info, [&](const auto& one) { return isHidden(one.first); });
 }
 
+// Returns true if an arc of the prim itself, and not of an ancestor, leads to the node.
+bool isInDirectArc(pxr::PcpNodeRef node) {
+    bool isDirect = false;
+    for (; !node.IsRootNode(); node = node.GetParentNode()) {
+        if (node.IsCulled()) return false;
+        isDirect = isDirect || !node.IsDueToAncestor();
+    }
+    return isDirect;
+}
+
+// Returns what PcpPrimIndex::IsInstanceable() will return when the prim is composed again. Pcp does
+// not update it when a prim at the end of an arc gets its first spec or loses its last one.
+bool isInstanceable(const pxr::PcpPrimIndex& index) {
+    bool instanceable = false;
+    forEachSite(index, TfToken(), [&](const Site& site) {
+        return !site.layer->HasField(site.path, SdfFieldKeys->Instanceable, &instanceable);
+    });
+    if (!instanceable) return false;
+    for (const pxr::PcpNodeRef& node : index.GetNodeRange())
+        if (node.HasSpecs() && isInDirectArc(node)) return true;
+    return false;
+}
+
 }  // namespace
 
 struct StageState::Gathered {
@@ -76,8 +86,9 @@ struct StageState::Gathered {
     Paths assets;                // asset paths below may resolve to other files
     std::set<SdfPath> activity;  // changes of "active", which Pcp ignores
     std::map<SdfPath, StageChanges::Fields> info;
-    Paths parents;  // parents of specs that were added or removed: their children may have a new
-                    // order
+    Paths parents;    // parents of specs that were added or removed: their children may have a new
+                      // order
+    Unmoved unmoved;  // changed paths at the sources of relocates, by the paths that Pcp reports
 };
 
 // The specs of a layer that a layer stack gains or loses.
@@ -86,6 +97,44 @@ struct StageState::Exchanged {
     pxr::SdfChangeList specs;
     pxr::PcpLayerStackPtrVector before;  // the layer stacks that used the layer
 };
+
+// Calls `add` for each path of the stage that a spec in these layer stacks contributes to. Specs in
+// a variant contribute only if the variant is selected.
+template <class Add>
+void StageState::forAffected(const pxr::PcpLayerStackPtrVector& stacks, const SdfPath& path,
+                             Gathered& into, Add&& add) const {
+    const auto& cache = composition.cache();
+    for (const auto& stack : stacks) {
+        if (!path.ContainsPrimVariantSelection() && get_pointer(stack) == &*cache.GetLayerStack())
+            add(path);
+        const auto dependencies = cache.FindSiteDependencies(
+            stack, path,
+            pxr::PcpDependencyTypeDirect | pxr::PcpDependencyTypeAncestral |
+                pxr::PcpDependencyTypeNonVirtual | pxr::PcpDependencyTypeVirtual,
+            true, false, false);
+        for (const auto& dependency : dependencies) add(dependency.indexPath);
+        forUnmoved(stack, path, into, add);
+    }
+}
+
+// Pcp reports the targets of relocates only.
+template <class Add>
+void StageState::forUnmoved(const pxr::PcpLayerStackPtr& stack, const SdfPath& path, Gathered& into,
+                            Add&& add) const {
+    for (const SdfPath& source : unmoved_) {
+        const auto* index = composition.cache().FindPrimIndex(source);
+        if (!index || !index->IsValid()) continue;
+        for (const pxr::PcpNodeRef& node : index->GetNodeRange()) {
+            if (get_pointer(node.GetLayerStack()) != get_pointer(stack) ||
+                !path.HasPrefix(node.GetPath()))
+                continue;
+            const SdfPath affected =
+                path.ReplacePrefix(node.GetPath(), source).StripAllVariantSelections();
+            add(affected);
+            into.unmoved[pxr::PcpTranslatePathFromNodeToRoot(node, path)].insert(affected);
+        }
+    }
+}
 
 void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) {
     if (std::this_thread::get_id() != thread_) return;
@@ -121,9 +170,8 @@ void StageState::gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::Sd
 void StageState::gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfLayerHandle& layer,
                         const SdfPath& path, const pxr::SdfChangeList::Entry& entry,
                         Gathered& into) const {
-    const auto& cache = composition.cache();
     const auto add = [&](Paths& paths) {
-        forAffected(cache, stacks, path, [&](const SdfPath& one) { paths.insert(one); });
+        forAffected(stacks, path, into, [&](const SdfPath& one) { paths.insert(one); });
     };
     const auto changed = [&](auto&&... fields) {
         return std::ranges::any_of(entry.infoChanged, [&](const auto& change) {
@@ -135,10 +183,10 @@ void StageState::gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::Sd
     const bool cameOrWent = flags.didAddInertPrim || flags.didAddNonInertPrim ||
                             flags.didRemoveInertPrim || flags.didRemoveNonInertPrim;
     if (path.IsPrimPath() && cameOrWent)
-        forAffected(cache, stacks, path,
+        forAffected(stacks, path, into,
                     [&](const SdfPath& one) { into.parents.insert(one.GetParentPath()); });
     if (path.IsPrimVariantSelectionPath() && cameOrWent)
-        forAffected(cache, stacks, path.GetParentPath(), [&](const SdfPath& one) {
+        forAffected(stacks, path.GetParentPath(), into, [&](const SdfPath& one) {
             into.info[one].insert(pxr::SdfChildrenKeys->VariantChildren);
         });
     if (path == SdfPath::AbsoluteRootPath() || path.IsPrimOrPrimVariantSelectionPath()) {
@@ -165,7 +213,7 @@ void StageState::gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::Sd
     if (entry.flags.didChangeAttributeTimeSamples) fields.insert(SdfFieldKeys->TimeSamples);
     if (entry.flags.didChangeAttributeConnection) fields.insert(SdfFieldKeys->ConnectionPaths);
     if (entry.flags.didChangeRelationshipTargets) fields.insert(SdfFieldKeys->TargetPaths);
-    forAffected(cache, stacks, path,
+    forAffected(stacks, path, into,
                 [&](const SdfPath& one) { into.info[one].insert(fields.begin(), fields.end()); });
 }
 
@@ -209,6 +257,7 @@ void StageState::follow(pxr::PcpChanges& changes, Gathered& gathered) {
     const auto exchanged = gatherLeaving(changes, gathered);
     for (const auto& path : gathered.activity)
         changes.DidChangeSignificantly(&composition.cache(), path);
+    composeUnmoved(gathered, changes);
     composition.apply(changes);
     if (!exchanged.empty()) {
         gathered.activity.clear();
@@ -247,6 +296,23 @@ void StageState::follow(pxr::PcpChanges& changes, Gathered& gathered) {
     if (!told.isEmpty()) notify(told);
 }
 
+// Composes the sources of relocates again if Pcp composes their targets again.
+void StageState::composeUnmoved(const Gathered& gathered, pxr::PcpChanges& changes) const {
+    if (gathered.unmoved.empty()) return;
+    Paths composed;
+    for (const auto& [cache, change] : changes.GetCacheChanges()) {
+        if (cache != &composition.cache()) continue;
+        for (const auto& [target, sources] : gathered.unmoved)
+            if (isBelowAny(
+                    {change.didChangeSignificantly.begin(), change.didChangeSignificantly.end()},
+                    target) ||
+                change.didChangePrims.contains(target) || change.didChangeSpecs.contains(target))
+                composed.insert(sources.begin(), sources.end());
+    }
+    for (const auto& path : composed)
+        if (path.IsPrimPath()) changes.DidChangeSignificantly(&composition.cache(), path);
+}
+
 // A new spec at the end of an arc can make a prim an instance, or an instance of another prototype.
 // Pcp reports only a change of specs, but the prims below an instance must be composed differently.
 void StageState::becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& recompose) {
@@ -255,14 +321,25 @@ void StageState::becomeInstances(const pxr::SdfPathSet& withOtherSpecs, Paths& r
         const auto* node = path.IsPrimPath() ? shownBy(path) : nullptr;
         const auto* index = node ? composition.cache().FindPrimIndex(path) : nullptr;
         if (!index || isBelowAny(recompose, path)) continue;
-        const bool instance = node->has(PrimFlag::Active) && index->IsInstanceable();
-        const auto* prototype = prototypes.of(path);
-        if (instance ? prototype && prototype->key.arcs == pxr::PcpInstanceKey(*index) : !prototype)
-            continue;
+        const bool instance = node->has(PrimFlag::Active) && isInstanceable(*index);
+        auto* prototype = prototypes.of(path);
+        if (instance ? prototype && hasArcsOf(*prototype, *index) : !prototype) continue;
         changes.DidChangeSignificantly(&composition.cache(), path);
         recompose.insert(path);
     }
     composition.apply(changes);
+}
+
+// Returns true if the prototype is the one of a prim index. A prototype keeps its prims if the key
+// of all its instances has changed in the same way.
+bool StageState::hasArcsOf(Prototype& prototype, const pxr::PcpPrimIndex& index) {
+    const pxr::PcpInstanceKey arcs(index);
+    if (prototype.key.arcs == arcs) return true;
+    const bool all = std::ranges::all_of(prototype.instances, [&](const SdfPath& path) {
+        const auto* other = composition.cache().FindPrimIndex(path);
+        return other && pxr::PcpInstanceKey(*other) == arcs;
+    });
+    return all && prototypes.rekey(prototype, arcs);
 }
 
 bool StageState::isComposed(const SdfPath& path) const {
