@@ -177,13 +177,30 @@ HttpReply ServedAssets::list(const FileRequest& request) {
     }
     const auto files = assets_.list(steady_clock::now() + kHashTime, kHashedAtOnce);
     if (!files) return problem(files.error());
+    if (!at)
+        if (auto sent = sentBefore(*files)) return *sent;
     Listing listing;
-    for (const AssetFile& file : *files)
+    for (const AssetFile& file : **files)
         if (at || !parseLayerId(file.path)) listing.emplace(file.path, Listed{&file});
     if (at)
         if (const auto added = addVersions(listing, *at); !added) return problem(added.error());
-    if (const std::size_t missing = missingHashes(*files)) hashTheRest(missing);
-    return replyFor(listing, at);
+    if (const std::size_t missing = missingHashes(**files)) hashTheRest(missing);
+    auto made = replyFor(listing, at);
+    if (!at) {
+        const std::lock_guard lock(mutex_);
+        if (listWithoutLayers_.etag == made.etag) listedWithoutLayers_ = *files;
+    }
+    return made;
+}
+
+/// Returns the list without layers if it was made of these files.
+std::optional<HttpReply> ServedAssets::sentBefore(const AssetList& files) {
+    const std::lock_guard lock(mutex_);
+    if (files != listedWithoutLayers_) return std::nullopt;
+    HttpReply reply{"application/json", {}};
+    reply.etag = listWithoutLayers_.etag;
+    reply.body = listWithoutLayers_.body;
+    return reply;
 }
 
 Result<void> ServedAssets::addVersions(Listing& listing, const Moment& at) {
@@ -337,7 +354,7 @@ void ServedAssets::hashTheRest(std::size_t missing) {
             const std::lock_guard lock(mutex_);
             isHashing_ = false;
         }
-        const std::size_t left = files ? missingHashes(*files) : 0;
+        const std::size_t left = files ? missingHashes(**files) : 0;
         if (left != 0 && left < missing) hashTheRest(left);
     });
 }

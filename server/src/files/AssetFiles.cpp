@@ -13,6 +13,7 @@
 #include "AssetWriter.h"
 #include "FileStamps.h"
 #include "FolderWalk.h"
+#include "FolderWatch.h"
 #include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/FilePath.h"
 #include "usdlive/common/core/Sha256.h"
@@ -114,7 +115,28 @@ void AssetFiles::remember(const fs::path& real, const FileTrace& trace, const Ha
     known_.insert_or_assign(real.native(), Known{trace, hash});
 }
 
-Result<std::vector<AssetFile>> AssetFiles::list(Deadline hashUntil, std::uint64_t mostBytes) {
+AssetFiles::AssetFiles(fs::path folder)
+    : folder_(std::move(folder)), watch_(std::make_unique<FolderWatch>()) {}
+AssetFiles::~AssetFiles() = default;
+
+Result<AssetList> AssetFiles::list(Deadline hashUntil, std::uint64_t mostBytes) {
+    const std::lock_guard lock(listMutex_);
+    if (last_ && steady_clock::now() < lastUntil_ && watch_->isUnchanged()) return last_;
+    watch_->begin();
+    lastUntil_ = steady_clock::now() + kMostReused;
+    auto files = walk(hashUntil, mostBytes);
+    if (!files) {
+        last_ = nullptr;
+        return tl::unexpected(files.error());
+    }
+    const bool isComplete =
+        std::ranges::all_of(*files, [](const AssetFile& file) { return file.hash.has_value(); });
+    const auto made = std::make_shared<const std::vector<AssetFile>>(*std::move(files));
+    last_ = isComplete ? made : nullptr;
+    return made;
+}
+
+Result<std::vector<AssetFile>> AssetFiles::walk(Deadline hashUntil, std::uint64_t mostBytes) {
     std::vector<AssetFile> files;
     std::unordered_set<std::string> seen;
     const FolderVisitor visitor{[&](const std::string& name, const fs::path& real) {
@@ -131,7 +153,8 @@ Result<std::vector<AssetFile>> AssetFiles::list(Deadline hashUntil, std::uint64_
                                     seen.insert(real.native());
                                     files.push_back(std::move(file));
                                 },
-                                [](const std::string&, const std::string&) {}};
+                                [](const std::string&, const std::string&) {},
+                                [this](const fs::path& folder) { watch_->add(folder); }};
     if (auto walked = walkFolder(folder_, visitor); !walked) return tl::unexpected(walked.error());
     {
         const std::lock_guard lock(mutex_);

@@ -29,6 +29,7 @@ public:
 private:
     void folder(const fs::path& real, const std::string& name, std::error_code& problem) {
         open_.push_back(real);
+        if (visitor_.folder) visitor_.folder(real);
         fs::directory_iterator entry(real, problem);
         for (; !problem && entry != fs::directory_iterator(); entry.increment(problem)) {
             const std::string file = entry->path().filename();

@@ -16,6 +16,8 @@ struct FolderVisitor {
     std::function<void(const std::string& name, const std::filesystem::path& real)> file;
     /// Called for a link or folder that is not followed, with the reason.
     std::function<void(const std::string& name, const std::string& reason)> skipped;
+    /// Called for the real path of a folder, before its entries are read. May be empty.
+    std::function<void(const std::filesystem::path& real)> folder = {};
 };
 
 /// Visits every file in `folder` (absolute, without links) and below. Skips hidden files and

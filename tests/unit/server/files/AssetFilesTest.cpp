@@ -35,7 +35,7 @@ protected:
         std::ofstream(folder / path, std::ios::binary) << content;
     }
     std::vector<AssetFile> all() {
-        return *files->list(std::chrono::steady_clock::now() + std::chrono::seconds(20));
+        return **files->list(std::chrono::steady_clock::now() + std::chrono::seconds(20));
     }
     std::vector<std::string> paths() {
         std::vector<std::string> names;
@@ -75,13 +75,55 @@ TEST_F(AssetFilesTest, AS1ListsAllFilesWithTheirHashes) {
 TEST_F(AssetFilesTest, AS1WithoutTimeTheListHasNoNewHashes) {
     put("a.png", "a");
     const auto now = std::chrono::steady_clock::now();
-    EXPECT_FALSE((*files->list(now)).front().hash);
+    EXPECT_FALSE((*files->list(now))->front().hash);
     (void)all();
     // A hash is remembered when the file was not written just now.
     const fs::file_time_type::duration hour = std::chrono::hours(1);
     fs::last_write_time(folder / "a.png", fs::file_time_type::clock::now() - hour);
     EXPECT_TRUE(all().front().hash);
-    EXPECT_FALSE((*files->list(now)).front().hash) << "its attributes were changed just now";
+    fs::last_write_time(folder / "a.png", fs::file_time_type::clock::now() - hour);
+    EXPECT_FALSE((*files->list(now))->front().hash) << "its attributes were changed just now";
+}
+
+TEST_F(AssetFilesTest, AListIsUsedAgainUntilSomethingChanges) {
+    put("tex/brick.png", "brick");
+    put("tex/deep/a.png", "a");
+    fs::create_directory_symlink("tex", folder / "link");
+    const auto list = [&] {
+        return *files->list(std::chrono::steady_clock::now() + std::chrono::seconds(20));
+    };
+    EXPECT_EQ(list(), list());
+    const std::vector<std::function<void()>> changes{
+        [&] { put("tex/brick.png", "wall."); },
+        [&] { put("tex/deep/b.png", "b"); },
+        [&] { fs::remove(folder / "link"); },
+        [&] { put("tex/new/c.png", "c"); },
+        [&] { put("tex/new/d.png", "d"); },
+        [&] { fs::rename(folder / "tex/deep", folder / "deep"); },
+        [&] { put("deep/e.png", "e"); },
+        [&] { fs::remove(folder / "tex/brick.png"); },
+        [&] { fs::remove_all(folder / "tex/new"); },
+        [&] { fs::create_symlink("deep/e.png", folder / "f.png"); },
+        [&] { fs::rename(folder, root / "elsewhere"), fs::create_directory(folder); },
+    };
+    for (std::size_t i = 0; i < changes.size(); ++i) {
+        const auto before = list();
+        changes[i]();
+        const auto now = list();
+        EXPECT_NE(*now, *before) << i;
+        EXPECT_EQ(*now, **AssetFiles(folder).list(std::chrono::steady_clock::now() +
+                                                  std::chrono::seconds(20)))
+            << i;
+        EXPECT_EQ(list(), now) << i;
+    }
+    EXPECT_TRUE(list()->empty());
+}
+
+TEST_F(AssetFilesTest, AListWithoutAHashIsNotUsedAgain) {
+    put("a.png", "a");
+    const auto now = std::chrono::steady_clock::now();
+    EXPECT_FALSE((*files->list(now))->front().hash);
+    EXPECT_TRUE(all().front().hash);
 }
 
 TEST_F(AssetFilesTest, AS2HiddenFilesAreNotServed) {

@@ -59,6 +59,7 @@ private:
 
     [[nodiscard]] HttpReply reply(const FileRequest& request);
     [[nodiscard]] HttpReply list(const FileRequest& request);
+    [[nodiscard]] std::optional<HttpReply> sentBefore(const AssetList& files);
     [[nodiscard]] HttpReply replyFor(const Listing& listing, const std::optional<Moment>& at);
     [[nodiscard]] std::string etagOf(const Listing& listing, const std::optional<Moment>& at) const;
     [[nodiscard]] std::string bodyOf(const Listing& listing, const std::optional<Moment>& at) const;
@@ -79,6 +80,7 @@ private:
 
     std::mutex mutex_;  // guards the next members
     SentList listOfAll_, listWithoutLayers_;
+    AssetList listedWithoutLayers_;                     // the files in listWithoutLayers_
     std::list<std::pair<LayerId, Rendered>> rendered_;  // the last ones, the newest first
     bool isHashing_ = false;
 };

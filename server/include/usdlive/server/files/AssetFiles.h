@@ -17,12 +17,17 @@
 
 namespace usdlive::server {
 
+class FolderWatch;
+
 struct AssetFile {
     std::string path;  ///< relative to the project
     FileTrace trace;
     std::optional<Hash> hash = {};  ///< SHA-256 of the bytes; nothing: not known yet
     bool operator==(const AssetFile&) const = default;
 };
+
+/// The files of a project, sorted by path. Another list is another object.
+using AssetList = std::shared_ptr<const std::vector<AssetFile>>;
 
 /// Why a file cannot be read.
 struct AssetRefusal {
@@ -57,13 +62,16 @@ public:
     using Deadline = std::chrono::steady_clock::time_point;
 
     /// `folder` is absolute and without links.
-    explicit AssetFiles(std::filesystem::path folder) : folder_(std::move(folder)) {}
+    explicit AssetFiles(std::filesystem::path folder);
+    ~AssetFiles();
 
-    /// Returns all files, sorted by path. Reads those with an unknown hash until `hashUntil`,
-    /// except files of more than `mostBytes`. Error: LayerUnreadable if the folder cannot be
-    /// listed.
-    [[nodiscard]] Result<std::vector<AssetFile>> list(Deadline hashUntil,
-                                                      std::uint64_t mostBytes = ~std::uint64_t(0));
+    /// Returns all files. Reads those with an unknown hash until `hashUntil`, except files of more
+    /// than `mostBytes`. Returns the last list if the system reports that nothing has changed
+    /// since, for at most kMostReused. Error: LayerUnreadable if the folder cannot be listed.
+    [[nodiscard]] Result<AssetList> list(Deadline hashUntil,
+                                         std::uint64_t mostBytes = ~std::uint64_t(0));
+    /// A change that the system does not report is seen after this time.
+    static constexpr std::chrono::seconds kMostReused{10};
     [[nodiscard]] AssetResult<std::shared_ptr<const OpenedAsset>> open(const std::string& path);
 
     /// A file to be written.
@@ -93,7 +101,13 @@ private:
     [[nodiscard]] AssetResult<std::shared_ptr<const OpenedAsset>> openReal(
         const std::string& path, const std::filesystem::path& real);
 
+    [[nodiscard]] Result<std::vector<AssetFile>> walk(Deadline hashUntil, std::uint64_t mostBytes);
+
     const std::filesystem::path folder_;
+    std::mutex listMutex_;                          // held while files are listed; guards the next
+    const std::unique_ptr<FolderWatch> watch_;      // since the last list
+    AssetList last_;                                // nullptr: cannot be used again
+    Deadline lastUntil_;                            // when it becomes too old
     mutable std::mutex mutex_;                      // guards the next member
     std::unordered_map<std::string, Known> known_;  // by real path
 };
