@@ -3,9 +3,11 @@
 import concurrent.futures
 import json
 import os
+import socket
 import subprocess
 import sys
 import time
+import types
 
 import pytest
 from edf import PRELUDE, fresh, parameters, plugin_path, prim, scene
@@ -216,7 +218,7 @@ def test_hosts_that_are_not_allowed_are_not_reached(tmp_path, museum):
     ran = fresh(tmp_path, 'result = errors(Usd.Stage.Open("scene.usda"))')
     assert len(ran.result) == 4 and not museum.requests
     assert "127.0.0.1:" in ran.warnings and "is not allowed. Allow it with USDLIVE_EDF_ALLOWED_HOSTS=127.0.0.1" in ran.warnings
-    assert "needs TLS" in ran.warnings and "does not begin with http://" in ran.warnings
+    assert "example.org, is not allowed" in ran.warnings and "does not begin with http://" in ran.warnings
 
     scene(tmp_path, shown("A", baseAddress=museum.url + "/"))
     for allowed, found in {"example.org": [], "example.org, 127.0.0.1": 3, museum.url[7:].partition("/")[0]: 3,
@@ -241,6 +243,50 @@ def test_arguments_that_are_wrong_are_an_error(tmp_path, museum, arguments, caus
     scene(tmp_path, shown("A", **arguments))
     assert cause in ask(tmp_path, museum, "result = errors(stage)").warnings
     assert not museum.requests
+
+
+# --- HTTPS ---------------------------------------------------------------------------------------------
+
+
+def certificate(folder, host):
+    """Makes a file with a certificate for the host, which is its own authority, and with its key."""
+    file = folder / f"{host.replace(':', '-')}.pem"
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
+                    "-days", "2", "-subj", "/CN=museum", "-addext", f"subjectAltName={host}",
+                    "-keyout", file.with_suffix(".key"), "-out", file], check=True, capture_output=True)
+    file.write_text(file.read_text() + file.with_suffix(".key").read_text())
+    return file
+
+
+def test_https_needs_a_certificate_of_the_host_that_is_trusted(tmp_path):
+    scene(tmp_path, shown("A", dataLodLevel=1, lod1Count=2))
+    trusted = certificate(tmp_path, "IP:127.0.0.1")
+    museum = Museum(certificate=trusted).start()
+    refused = ask(tmp_path, museum, "result = errors(stage)")
+    assert len(refused.result) == 1 and not museum.requests
+    assert "the certificate of the service is not trusted: self-signed certificate. SSL_CERT_FILE" in refused.warnings
+    ran = ask(tmp_path, museum, SSL_CERT_FILE=str(trusted))
+    assert ran.result == [3, 2, 2, 2] and museum.connections <= 1 + 1 + 3 + 6
+    museum.stop()
+
+    other = certificate(tmp_path, "DNS:museum.example")
+    museum = Museum(certificate=other).start()
+    museum.requests.clear()
+    refused = ask(tmp_path, museum, "result = errors(stage)", SSL_CERT_FILE=str(other), USDLIVE_EDF_CACHE=str(tmp_path / "new"))
+    assert len(refused.result) == 1 and not museum.requests
+    assert "is not trusted: " in refused.warnings and "mismatch" in refused.warnings, refused.warnings
+    museum.stop()
+
+
+def test_a_service_that_does_not_speak_tls_is_an_error(tmp_path, museum):
+    scene(tmp_path, shown("A"))
+    secure = types.SimpleNamespace(url=museum.url.replace("http:", "https:"))
+    ran = ask(tmp_path, secure, "result = errors(stage)")
+    assert len(ran.result) == 1 and "no secure connection: " in ran.warnings
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        secure = types.SimpleNamespace(url=f"https://127.0.0.1:{silent.getsockname()[1]}")
+        ran = ask(tmp_path, secure, "result = errors(stage)", USDLIVE_EDF_REQUEST_SECONDS="0.3")
+    assert len(ran.result) == 1 and "no secure connection: " in ran.warnings
 
 
 # --- the cache -----------------------------------------------------------------------------------------

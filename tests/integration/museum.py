@@ -3,6 +3,7 @@
 import collections
 import http.server
 import json
+import ssl
 import threading
 import time
 
@@ -12,7 +13,8 @@ BASE = "/public/collection/v1"
 class Museum:
     """Departments with objects, and how the service behaves. `requests` counts the targets below the base."""
 
-    def __init__(self, departments=3, objects=5):
+    def __init__(self, departments=3, objects=5, certificate=None):
+        self.certificate = certificate  # a file with a certificate and its key, for HTTPS
         self.departments = {number: f"Department {number}" for number in range(1, departments + 1)}
         self.objects = {number: [number * 1000 + i for i in range(objects)] for number in self.departments}
         self.changed = {}  # target -> fields of the JSON that are replaced
@@ -53,7 +55,7 @@ class Museum:
 
     @property
     def url(self):
-        return f"http://127.0.0.1:{self._port}{BASE}"
+        return f"{'https' if self.certificate else 'http'}://127.0.0.1:{self._port}{BASE}"
 
     def start(self):
         museum = self
@@ -111,6 +113,11 @@ class Museum:
 
         self._server = Server(("127.0.0.1", self._port), Handler)
         self._port = self._server.server_address[1]
+        if self.certificate:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(self.certificate)
+            # The handshake is made by the thread of the connection.
+            self._server.socket = context.wrap_socket(self._server.socket, server_side=True, do_handshake_on_connect=False)
         threading.Thread(target=self._server.serve_forever, args=(0.02,), daemon=True).start()
         return self
 

@@ -8,7 +8,8 @@ namespace usdlive::edf::museum {
 
 namespace {
 
-constexpr std::string_view kScheme = "http://";
+constexpr std::string_view kPlain = "http://", kSecure = "https://";
+constexpr const char *kPlainPort = "80", *kSecurePort = "443";
 constexpr std::string_view kVariable = "USDLIVE_EDF_MUSEUM_URL",
                            kAllowedVariable = "USDLIVE_EDF_ALLOWED_HOSTS";
 
@@ -42,28 +43,38 @@ bool isPathChar(char c) { return c > ' ' && c < 0x7f && c != '?' && c != '#' && 
 
 }  // namespace
 
-std::string Address::hostAndPort() const { return port == "80" ? host : host + ":" + port; }
+std::string Address::hostAndPort() const {
+    return port == (isSecure ? kSecurePort : kPlainPort) ? host : host + ":" + port;
+}
 
-std::string Address::text() const { return std::string(kScheme) + hostAndPort() + path; }
+std::string Address::bareHost() const {
+    return host.starts_with('[') ? host.substr(1, host.size() - 2) : host;
+}
+
+std::string Address::text() const {
+    return std::string(isSecure ? kSecure : kPlain) + hostAndPort() + path;
+}
 
 tl::expected<Address, std::string> readAddress(std::string_view text) {
     const auto wrong = [&](const std::string& why) {
         return tl::unexpected("the address '" + std::string(text.substr(0, 200)) + "' " + why);
     };
-    if (lower(text.substr(0, 8)) == "https://")
-        return wrong("needs TLS, which this provider does not have: put a proxy in front");
-    if (lower(text.substr(0, kScheme.size())) != kScheme)
-        return wrong("does not begin with http://");
-    const std::string_view rest = text.substr(kScheme.size());
+    Address address;
+    address.isSecure = lower(text.substr(0, kSecure.size())) == kSecure;
+    const std::string_view scheme = address.isSecure ? kSecure : kPlain;
+    if (lower(text.substr(0, scheme.size())) != scheme)
+        return wrong("does not begin with http:// or https://");
+    const std::string_view rest = text.substr(scheme.size());
     const auto slash = std::min(rest.find('/'), rest.size());
     const std::string place = lower(rest.substr(0, slash));
-    Address address;
     address.path = rest.substr(slash);
     while (address.path.ends_with('/')) address.path.pop_back();
     const auto colon =
         place.find(':', place.starts_with('[') ? std::min(place.find(']'), place.size()) : 0);
     address.host = place.substr(0, colon);
-    if (colon != std::string::npos) address.port = place.substr(colon + 1);
+    address.port = colon != std::string::npos ? place.substr(colon + 1)
+                   : address.isSecure         ? kSecurePort
+                                              : kPlainPort;
     if (!isHost(address.host)) return wrong("has no host");
     if (!isPort(address.port)) return wrong("has a port that is no number from 1 to 65535");
     if (!std::ranges::all_of(address.path, isPathChar))

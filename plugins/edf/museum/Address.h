@@ -7,19 +7,21 @@
 
 namespace usdlive::edf::museum {
 
-/// The base of a service: http://host[:port][/path].
+/// The base of a service: http[s]://host[:port][/path].
 struct Address {
-    std::string host, port = "80";
+    bool isSecure = false;  ///< https
+    std::string host, port;
     std::string path;  ///< without a slash at its end
 
     /// The name of the service in messages and in the cache.
     [[nodiscard]] std::string text() const;
     /// The value of the Host header.
     [[nodiscard]] std::string hostAndPort() const;
+    /// The host, without the brackets of an IPv6 address.
+    [[nodiscard]] std::string bareHost() const;
 };
 
-/// Reads an address; the error names what is wrong. User names, queries and fragments are refused,
-/// and so is https.
+/// Reads an address; the error names what is wrong. User names, queries and fragments are refused.
 [[nodiscard]] tl::expected<Address, std::string> readAddress(std::string_view text);
 
 /// True if the list, texts HOST or HOST:PORT with commas between, has the address. HOST alone means

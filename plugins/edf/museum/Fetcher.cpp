@@ -1,4 +1,4 @@
-// Gets answers over HTTP with several connections on one thread.
+// Gets answers over HTTP or HTTPS with several connections on one thread.
 #include "Fetcher.h"
 
 #include <algorithm>
@@ -8,6 +8,7 @@
 #include <boost/asio/detached.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/ssl.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/use_awaitable.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
@@ -19,6 +20,7 @@
 #include <optional>
 #include <string_view>
 #include <utility>
+#include <variant>
 
 namespace usdlive::edf::museum {
 
@@ -27,6 +29,7 @@ namespace {
 namespace asio = boost::asio;
 namespace beast = boost::beast;
 namespace http = boost::beast::http;
+namespace ssl = boost::asio::ssl;
 using boost::system::error_code;
 
 constexpr auto kTuple = asio::as_tuple(asio::use_awaitable);
@@ -73,6 +76,10 @@ public:
           targets_(targets),
           isCancelled_(isCancelled) {
         result_.answers.assign(targets.size(), tl::unexpected(std::string("not requested")));
+        if (!address.isSecure) return;
+        error_code ignored;  // without authorities, no certificate is trusted
+        tls_.set_default_verify_paths(ignored);
+        tls_.set_verify_mode(ssl::verify_peer);
     }
 
     Fetcher::Result run() {
@@ -87,7 +94,9 @@ public:
     }
 
 private:
-    using Stream = std::optional<beast::tcp_stream>;
+    using Plain = beast::tcp_stream;
+    using Secure = ssl::stream<beast::tcp_stream>;
+    using Stream = std::optional<std::variant<Plain, Secure>>;
 
     // Takes the next targets one after the other, over one connection.
     asio::awaitable<void> work() {
@@ -167,22 +176,50 @@ private:
 
     asio::awaitable<std::optional<Failure>> connect(Stream& stream) {
         asio::ip::tcp::resolver resolver(context_);
-        const bool isLiteral = address_.host.starts_with('[');
-        const auto host =
-            isLiteral ? address_.host.substr(1, address_.host.size() - 2) : address_.host;
         const auto [lookupError, endpoints] =
-            co_await resolver.async_resolve(host, address_.port, kTuple);
+            co_await resolver.async_resolve(address_.bareHost(), address_.port, kTuple);
         if (lookupError)
             co_return Failure{"no address was found for the host: " + lookupError.message(), true,
                               false};
-        stream.emplace(context_);
-        stream->expires_after(limits_.connect);
-        const auto [error, endpoint] = co_await stream->async_connect(endpoints, kTuple);
-        if (error) {
-            stream.reset();
-            co_return Failure{"cannot connect: " + error.message(), true, false};
+        if (address_.isSecure)
+            stream.emplace(std::in_place_type<Secure>, context_, tls_);
+        else
+            stream.emplace(std::in_place_type<Plain>, context_);
+        beast::tcp_stream& tcp = tcpOf(*stream);
+        tcp.expires_after(limits_.connect);
+        const auto [error, endpoint] = co_await tcp.async_connect(endpoints, kTuple);
+        std::string why = error ? "cannot connect: " + error.message() : "";
+        if (auto* const secure = std::get_if<Secure>(&*stream); secure && !error)
+            why = co_await handshake(*secure);
+        if (why.empty()) co_return std::nullopt;
+        stream.reset();
+        co_return Failure{std::move(why), true, false};
+    }
+
+    static beast::tcp_stream& tcpOf(std::variant<Plain, Secure>& stream) {
+        if (auto* const secure = std::get_if<Secure>(&stream)) return secure->next_layer();
+        return std::get<Plain>(stream);
+    }
+
+    /// Returns why there is no secure connection; an empty text if there is one.
+    asio::awaitable<std::string> handshake(Secure& stream) const {
+        const std::string host = address_.bareHost();
+        error_code isName;
+        asio::ip::make_address(host, isName);
+        SSL* const session = stream.native_handle();
+        if (isName) {
+            SSL_set1_host(session, host.c_str());
+            SSL_set_tlsext_host_name(session, host.c_str());  // RFC 6066: not for addresses
+        } else {
+            X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(session), host.c_str());
         }
-        co_return std::nullopt;
+        const auto [error] = co_await stream.async_handshake(ssl::stream_base::client, kTuple);
+        if (!error) co_return "";
+        const long verified = SSL_get_verify_result(session);
+        if (verified == X509_V_OK) co_return "no secure connection: " + error.message();
+        co_return std::string("the certificate of the service is not trusted: ") +
+            X509_verify_cert_error_string(verified) +
+            ". SSL_CERT_FILE can name a file with certificates to trust";
     }
 
     http::request<http::empty_body> requestFor(const std::string& target,
@@ -203,20 +240,29 @@ private:
         if (!wasKept)
             if (auto failure = co_await connect(stream))
                 co_return tl::unexpected(std::move(*failure));
-        auto message = requestFor(target, cached);
-        stream->expires_after(limits_.request);
-        const auto [writeError, written] = co_await http::async_write(*stream, message, kTuple);
-        if (writeError) co_return failed(stream, writeError, wasKept, false);
-
+        tcpOf(*stream).expires_after(limits_.request);
         http::response_parser<http::string_body> parser;
         parser.header_limit(kMaxHeaderBytes);
         parser.body_limit(limits_.bodyBytes);
-        beast::flat_buffer buffer;
-        const auto [readError, size] = co_await http::async_read(*stream, buffer, parser, kTuple);
-        if (readError) co_return failed(stream, readError, wasKept, parser.got_some());
+        const auto message = requestFor(target, cached);
+        auto* const secure = std::get_if<Secure>(&*stream);
+        const auto error = secure ? co_await exchange(*secure, message, parser)
+                                  : co_await exchange(std::get<Plain>(*stream), message, parser);
+        if (error) co_return failed(stream, error, wasKept, parser.got_some());
         Response response{parser.release(), parser.keep_alive()};
         if (!response.isKept) stream.reset();
         co_return response;
+    }
+
+    template <class Open>
+    static asio::awaitable<error_code> exchange(Open& stream,
+                                                const http::request<http::empty_body>& message,
+                                                http::response_parser<http::string_body>& parser) {
+        const auto [writeError, written] = co_await http::async_write(stream, message, kTuple);
+        if (writeError) co_return writeError;
+        beast::flat_buffer buffer;
+        const auto [readError, size] = co_await http::async_read(stream, buffer, parser, kTuple);
+        co_return readError;
     }
 
     tl::unexpected<Failure> failed(Stream& stream, const error_code& error, bool wasKept,
@@ -240,6 +286,7 @@ private:
     DiskCache* const cache_;
     const std::vector<std::string>& targets_;
     const std::function<bool()>& isCancelled_;
+    ssl::context tls_{ssl::context::tls_client};
     asio::io_context context_{1};
     asio::steady_timer pause_{context_};
     Fetcher::Result result_;

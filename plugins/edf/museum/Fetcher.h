@@ -1,4 +1,4 @@
-// Gets many answers of one service at a time over HTTP.
+// Gets many answers of one service at a time over HTTP or HTTPS.
 #pragma once
 
 #include <chrono>
@@ -14,8 +14,9 @@
 namespace usdlive::edf::museum {
 
 struct FetchLimits {
-    int parallel = 8;                          ///< connections at the same time
-    std::chrono::milliseconds connect{5'000};  ///< for one connection, with the look-up of the host
+    int parallel = 8;  ///< connections at the same time
+    /// for one connection, with the look-up of the host and the handshake of TLS
+    std::chrono::milliseconds connect{5'000};
     std::chrono::milliseconds request{
         15'000};                          ///< for one answer, from the request to its last byte
     std::size_t bodyBytes = 16u << 20;    ///< for one answer; longer ones are errors
@@ -37,7 +38,8 @@ public:
         std::size_t stale = 0;         ///< answers of the cache that could not be revalidated
     };
 
-    /// `cache` may be null; it outlives the fetcher.
+    /// `cache` may be null; it outlives the fetcher. With HTTPS, the service needs a certificate
+    /// for its host that the system trusts, or that SSL_CERT_FILE or SSL_CERT_DIR names.
     Fetcher(Address address, FetchLimits limits, DiskCache* cache);
 
     /// Gets the targets, paths below the address with a leading slash, all of which differ. Sends
