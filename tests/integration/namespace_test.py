@@ -271,6 +271,34 @@ def test_targets_stay_if_opinions_of_another_arc_keep_the_prim():
     assert editor.Undo() == [] and len(stage.GetRelationshipAtPath("/User.r").GetTargets()) == 6
 
 
+def test_arcs_that_the_stage_does_not_compose_follow():
+    """They are in variants that are not selected, and below inactive prims."""
+    stage = stage_of("""
+        class "Class" { double x = 1 class "Inner" { double x = 2 } }
+        def "World" ( variants = { string look = "red" } prepend variantSets = "look" ) {
+            def "Off" ( active = false ) { def "A" ( prepend references = </Class/Inner> ) {} }
+            variantSet "look" = { "red" {} "blue" {
+                def "B" ( prepend inherits = </Class> prepend specializes = </Class/Inner> payload = </Class> ) {} } }
+        }""")
+    before = body(stage.GetRootLayer())
+    editor = usdlive.NamespaceEditor(stage)
+    editor.MovePrimAtPath("/Class/Inner", "/Class/Part")
+    editor.MovePrimAtPath("/Class", "/Base")
+    assert editor.ApplyEdits()
+    world = stage.GetPrimAtPath("/World")
+    world.GetVariantSet("look").SetVariantSelection("blue")
+    stage.GetPrimAtPath("/World/Off").SetActive(True)
+    assert stage.GetAttributeAtPath("/World/B.x").Get() == 1 and stage.GetAttributeAtPath("/World/Off/A.x").Get() == 2
+    written = body(stage.GetRootLayer())
+    assert "inherits = </Base>" in written and "specializes = </Base/Part>" in written
+    assert "payload = </Base>" in written and "Class" not in written
+    stage.GetPrimAtPath("/World/Off").SetActive(False)
+    world.GetVariantSet("look").SetVariantSelection("red")
+    assert editor.Undo() == [] and body(stage.GetRootLayer()) == before
+    editor.DeletePrimAtPath("/Class")
+    assert editor.ApplyEdits() and "Class" not in body(stage.GetRootLayer())
+
+
 def test_targets_go_if_a_relocate_takes_the_name_from_other_opinions(tmp_path):
     """The relocate is authored where the prim is inherited from. No child of that name remains, whatever has opinions
     about it. In a batch, each edit is compared with the stage as the edits before leave it."""

@@ -1,4 +1,4 @@
-// Visits all paths of a list op.
+// Visits all items of a list op.
 #pragma once
 
 #include <pxr/usd/sdf/listOp.h>
@@ -6,13 +6,19 @@
 
 namespace usdlive::content {
 
-/// Calls `visit` for each path of a list, also for deleted and ordered ones.
-template <class Visit>
-void forEachPath(const pxr::SdfPathListOp& list, Visit&& visit) {
+/// Calls `visit` for each item of a list, also for deleted and ordered ones.
+template <class Item, class Visit>
+void forEachItem(const pxr::SdfListOp<Item>& list, Visit&& visit) {
     for (const auto type :
          {pxr::SdfListOpTypeExplicit, pxr::SdfListOpTypeAdded, pxr::SdfListOpTypePrepended,
           pxr::SdfListOpTypeAppended, pxr::SdfListOpTypeDeleted, pxr::SdfListOpTypeOrdered})
-        for (const pxr::SdfPath& path : list.GetItems(type)) visit(path);
+        for (const Item& item : list.GetItems(type)) visit(item);
+}
+
+/// Does the same for paths.
+template <class Visit>
+void forEachPath(const pxr::SdfPathListOp& list, Visit&& visit) {
+    forEachItem(list, visit);
 }
 
 }  // namespace usdlive::content

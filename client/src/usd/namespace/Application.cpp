@@ -57,11 +57,10 @@ Application::Application(const std::vector<Plan>& plans, PathIndex& index) {
 // Collects arcs and relocates with the last value of each field. A plan names specs by their paths
 // at the time of its edit.
 void Application::collectPlan(const std::vector<Plan>& plans) {
-    std::map<SdfLayerHandle, std::map<std::pair<SdfPath, TfToken>, VtValue>> values;
     for (const auto& plan : plans)
         for (const auto& [layer, changes] : plan.layers) {
             auto& edits = layers_[layer];
-            auto& fields = values[layer];
+            auto& fields = planned_[layer];
             for (const auto& arc : changes.arcs)
                 fields[{pathBefore(edits.moves, arc.path), arc.field}] = arc.value;
             if (changes.relocates)
@@ -69,9 +68,9 @@ void Application::collectPlan(const std::vector<Plan>& plans) {
                     VtValue(*changes.relocates);
             edits.moves.insert(edits.moves.end(), changes.moves.begin(), changes.moves.end());
         }
-    for (auto& [layer, fields] : values) {
+    for (const auto& [layer, fields] : planned_) {
         auto& edits = layers_[layer];
-        for (auto& [key, value] : fields) {
+        for (const auto& [key, value] : fields) {
             const auto& [path, field] = key;
             const SdfPath moved = followed(edits.moves, path);
             const auto present = layer->GetField(path, field);
@@ -93,6 +92,8 @@ void Application::collectPathFields(const std::vector<Plan>& plans, PathIndex& i
     for (const auto& [layer, moves] : objects) findPathFields(layer, moves, index);
 }
 
+// Pcp plans the arcs that it composes. Others are below inactive prims or in variants that are not
+// selected.
 void Application::findPathFields(const SdfLayerRefPtr& layer, const std::vector<PathMoves>& objects,
                                  PathIndex& index) {
     pxr::SdfPathVector specs;
@@ -102,15 +103,21 @@ void Application::findPathFields(const SdfLayerRefPtr& layer, const std::vector<
                 index.of(layer).specsWithPathsTo(path, specs);
     const auto edits = layers_.find(layer);
     const PathMoves specMoves = edits == layers_.end() ? PathMoves() : edits->second.moves;
+    const Planned& planned = planned_[layer];
     std::unordered_set<SdfPath, SdfPath::Hash> seen;
     for (const SdfPath& spec : specs) {
         if (!seen.insert(spec).second) continue;
         const SdfPath moved = followed(specMoves, spec);
         if (moved.IsEmpty() || !layer->HasSpec(spec)) continue;
+        const SdfPath owner = moved.StripAllVariantSelections();
         visitPathFields(layer, spec, [&](const TfToken& field, const VtValue& present) {
+            const bool isArc = isArcField(field);
+            if (isArc && planned.contains({spec, field})) return;
             VtValue value = present;
             for (const auto& moves : objects)
-                if (auto next = movedValue(value, moves); !next.IsEmpty()) value = std::move(next);
+                if (auto next = isArc ? movedArcs(value, moves, owner) : movedValue(value, moves);
+                    !next.IsEmpty())
+                    value = std::move(next);
             if (value != present)
                 layers_[layer].fields.push_back({spec, moved, field, present, value});
         });

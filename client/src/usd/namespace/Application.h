@@ -6,6 +6,7 @@
 
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "PathIndex.h"
@@ -42,6 +43,9 @@ public:
     [[nodiscard]] Result<NamespaceRecord> apply() const;
 
 private:
+    /// The arcs and relocates of the plans, by the paths of their specs before all moves.
+    using Planned = std::map<std::pair<pxr::SdfPath, pxr::TfToken>, pxr::VtValue>;
+
     void collectPlan(const std::vector<Plan>& plans);
     void collectPathFields(const std::vector<Plan>& plans, PathIndex& index);
     /// `objects` are moved at once, for each edit.
@@ -50,6 +54,7 @@ private:
     void checkPermissions();
 
     Layers layers_;
+    std::map<pxr::SdfLayerHandle, Planned> planned_;
     std::vector<std::string> errors_;
 };
 

@@ -6,6 +6,8 @@
 #include <pxr/base/vt/valueTransform.h>
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/pathExpression.h>
+#include <pxr/usd/sdf/payload.h>
+#include <pxr/usd/sdf/reference.h>
 #include <pxr/usd/sdf/schema.h>
 #include <pxr/usd/sdf/types.h>
 
@@ -65,6 +67,43 @@ SdfPathListOp movedList(const SdfPathListOp& list, const PathMoves& moves) {
 SdfPathListOp collectList(const SdfPathListOp& list, const Collect& collect) {
     content::forEachPath(list, [&](const SdfPath& path) { collect.add(path); });
     return list;
+}
+
+// Returns the path of the prim that an internal arc leads to, or an empty path for other arcs.
+SdfPath internalTarget(const SdfPath& arc) { return arc; }
+template <class Arc>
+SdfPath internalTarget(const Arc& arc) {
+    return arc.GetAssetPath().empty() ? arc.GetPrimPath() : SdfPath();
+}
+void setTarget(SdfPath& arc, const SdfPath& path) { arc = path; }
+template <class Arc>
+void setTarget(Arc& arc, const SdfPath& path) {
+    arc.SetPrimPath(path);
+}
+
+template <class Arc>
+VtValue movedArcList(const pxr::SdfListOp<Arc>& list, const PathMoves& moves,
+                     const SdfPath& owner) {
+    auto moved = list;
+    const bool differs = moved.ModifyOperations([&](const Arc& arc) -> std::optional<Arc> {
+        const SdfPath from = internalTarget(arc);
+        const auto* move = from.IsEmpty() ? nullptr : nearestMove(from, moves);
+        if (!move) return arc;
+        const SdfPath to = from.ReplacePrefix(move->from, move->to);
+        if (to.IsEmpty() || to.HasPrefix(owner) || owner.HasPrefix(to)) return std::nullopt;
+        Arc other = arc;
+        setTarget(other, to);
+        return other;
+    });
+    return differs ? VtValue::Take(moved) : VtValue();
+}
+
+template <class Arc>
+bool collectArcs(const VtValue& value, const Collect& collect) {
+    if (!value.IsHolding<pxr::SdfListOp<Arc>>()) return false;
+    content::forEachItem(value.UncheckedGet<pxr::SdfListOp<Arc>>(),
+                         [&](const Arc& arc) { collect.add(internalTarget(arc)); });
+    return true;
 }
 
 SdfPathExpression collectExpression(const SdfPathExpression& expression, const Collect& collect) {
@@ -146,25 +185,39 @@ VtValue movedValue(const VtValue& value, const PathMoves& moves) {
     return moved == value ? VtValue() : moved;
 }
 
+VtValue movedArcs(const VtValue& value, const PathMoves& moves, const SdfPath& owner) {
+    if (value.IsHolding<SdfPathListOp>())
+        return movedArcList(value.UncheckedGet<SdfPathListOp>(), moves, owner);
+    if (value.IsHolding<pxr::SdfReferenceListOp>())
+        return movedArcList(value.UncheckedGet<pxr::SdfReferenceListOp>(), moves, owner);
+    if (value.IsHolding<pxr::SdfPayloadListOp>())
+        return movedArcList(value.UncheckedGet<pxr::SdfPayloadListOp>(), moves, owner);
+    return {};
+}
+
+bool isArcField(const TfToken& field) {
+    const auto& keys = pxr::SdfFieldKeys;
+    return field == keys->InheritPaths || field == keys->Specializes || field == keys->References ||
+           field == keys->Payload;
+}
+
 bool collectPaths(const VtValue& value, pxr::SdfPathSet& paths) {
-    if (value.IsHolding<SdfPathListOp>()) {
-        collectList(value.UncheckedGet<SdfPathListOp>(), {paths});
+    const Collect collect{paths};
+    if (collectArcs<SdfPath>(value, collect) || collectArcs<pxr::SdfReference>(value, collect) ||
+        collectArcs<pxr::SdfPayload>(value, collect))
         return true;
-    }
     registerTransforms();
-    return !pxr::VtValueTryTransform(value, Collect{paths}).IsEmpty();
+    return !pxr::VtValueTryTransform(value, collect).IsEmpty();
 }
 
 // Decides by types, so that no value is read from a file.
 bool canHavePaths(const pxr::SdfLayerHandle& layer, const SdfPath& spec, const TfToken& field) {
-    const auto& keys = pxr::SdfFieldKeys;
     const auto& type = layer->GetFieldTypeid(spec, field);
-    if (type == typeid(SdfPathListOp))
-        return field != keys->InheritPaths && field != keys->Specializes;
     if (type == typeid(pxr::SdfTimeSampleMap)) return isExpression(layer, spec);
-    return type == typeid(SdfPath) || type == typeid(SdfPathExpression) ||
-           type == typeid(pxr::VtDictionary) || type == typeid(pxr::VtArray<SdfPath>) ||
-           type == typeid(pxr::VtArray<SdfPathExpression>);
+    return type == typeid(SdfPathListOp) || type == typeid(pxr::SdfReferenceListOp) ||
+           type == typeid(pxr::SdfPayloadListOp) || type == typeid(SdfPath) ||
+           type == typeid(SdfPathExpression) || type == typeid(pxr::VtDictionary) ||
+           type == typeid(pxr::VtArray<SdfPath>) || type == typeid(pxr::VtArray<SdfPathExpression>);
 }
 
 }  // namespace usdlive::naming

@@ -5,6 +5,8 @@
 #include <pxr/base/vt/array.h>
 #include <pxr/usd/sdf/listOp.h>
 #include <pxr/usd/sdf/pathExpression.h>
+#include <pxr/usd/sdf/payload.h>
+#include <pxr/usd/sdf/reference.h>
 
 using namespace usdlive::naming;
 using pxr::SdfPath;
@@ -46,4 +48,26 @@ TEST(PathValues, AValueWithoutMovedPathsIsEmpty) {
         movedValue(VtValue(SdfPathListOp::CreateExplicit({SdfPath("/E")})), kMoves).IsEmpty());
     EXPECT_TRUE(movedValue(VtValue(SdfPathExpression("/E//*")), kMoves).IsEmpty());
     EXPECT_TRUE(movedValue(VtValue(1.0), kMoves).IsEmpty());
+}
+
+TEST(PathValues, InternalArcsFollowAndArcsToOtherFilesStay) {
+    const auto references = pxr::SdfReferenceListOp::CreateExplicit(
+        {{"", SdfPath("/C")}, {"other.usda", SdfPath("/C")}, {"", SdfPath("/B")}, {}});
+    EXPECT_EQ(movedArcs(VtValue(references), kMoves, SdfPath("/User")),
+              pxr::SdfReferenceListOp::CreateExplicit(
+                  {{"", SdfPath("/D")}, {"other.usda", SdfPath("/C")}, {}}));
+    EXPECT_EQ(movedArcs(VtValue(pxr::SdfPayloadListOp::Create({{"", SdfPath("/A/P")}})), kMoves,
+                        SdfPath("/User")),
+              pxr::SdfPayloadListOp::Create({{"", SdfPath("/B/X/P")}}));
+    pxr::SdfPathSet paths;
+    EXPECT_TRUE(collectPaths(VtValue(references), paths));
+    EXPECT_EQ(paths, (pxr::SdfPathSet{SdfPath("/B"), SdfPath("/C")}));
+}
+
+TEST(PathValues, AnArcThatWouldLeadAboveOrBelowItsOwnerIsRemoved) {
+    const VtValue inherits(SdfPathListOp::Create({SdfPath("/A"), SdfPath("/E")}));
+    const VtValue left(SdfPathListOp::Create({SdfPath("/E")}));
+    EXPECT_EQ(movedArcs(inherits, kMoves, SdfPath("/B/X/User")), left);
+    EXPECT_EQ(movedArcs(inherits, kMoves, SdfPath("/B")), left);
+    EXPECT_TRUE(movedArcs(left, kMoves, SdfPath("/E/User")).IsEmpty());
 }
