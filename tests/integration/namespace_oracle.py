@@ -134,9 +134,11 @@ def play(opened: Opened, kind, edit) -> tuple[bool | None, str]:
 
 
 def _paths_of(value) -> list[Sdf.Path]:
-    if isinstance(value, Sdf.PathListOp):
-        return [path for items in (value.explicitItems, value.addedItems, value.prependedItems, value.appendedItems,
-                                   value.deletedItems, value.orderedItems) for path in items]
+    if isinstance(value, (Sdf.PathListOp, Sdf.ReferenceListOp, Sdf.PayloadListOp)):
+        items = [item for items in (value.explicitItems, value.addedItems, value.prependedItems, value.appendedItems,
+                                    value.deletedItems, value.orderedItems) for item in items]
+        return [item if isinstance(item, Sdf.Path) else item.primPath for item in items
+                if isinstance(item, Sdf.Path) or not item.assetPath]
     if isinstance(value, Sdf.PathExpression):
         paths = []
         value.Walk(lambda op, index: None, lambda reference: paths.append(reference.path),
@@ -165,12 +167,27 @@ def loses_the_relocate(theirs: Sdf.Layer, ours: Sdf.Layer, new: Sdf.Path) -> boo
             and [relocate for relocate in ours.relocates if relocate != more[0]] == list(theirs.relocates))
 
 
+def leaves_relocates(theirs: Sdf.Layer, ours: Sdf.Layer, stage: Usd.Stage) -> bool:
+    """Usd's editor leaves relocates to paths below a prim that moves, and loses the prims that they bring there."""
+    pairs = [(a, b) for a, b in zip(theirs.relocates, ours.relocates) if a != b]
+    return (bool(pairs) and len(theirs.relocates) == len(ours.relocates) and
+            not any(stage.GetObjectAtPath(a[1].GetParentPath()) for a, _ in pairs))
+
+
+def keeps_parents(theirs: Sdf.Layer, specs: set[Sdf.Path], new: Sdf.Path) -> bool:
+    """Usd's editor deletes specs at the new place of the prim that it moves, and deletes that prim with them. These are
+    the specs that only ours has."""
+    parents = [path for path in new.GetPrefixes() if not theirs.GetObjectAtPath(path)] if new else []
+    return all(any(path.HasPrefix(parent) for parent in parents) for path in specs)
+
+
 def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], gone: list[set[Sdf.Path]],
-                 unmoved: Sdf.Path) -> bool:
-    """Do the layers differ in nothing but paths to what is no longer there, which theirs has left as they were, and
-    paths to what is not gone, which theirs has removed? `unmoved` is a prim that theirs has not moved, or empty."""
+                 unmoved: Sdf.Path, new: Sdf.Path) -> bool:
+    """Do the layers differ in nothing but paths to what is no longer there, which theirs has left as they were, paths to
+    what is not gone, which theirs has removed, and parents of the moved prim? `unmoved` is a prim that theirs has not
+    moved, or empty."""
     layer, theirs, ours = theirs, _fields(theirs), _fields(ours)
-    if set(theirs) != set(ours):
+    if set(theirs) - set(ours) or not keeps_parents(layer, {path for path, _ in set(ours) - set(theirs)}, new):
         return False
     own = [stage for stage in stages if stage.HasLocalLayer(layer)]
     for key, value in theirs.items():
@@ -212,8 +229,9 @@ class Comparison:
         old, new = Sdf.Path(edit[1]), Sdf.Path(edit[2]) if edit[2] else Sdf.Path()
         unmoved = old if any(loses_the_relocate(a, b, new) for a, b in differing) else Sdf.Path()
         self.corrects_more = all(
-            only_sounder(a, b, [theirs.stage, *theirs.dependents], gone, unmoved) and
-            (list(a.relocates) == list(b.relocates) or loses_the_relocate(a, b, new)) for a, b in differing)
+            only_sounder(a, b, [theirs.stage, *theirs.dependents], gone, unmoved, new) and
+            (list(a.relocates) == list(b.relocates) or loses_the_relocate(a, b, new) or
+             leaves_relocates(a, b, theirs.stage)) for a, b in differing)
         self.adds_relocate = any(list(a.relocates) != list(b.relocates) for a, b in differing)
         self.is_moved = not ours.stage.GetObjectAtPath(old) and (not edit[2] or exists_or_inactive(ours.stage, new))
         self.composes_same = self.is_same or theirs.composed() == ours.composed()

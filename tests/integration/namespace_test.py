@@ -299,6 +299,43 @@ def test_arcs_that_the_stage_does_not_compose_follow():
     assert editor.ApplyEdits() and "Class" not in body(stage.GetRootLayer())
 
 
+def test_a_relocate_to_a_path_below_a_renamed_prim_follows(tmp_path):
+    """Usd.NamespaceEditor leaves it, and the prim that it brings is gone."""
+    scene = scenes.Scene({
+        "root.usda": scenes.usda("""
+            def "A" ( prepend references = @./asset.usda@</Asset> ) {}
+            def "World" { over "Group" {} }
+            def "User" { rel r = </World/Group/Moved> }""", "relocates = { </A/Part>: </World/Group/Moved> }"),
+        "user.usda": scenes.usda("""
+            def "Shot" ( prepend references = @./root.usda@</World> ) {}
+            def "B" ( prepend references = @./asset.usda@</Asset> ) {}""",
+            "relocates = { </B/Part>: </Shot/Group/Other> }"),
+        "asset.usda": scenes.usda('def "Asset" { def "Part" {} }')}, dependents=("user.usda",))
+    opened = oracle.Opened(scene, tmp_path / "ours")
+    before = opened.texts()
+    editor = opened.editor(usdlive.NamespaceEditor)
+    editor.MovePrimAtPath("/World/Group", "/World/Set")
+    assert editor.ApplyEdits()
+    assert opened.stage.GetPrimAtPath("/World/Set/Moved") and opened.dependents[0].GetPrimAtPath("/Shot/Set/Other")
+    assert opened.stage.GetRelationshipAtPath("/User.r").GetTargets() == ["/World/Set/Moved"]
+    assert editor.Undo() == [] and opened.texts() == before
+
+
+def test_a_prim_that_moves_below_what_the_edit_would_delete_stays():
+    """/World/A is an opinion about the class that moves away from it. Usd.NamespaceEditor deletes it, and the moved prim
+    that is then in it."""
+    stage = stage_of("""
+        class "Class" { class "A" { double x = 1 def "Part" {} } }
+        def "World" ( prepend inherits = </Class> ) { over "A" { double y = 2 } }""")
+    before = body(stage.GetRootLayer())
+    editor = usdlive.NamespaceEditor(stage)
+    editor.MovePrimAtPath("/Class/A", "/World/A/New")
+    assert editor.ApplyEdits()
+    assert stage.GetPrimAtPath("/World/A/New/Part") and stage.GetAttributeAtPath("/World/A/New.x").Get() == 1
+    assert stage.GetAttributeAtPath("/World/A.y").Get() == 2
+    assert editor.Undo() == [] and body(stage.GetRootLayer()) == before
+
+
 def test_targets_go_if_a_relocate_takes_the_name_from_other_opinions(tmp_path):
     """The relocate is authored where the prim is inherited from. No child of that name remains, whatever has opinions
     about it. In a batch, each edit is compared with the stage as the edits before leave it."""

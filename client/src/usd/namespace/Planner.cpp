@@ -269,6 +269,7 @@ private:
         for (const auto& [layer, moves] : edits.layerSpecMoves)
             for (const auto& [oldPath, newPath] : moves)
                 plan_.layers[layer].moves.push_back({oldPath, newPath});
+        keepParentsOfMoved();
         if (!isProperty_) noteRelocates(edits);
         for (const auto* cache : caches) {
             auto& objects = plan_.objects.emplace_back();
@@ -284,6 +285,53 @@ private:
                     objects.push_back({oldPath, newPath});
             }
         }
+        if (!isProperty_) followRelocates();
+    }
+
+    // Pcp deletes the specs over a prim that an arc no longer brings. They stay if the edited prim,
+    // or one that depends on it, moves below them. It would be deleted with them otherwise.
+    void keepParentsOfMoved() {
+        for (auto& [layer, changes] : plan_.layers) {
+            pxr::SdfPathVector targets{edit_.to};
+            for (const auto& move : changes.moves) targets.push_back(move.to);
+            std::erase_if(changes.moves, [&](const PathMove& move) {
+                return move.to.IsEmpty() && std::ranges::any_of(targets, [&](const SdfPath& to) {
+                           return to != move.from && to.HasPrefix(move.from);
+                       });
+            });
+        }
+    }
+
+    // Pcp leaves out relocates to a path below a prim that moves, if it does not compose their
+    // sources with it.
+    void followRelocates() {
+        for (std::size_t i = 0; i < plan_.objects.size(); ++i) {
+            auto& stage = i == 0 ? stage_ : *stages_.dependents[i - 1];
+            const bool movesSources = i > 0 || !plan_.hasRelocates;
+            for (const auto& layer : stage.localLayers()->GetLayers())
+                if (layer->HasRelocates()) followRelocates(layer, plan_.objects[i], movesSources);
+        }
+    }
+
+    void followRelocates(const SdfLayerHandle& layer, const PathMoves& moves, bool movesSources) {
+        const auto present = layer->GetRelocates();
+        const auto changes = plan_.layers.find(layer);
+        const auto planned =
+            changes == plan_.layers.end() ? std::nullopt : changes->second.relocates;
+        auto relocates = planned.value_or(present);
+        for (auto& relocate : relocates) {
+            if (std::ranges::find(present, relocate) == present.end()) continue;  // Pcp changed it
+            auto& [source, target] = relocate;
+            if (movesSources) source = followed(source, moves);
+            target = followed(target, moves);
+        }
+        if (relocates != planned.value_or(present)) plan_.layers[layer].relocates = relocates;
+    }
+
+    // Returns the path after moves that happen at once. A path that is deleted stays.
+    [[nodiscard]] static SdfPath followed(const SdfPath& path, const PathMoves& moves) {
+        const auto moved = movedValue(pxr::VtValue(path), moves).GetWithDefault<SdfPath>();
+        return moved.IsEmpty() ? path : moved;
     }
 
     void noteRelocates(const pxr::PcpDependentNamespaceEdits& edits) {
