@@ -336,6 +336,20 @@ def test_a_prim_that_moves_below_what_the_edit_would_delete_stays():
     assert editor.Undo() == [] and body(stage.GetRootLayer()) == before
 
 
+@pytest.mark.parametrize("new", ["/B/C/A", "/S/T/A"])
+def test_undo_keeps_overs_that_were_empty_before(tmp_path, new):
+    scene = scenes.Scene({
+        "root.usda": scenes.usda('def "A" { double x = 1 } over "B" { over "C" {} } over "S" {}',
+                                 "subLayers = [@./sub.usda@]"),
+        "sub.usda": scenes.usda('def "S" { def "T" {} }')})
+    opened = oracle.Opened(scene, tmp_path / "ours")
+    before = opened.texts()
+    editor = opened.editor(usdlive.NamespaceEditor)
+    editor.MovePrimAtPath("/A", new)
+    assert editor.ApplyEdits() and opened.texts() != before
+    assert editor.Undo() == [] and opened.texts() == before
+
+
 def test_targets_go_if_a_relocate_takes_the_name_from_other_opinions(tmp_path):
     """The relocate is authored where the prim is inherited from. No child of that name remains, whatever has opinions
     about it. In a batch, each edit is compared with the stage as the edits before leave it."""

@@ -131,7 +131,8 @@ std::vector<Kept> NamespaceRecord::Content::undo(const content::Record::IsShared
         if (!layer->HasSpec(path)) pxr::SdfJustCreatePrimInLayer(layer, path);
     restoreDeleted(false, restored, kept);
     for (const auto& [layer, path] : std::views::reverse(madeOvers_))
-        if (const auto prim = layer->GetPrimAtPath(path)) layer->RemovePrimIfInert(prim);
+        if (const auto prim = layer->GetPrimAtPath(path); prim && prim->IsInert())
+            content::removeSpec(layer, path);  // and no parents, as RemovePrimIfInert() does
     for (const auto& [layer, edits] : layers_) arrangeChildren(layer);
     return kept;
 }
@@ -162,7 +163,8 @@ void NamespaceRecord::Content::undoFields(const SdfLayerHandle& layer, const Lay
 }
 
 // Objects that were deleted later are not moved back. restoreDeleted() restores them at their first
-// path.
+// path. Overs that become empty stay, because some were empty before; undo() removes those that the
+// batch made.
 void NamespaceRecord::Content::undoMoves(const SdfLayerHandle& layer, const LayerEdits& edits,
                                          std::vector<Kept>& kept) const {
     PathMoves back;
@@ -179,18 +181,18 @@ void NamespaceRecord::Content::undoMoves(const SdfLayerHandle& layer, const Laye
         if (auto reason = refusal(back.front()); !reason.empty())
             kept.push_back({layer->GetIdentifier(), back.front().from, {}, {}, std::move(reason)});
         else
-            (void)naming::moveSpecs(layer, back);
+            (void)naming::moveSpecs(layer, back, naming::EmptiedOvers::Keep);
         return;
     }
     if (naming::canMoveSpecs(layer, back)) {
-        (void)naming::moveSpecs(layer, back);
+        (void)naming::moveSpecs(layer, back, naming::EmptiedOvers::Keep);
         return;
     }
     for (const auto& move : back)
         if (auto reason = refusal(move); !reason.empty())
             kept.push_back({layer->GetIdentifier(), move.from, {}, {}, std::move(reason)});
         else
-            (void)naming::moveSpecs(layer, {move});
+            (void)naming::moveSpecs(layer, {move}, naming::EmptiedOvers::Keep);
 }
 
 void NamespaceRecord::Content::arrangeChildren(const SdfLayerHandle& layer) const {

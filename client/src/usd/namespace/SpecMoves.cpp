@@ -58,10 +58,11 @@ bool applyOneByOne(const SdfLayerHandle& layer, const PathMoves& moves) {
     });
 }
 
-bool moveAndCleanUp(const SdfLayerHandle& layer, const PathMoves& moves) {
+bool moveAndCleanUp(const SdfLayerHandle& layer, const PathMoves& moves, EmptiedOvers emptied) {
     if (moves.empty()) return true;
     std::optional<pxr::SdfCleanupEnabler> cleanup;
-    if (std::ranges::any_of(moves, isReparent)) cleanup.emplace();
+    if (emptied == EmptiedOvers::Remove && std::ranges::any_of(moves, isReparent))
+        cleanup.emplace();
     const auto missing = missingParents(layer, moves);
     if (!missing) return applyOneByOne(layer, moves);
     for (const SdfPath& parent : *missing)
@@ -123,10 +124,10 @@ bool isDeletedBy(const PathMoves& moves, std::size_t i) {
     return moves[i].to.IsEmpty() || followed(later, moves[i].to).IsEmpty();
 }
 
-bool moveSpecs(const SdfLayerHandle& layer, const PathMoves& moves) {
+bool moveSpecs(const SdfLayerHandle& layer, const PathMoves& moves, EmptiedOvers emptied) {
     if (const auto split = splitDeletes(layer, moves))
-        return applyAll(layer, split->first) && moveAndCleanUp(layer, split->second);
-    return moveAndCleanUp(layer, moves);
+        return applyAll(layer, split->first) && moveAndCleanUp(layer, split->second, emptied);
+    return moveAndCleanUp(layer, moves, emptied);
 }
 
 }  // namespace usdlive::naming

@@ -10,10 +10,13 @@
 
 namespace usdlive::naming {
 
+/// The overs that become empty by moves out of them.
+enum class EmptiedOvers { Remove, Keep };
+
 /// Makes the moves in their order, with as few operations as possible. Creates missing parents as
-/// overs, and removes overs that become empty. Returns false if Sdf refuses a move; the layer may
-/// then be partly changed.
-[[nodiscard]] bool moveSpecs(const pxr::SdfLayerHandle& layer, const PathMoves& moves);
+/// overs. Returns false if Sdf refuses a move; the layer may then be partly changed.
+[[nodiscard]] bool moveSpecs(const pxr::SdfLayerHandle& layer, const PathMoves& moves,
+                             EmptiedOvers emptied = EmptiedOvers::Remove);
 
 /// Returns true if Sdf would make these moves. Returns false if a parent is missing.
 [[nodiscard]] bool canMoveSpecs(const pxr::SdfLayerHandle& layer, const PathMoves& moves);
