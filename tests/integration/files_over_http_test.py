@@ -1,7 +1,8 @@
-"""Tests reading a project over HTTP, without the client library (AS1-AS4)."""
+"""Tests reading a project over HTTP, without the client library (AS1-AS5)."""
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import http.client
 import json
@@ -34,6 +35,17 @@ def listed(server, query="", prefix=""):
     assert status == 200, body
     listing = json.loads(body)
     return listing, {one["path"]: one for one in listing["files"]}
+
+
+def inflated(frame: bytes) -> bytes:
+    zstd = ctypes.CDLL("libzstd.so.1")
+    zstd.ZSTD_getFrameContentSize.restype = ctypes.c_ulonglong
+    zstd.ZSTD_decompress.restype = zstd.ZSTD_findFrameCompressedSize.restype = ctypes.c_size_t
+    size = zstd.ZSTD_getFrameContentSize(frame, ctypes.c_size_t(len(frame)))
+    content = ctypes.create_string_buffer(size)
+    assert zstd.ZSTD_decompress(content, ctypes.c_size_t(size), frame, ctypes.c_size_t(len(frame))) == size
+    assert zstd.ZSTD_findFrameCompressedSize(frame, ctypes.c_size_t(len(frame))) == len(frame), "one frame"
+    return content.raw
 
 
 def sha(content: bytes) -> str:
@@ -226,3 +238,30 @@ def test_several_projects_have_their_own_files(serve, tmp_path):
     assert get(server, "/alpha/files/a.txt")[2] == b"alpha"
     assert get(server, "/my%20beta/files/a.txt")[2] == b"my beta"
     assert get(server, "/files/a.txt")[0] == 404
+
+
+def test_as5_what_gets_smaller_is_compressed(serve, project):
+    text = "".join(f"v {i} {i * 7 % 13} 0\n" for i in range(100_000)).encode()
+    (project / "many.obj").write_bytes(text)
+    (project / "small.obj").write_bytes(text[:1000])
+    (project / "large.obj").write_bytes(text * 60)  # more than 64 MiB
+    for number in range(40):
+        (project / f"other{number}.bin").write_bytes(b"x")
+    server = serve(project)
+    with connect(server, "ada") as live:
+        layer = live.open_layer("shot.usda")
+        layer.documentation = text[:100_000].decode()
+        assert live.flush(20)
+    listed(server)  # all hashes are known
+    for path in ("/files?layers=no", "/files", "/files/many.obj", "/files/shot.usda"):
+        _, plain, content = get(server, path)
+        status, headers, frame = get(server, path, Accept_Encoding="zstd")
+        assert status == 200 and headers["Content-Encoding"] == "zstd" and "Content-Encoding" not in plain, path
+        assert inflated(frame) == content and len(frame) < 0.8 * len(content), path
+        assert headers["ETag"] == plain["ETag"][:-1] + '-zstd"'
+        assert headers.get("Usdlive-Sha256") == plain.get("Usdlive-Sha256")
+        for known in (plain["ETag"], headers["ETag"]):
+            assert get(server, path, Accept_Encoding="zstd", If_None_Match=known)[0] == 304, path
+    for path in ("/files/small.obj", "/files/large.obj", "/files/tex/my%20brick.png"):
+        _, headers, content = get(server, path, Accept_Encoding="zstd")
+        assert "Content-Encoding" not in headers and sha(content) == headers["Usdlive-Sha256"], path

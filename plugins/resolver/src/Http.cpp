@@ -17,6 +17,7 @@
 #include <cerrno>
 #include <string_view>
 
+#include "Inflated.h"
 #include "usdlive/common/core/PercentEncoding.h"
 
 namespace usdlive::resolver {
@@ -136,6 +137,7 @@ private:
         http::request<http::empty_body> message{http::verb::get, request_.target, 11};
         message.set(http::field::host, request_.host + ":" + std::to_string(request_.port));
         message.set(http::field::user_agent, "usdliveResolver");
+        if (request_.takesZstd) message.set(http::field::accept_encoding, "zstd");
         for (const auto& [name, value] : request_.headers) message.set(name, value);
         stream_.expires_after(times_.answer);
         return wait([&](auto done) { http::async_write(stream_, message, std::move(done)); });
@@ -147,11 +149,20 @@ private:
         if (answer.status == kNotModified) return {};
         const auto length = parser_.content_length();
         if (!length) return "the answer has no length. Is this a usdlive server?";
-        std::uint64_t left = *length;
+        const std::uint64_t left = *length;
         BodyInMemory body(answer.body);
         const bool goesToSink = request_.sink && answer.status == kOk;
         if (!goesToSink && left > kMostBodyBytes) return "the answer is too large";
-        BodySink& sink = goesToSink ? *request_.sink : body;
+        BodySink& target = goesToSink ? *request_.sink : body;
+        const auto encoding = parser_.get()[http::field::content_encoding];
+        if (encoding.empty()) return read(target, left);
+        if (encoding != "zstd") return "the answer has the unknown encoding " + text(encoding);
+        Inflated inflated(target);
+        std::string problem = read(inflated, left);
+        return problem.empty() ? inflated.finish() : problem;
+    }
+
+    std::string read(BodySink& sink, std::uint64_t left) {
         while (left > 0) {
             std::span<char> space = sink.space();
             space = space.first(std::min<std::uint64_t>(space.size(), left));

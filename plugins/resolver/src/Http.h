@@ -32,6 +32,7 @@ struct HttpRequest {
     std::string target;  ///< percent-encoded path and query
     std::vector<std::pair<std::string, std::string>> headers = {};
     BodySink* sink = nullptr;  ///< receives the body of a successful answer
+    bool takesZstd = false;    ///< the server may compress the body (AS5), which is inflated here
 };
 
 /// True for `localhost` and addresses of the loopback interface.

@@ -109,6 +109,12 @@ bool isRevision(const std::string& pin) {
     return !pin.empty() && pin.find_first_not_of("0123456789") == std::string::npos;
 }
 
+/// On one machine, compressing takes longer than sending.
+bool takesZstd(const std::string& host) {
+    const std::string chosen = environment("USDLIVE_RESOLVER_COMPRESSION");
+    return chosen.empty() ? !isLoopback(host) : chosen != "0";
+}
+
 }  // namespace
 
 std::string versionToken(const std::string& version) {
@@ -134,6 +140,7 @@ Project::Project(std::string host, std::uint16_t port, std::string name, std::st
       prefix_(std::move(prefix)),
       user_(std::move(user)),
       times_(times),
+      takesZstd_(takesZstd(host_)),
       cache_(cache) {}
 
 Outcome<SnapshotPtr> Project::newest(milliseconds idle) { return ask(newest_, {}, idle); }
@@ -223,6 +230,7 @@ Outcome<SnapshotPtr> Project::request(const SnapshotPtr& known, const Listing& l
 HttpRequest Project::requestFor(const std::string& target) const {
     HttpRequest request{host_, port_, prefix_ + target};
     if (!user_.empty()) request.headers.emplace_back("Usdlive-User", urlEncoded(user_));
+    request.takesZstd = takesZstd_;
     return request;
 }
 

@@ -95,6 +95,7 @@ private:
     const std::uint16_t port_;
     const std::string name_, prefix_, user_;
     const HttpTimes times_;
+    const bool takesZstd_;
     Cache& cache_;
 
     std::mutex asking_;         // held while the server is asked, so that it is asked once

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <nlohmann/json.hpp>
 
+#include "CompressedContents.h"
 #include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/Sha256.h"
 #include "usdlive/common/core/Utf8.h"
@@ -85,19 +86,6 @@ private:
     const std::shared_ptr<const OpenedAsset> file_;
 };
 
-class LayerContent final : public HttpContent {
-public:
-    explicit LayerContent(std::shared_ptr<const Bytes> bytes) : bytes_(std::move(bytes)) {}
-    std::uint64_t size() const override { return bytes_->size(); }
-    Result<void> read(std::uint64_t offset, std::span<std::uint8_t> part) override {
-        std::copy_n(bytes_->begin() + std::ptrdiff_t(offset), part.size(), part.begin());
-        return {};
-    }
-
-private:
-    const std::shared_ptr<const Bytes> bytes_;
-};
-
 std::string nameOf(const LayerVersion& version) {
     return std::to_string(version.revision) + "-" + version.hash.hex();
 }
@@ -125,7 +113,8 @@ ServedAssets::ServedAssets(std::string project, AssetFiles& assets, LayerFiles& 
       store_(store),
       workers_(workers),
       log_(log),
-      assets_(assets) {}
+      assets_(assets),
+      compressed_(std::make_shared<CompressedContents>()) {}
 
 void ServedAssets::answer(const FileRequest& request, const HttpAnswer& answer) {
     asio::post(workers_.history, [this, request, answer] {
@@ -193,16 +182,6 @@ HttpReply ServedAssets::list(const FileRequest& request) {
     return made;
 }
 
-/// Returns the list without layers if it was made of these files.
-std::optional<HttpReply> ServedAssets::sentBefore(const AssetList& files) {
-    const std::lock_guard lock(mutex_);
-    if (files != listedWithoutLayers_) return std::nullopt;
-    HttpReply reply{"application/json", {}};
-    reply.etag = listWithoutLayers_.etag;
-    reply.body = listWithoutLayers_.body;
-    return reply;
-}
-
 Result<void> ServedAssets::addVersions(Listing& listing, const Moment& at) {
     return store_.use([&](CommitStore& store) -> Result<void> {
         const auto stored = store.layers();
@@ -216,21 +195,34 @@ Result<void> ServedAssets::addVersions(Listing& listing, const Moment& at) {
     });
 }
 
+/// Returns the list without layers if it was made of these files.
+std::optional<HttpReply> ServedAssets::sentBefore(const AssetList& files) {
+    const std::lock_guard lock(mutex_);
+    if (files != listedWithoutLayers_) return std::nullopt;
+    return replyWith(listWithoutLayers_);
+}
+
+HttpReply ServedAssets::replyWith(const SentList& list) {
+    HttpReply reply{"application/json", {}};
+    reply.etag = list.etag;
+    setContent(reply, std::make_shared<BytesContent>(list.body));
+    return reply;
+}
+
 /// Most requests are made by clients that have the list already, and the text takes most of the
 /// time. It is made once for all clients.
 HttpReply ServedAssets::replyFor(const Listing& listing, const std::optional<Moment>& at) {
-    HttpReply reply{"application/json", {}};
-    reply.etag = etagOf(listing, at);
+    SentList list{etagOf(listing, at), nullptr};
     SentList& last = at ? listOfAll_ : listWithoutLayers_;
     {
         const std::lock_guard lock(mutex_);
-        if (last.etag == reply.etag) reply.body = last.body;
+        if (last.etag == list.etag) return replyWith(last);
     }
-    if (!reply.body.empty()) return reply;
-    reply.body = bodyOf(listing, at);
+    const std::string text = bodyOf(listing, at);
+    list.body = std::make_shared<const Bytes>(text.begin(), text.end());
     const std::lock_guard lock(mutex_);
-    last = {reply.etag, reply.body};
-    return reply;
+    last = list;
+    return replyWith(list);
 }
 
 std::string ServedAssets::etagOf(const Listing& listing, const std::optional<Moment>& at) const {
@@ -288,8 +280,7 @@ HttpReply ServedAssets::file(const FileRequest& request) {
     HttpReply reply{kBinary, {}};
     reply.etag = hash;
     reply.headers = {{"Usdlive-Sha256", hash}};
-    reply.content = std::make_shared<AssetContent>(*opened);
-    reply.background = downloads();
+    setContent(reply, std::make_shared<AssetContent>(*opened));
     return reply;
 }
 
@@ -300,9 +291,16 @@ HttpReply ServedAssets::layer(const LayerId& layer, const LayerVersion& version)
     reply.etag = found->version;
     reply.headers = {{"Usdlive-Sha256", found->hash},
                      {"Usdlive-Revision", std::to_string(version.revision)}};
-    reply.content = std::make_shared<LayerContent>(found->bytes);
-    reply.background = downloads();
+    setContent(reply, std::make_shared<BytesContent>(found->bytes));
     return reply;
+}
+
+void ServedAssets::setContent(HttpReply& reply, std::shared_ptr<HttpContent> content) {
+    reply.background = downloads();
+    reply.compressed = [all = compressed_, name = reply.etag, content] {
+        return all->of(name, *content);
+    };
+    reply.content = std::move(content);
 }
 
 Result<ServedAssets::Rendered> ServedAssets::rendered(const LayerId& layer,

@@ -9,6 +9,7 @@
 #include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/parser.hpp>
 #include <boost/beast/http/read.hpp>
+#include <boost/beast/http/rfc7230.hpp>
 #include <boost/beast/http/string_body.hpp>
 #include <boost/beast/http/write.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
@@ -158,11 +159,55 @@ private:
     }
 
     void answer(HttpReply reply) {
-        if (!reply.etag.empty() && reply.status == kOk && matches(reply.etag)) {
+        const bool isCompressible = bool(reply.compressed);
+        if (isCompressible) reply.headers.emplace_back("Vary", "Accept-Encoding");
+        const bool isKnown = matches(reply.etag) || (isCompressible && matches(zstdEtag(reply)));
+        if (!reply.etag.empty() && reply.status == kOk && isKnown) {
             reply.status = kNotModified;
             reply.content.reset();
             reply.body.clear();
+        } else if (isCompressible && reply.status == kOk && !isHead_ && takesZstd()) {
+            return compress(std::move(reply));
         }
+        send(std::move(reply));
+    }
+
+    static std::string zstdEtag(const HttpReply& reply) { return reply.etag + kZstdEtag; }
+
+    bool takesZstd() {
+        const Request& request = parser_.get();
+        if (!request[http::field::range].empty()) return false;
+        for (const auto& [coding, parameters] :
+             http::ext_list(request[http::field::accept_encoding]))
+            if (beast::iequals(coding, "zstd"))
+                return std::ranges::none_of(parameters, [](const auto& one) {
+                    return beast::iequals(one.first, "q") && one.second.starts_with('0') &&
+                           one.second.find_first_not_of("0.") == beast::string_view::npos;
+                });
+        return false;
+    }
+
+    void compress(HttpReply reply) {
+        waits_ = true;
+        deadline_ = steady_clock::now() + hub_.options.answerTime;
+        const auto background = reply.background;
+        background([io = &hub_.io, weak = weak_from_this(), reply = std::move(reply)]() mutable {
+            auto content = reply.compressed();
+            asio::post(*io,
+                       [weak, reply = std::move(reply), content = std::move(content)]() mutable {
+                           const auto self = weak.lock();
+                           if (!self || self->done_ || !std::exchange(self->waits_, false)) return;
+                           if (content) {
+                               reply.etag = zstdEtag(reply);
+                               reply.headers.emplace_back("Content-Encoding", "zstd");
+                               reply.content = std::move(content);
+                           }
+                           self->send(std::move(reply));
+                       });
+        });
+    }
+
+    void send(HttpReply reply) {
         const std::uint64_t size = reply.content ? reply.content->size() : reply.body.size();
         ByteRange range{0, size};
         if (reply.content && reply.status == kOk) range = rangeOf(reply, size);

@@ -158,6 +158,17 @@ protected:
                 reply.background = background();
                 answer(reply);
             });
+        if (path == "/compressible" || path == "/incompressible")
+            return HttpPage([this, pays = path == "/compressible"](const HttpAnswer& answer) {
+                HttpReply reply{"application/octet-stream", {}};
+                reply.etag = "mark";
+                reply.content = content_;
+                reply.background = background();
+                reply.compressed = [pays]() -> std::shared_ptr<HttpContent> {
+                    return pays ? std::make_shared<Pattern>(99) : nullptr;
+                };
+                answer(reply);
+            });
         return HttpReply{"text/plain", "there is nothing here\n", 404};
     }
 
@@ -308,6 +319,41 @@ TEST_F(HttpServerTest, AS3SendsRangesOfAContent) {
     const std::string same = ranged("If-None-Match: \"x\", \"mark\"\r\n");
     EXPECT_THAT(same, StartsWith("HTTP/1.1 304"));
     EXPECT_EQ(bodyOf(same), "");
+}
+
+TEST_F(HttpServerTest, AS5CompressesForThoseWhoAcceptIt) {
+    start();
+    const auto get = [&](const std::string& headers, const std::string& of = "compressible",
+                         const std::string& method = "GET") {
+        return http(method + " /" + of + " HTTP/1.1\r\n" + headers + "\r\n");
+    };
+    for (const std::string accepted : {"zstd", "gzip, ZSTD;q=0.5", "zstd;q=0.001, identity"}) {
+        const std::string answer = get("Accept-Encoding: " + accepted + "\r\n");
+        EXPECT_THAT(answer, StartsWith("HTTP/1.1 200")) << accepted;
+        EXPECT_THAT(answer, HasSubstr("Content-Encoding: zstd\r\n")) << accepted;
+        EXPECT_THAT(answer, HasSubstr("ETag: \"mark-zstd\"\r\n"));
+        EXPECT_THAT(answer, HasSubstr("Vary: Accept-Encoding\r\n"));
+        EXPECT_EQ(bodyOf(answer), Pattern::text(0, 99));
+    }
+    const auto isPlain = [](const std::string& answer) {
+        EXPECT_THAT(answer, HasSubstr("ETag: \"mark\"\r\n"));
+        EXPECT_THAT(answer, HasSubstr("Vary: Accept-Encoding\r\n"));
+        EXPECT_EQ(answer.find("Content-Encoding"), std::string::npos);
+        return bodyOf(answer);
+    };
+    for (const std::string refused :
+         {"", "Accept-Encoding: gzip, br\r\n", "Accept-Encoding: zstd;q=0\r\n",
+          "Accept-Encoding: zstd;q=0.000, *;q=0\r\n"})
+        EXPECT_EQ(isPlain(get(refused)), Pattern::text(0, 1'000)) << refused;
+    const std::string zstd = "Accept-Encoding: zstd\r\n";
+    EXPECT_EQ(isPlain(get(zstd, "incompressible")), Pattern::text(0, 1'000));
+    EXPECT_EQ(isPlain(get(zstd, "compressible", "HEAD")), "");
+    EXPECT_EQ(isPlain(get(zstd + "Range: bytes=10-19\r\n")), Pattern::text(10, 20));
+    for (const char* known : {"mark", "mark-zstd"})
+        for (const auto& accepted : {std::string(), zstd})
+            EXPECT_THAT(get(accepted + "If-None-Match: \"" + known + "\"\r\n"),
+                        StartsWith("HTTP/1.1 304"));
+    EXPECT_THAT(get(zstd + "If-None-Match: \"other-zstd\"\r\n"), StartsWith("HTTP/1.1 200"));
 }
 
 TEST_F(HttpServerTest, AS3AContentThatCannotBeReadIsCutOff) {

@@ -21,6 +21,8 @@
 
 namespace usdlive::server {
 
+class CompressedContents;
+
 /// A project's files over HTTP. A layer with commits is served as the history says; all other
 /// files, also layers that nobody has opened yet, are served as they are on the disk. Any thread.
 class ServedAssets {
@@ -48,7 +50,7 @@ private:
     /// A list as it was sent last.
     struct SentList {
         std::string etag;
-        std::string body;
+        std::shared_ptr<const Bytes> body;
     };
     /// The bytes of a layer's file at a version.
     struct Rendered {
@@ -68,6 +70,8 @@ private:
     [[nodiscard]] HttpReply layer(const LayerId& layer, const LayerVersion& version);
     [[nodiscard]] Result<Moment> moment(const FileRequest& request);
     [[nodiscard]] Result<Rendered> rendered(const LayerId& layer, const LayerVersion& version);
+    [[nodiscard]] HttpReply replyWith(const SentList& list);
+    void setContent(HttpReply& reply, std::shared_ptr<HttpContent> content);
     void hashTheRest(std::size_t missing);
     [[nodiscard]] std::function<void(std::function<void()>)> downloads() const;
 
@@ -77,6 +81,7 @@ private:
     WorkerLanes& workers_;
     Log& log_;
     AssetFiles& assets_;
+    const std::shared_ptr<CompressedContents> compressed_;  // shared with replies under way
 
     std::mutex mutex_;  // guards the next members
     SentList listOfAll_, listWithoutLayers_;

@@ -33,6 +33,8 @@ public:
     [[nodiscard]] virtual Result<void> read(std::uint64_t offset, std::span<std::uint8_t> part) = 0;
 };
 
+inline constexpr const char* kZstdEtag = "-zstd";
+
 struct HttpReply {
     std::string contentType;
     std::string body;
@@ -42,8 +44,11 @@ struct HttpReply {
     std::string etag = {};
     /// Sent in place of `body`. The connection answers requests for ranges of it.
     std::shared_ptr<HttpContent> content = {};
-    /// Runs a job on another thread, or drops it. Set if there is content.
+    /// Runs a job on another thread, or drops it. Set if there is content or `compressed`.
     std::function<void(std::function<void()>)> background = {};
+    /// Returns the body or content as a zstd frame, or nullptr if that does not pay. Called by
+    /// `background` if the client accepts it and asks for no range. Its ETag ends with kZstdEtag.
+    std::function<std::shared_ptr<HttpContent>()> compressed = {};
 };
 
 /// Receives the reply to one request. May be called from any thread. Only the first call counts,
