@@ -114,8 +114,11 @@ def test_one_of_several_projects(tmp_path, serve):
     assert "three" in refused("tree", "--composed", f"{server.url}/three", "a@b.usda")
 
 
-def test_what_cannot_be_composed_says_why(shot):
-    assert "gone.usda" in refused("tree", "--composed", shot.url, "gone.usda")
+def test_what_cannot_be_composed_says_why(shot, tmp_path):
+    assert "gone.usda@0': there is no such file" in refused("tree", "--composed", shot.url, "gone.usda")
+    (tmp_path / "bad.usda").write_text('#usda 1.0\ndef "A" {\n')
+    said = refused("tree", "--composed", str(tmp_path / "bad.usda"))
+    assert said.count("bad.usda:3:1: Expected }") == 1 and "Parser" not in said and "Error" not in said, said
     assert "no checkpoint 'lunch'" in refused("flatten", shot.url, "shot.usda", "-c", "lunch")
     assert "the newest revision is 0" in refused("flatten", shot.url, "shot.usda", "-r", "9")
     assert "ws://HOST:PORT" in refused("flatten", "dds://project", "shot.usda")

@@ -19,6 +19,7 @@ std::string withoutInternalNamespace(const std::string& text) {
 }  // namespace
 
 TfComplaints::~TfComplaints() {
+    if (passes_) return;
     mark_.Clear();
     trap_.Clear();
 }
@@ -27,7 +28,8 @@ std::string TfComplaints::text(const std::string& otherwise) const {
     constexpr std::size_t kMost = 3;  // a full disk is reported for every block
     std::vector<std::string> distinct;
     const auto add = [&](const std::string& commentary) {
-        const std::string complaint = withoutInternalNamespace(commentary);
+        std::string complaint = withoutInternalNamespace(commentary);
+        complaint.resize(complaint.find_last_not_of('\n') + 1);
         if (distinct.size() < kMost && std::ranges::find(distinct, complaint) == distinct.end())
             distinct.push_back(complaint);
     };

@@ -132,8 +132,13 @@ Result<pxr::SdfLayerRefPtr> openLayer(const std::string& identifier) {
     if (auto open = SdfLayer::Find(identifier)) return pxr::SdfLayerRefPtr(open);
     if (auto problem = problemOfText(identifier); !problem.empty())
         return fail(ErrorCode::LayerUnreadable, std::move(problem));
-    if (auto layer = SdfLayer::FindOrOpen(identifier)) return layer;
-    return fail(ErrorCode::LayerUnreadable, "cannot open the layer '" + identifier + "'");
+    usd::TfComplaints complaints;
+    if (auto layer = SdfLayer::FindOrOpen(identifier)) {
+        complaints.pass();
+        return layer;
+    }
+    return fail(ErrorCode::LayerUnreadable, "cannot open the layer '" + identifier +
+                                                "': " + complaints.text("there is no such file"));
 }
 
 struct DepthGuard::Arc {

@@ -8,6 +8,8 @@
 namespace usdlive::usd {
 namespace {
 
+using pxr::TF_DIAGNOSTIC_RUNTIME_ERROR_TYPE;  // the macro does not qualify it
+
 TEST(TfComplaints, NamesOfOpenUsdAreThoseOfItsDocumentation) {
     const TfComplaints complaints;
     TF_WARN("%s cannot be read", pxr::ArchGetDemangled<pxr::SdfLayer>().c_str());
@@ -21,6 +23,30 @@ TEST(TfComplaints, EarlierComplaintsAreNotReturned) {
     const TfComplaints inner;
     EXPECT_EQ(inner.text("nothing"), "nothing");
     EXPECT_FALSE(inner.hasErrors());
+}
+
+TEST(TfComplaints, EndsOfLinesAreLeftOut) {
+    const TfComplaints complaints;
+    TF_WARN("the first\n");
+    TF_WARN("the second");
+    EXPECT_EQ(complaints.text("nothing"), "the first; the second");
+}
+
+TEST(TfComplaints, PassesThemOn) {
+    const TfComplaints outer;
+    {
+        TfComplaints inner;
+        TF_WARN("a warning");
+        TF_RUNTIME_ERROR("an error");
+        inner.pass();
+    }
+    EXPECT_TRUE(outer.hasErrors());
+    EXPECT_EQ(outer.text("nothing"), "an error; a warning");
+    {
+        const TfComplaints inner;
+        TF_WARN("of the inner one");
+    }
+    EXPECT_EQ(outer.text("nothing"), "an error; a warning");
 }
 
 }  // namespace
