@@ -290,13 +290,11 @@ class Live:
         thread and arrives in a later tick."""
         start = time.perf_counter()
         _, more, happened = self._client.tick(budget_ms)
-        self._update_stages()
         return self._notify(happened, start + budget_ms / 1000) or more
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Calls `tick()` until all own edits are committed. Returns False after `timeout` seconds."""
         done, happened = self._client.flush(timeout * 1000.0)
-        self._update_stages()
         self._notify(happened)
         return done
 
@@ -516,8 +514,10 @@ class Live:
         return True
 
     def _notify(self, happened: list[dict], end: float = float("inf")) -> bool:
-        """Calls the handlers for at least one event, and until `end`. Returns True if events are left."""
-        self._undelivered.extend(happened)
+        """Updates the stages, and calls the handlers for at least one event, and until `end`. Returns True if events
+        are left."""
+        self._undelivered.extend(happened)  # first: an exception loses no events
+        self._update_stages()
         while self._undelivered:
             event = events._from_dictionary(self._undelivered.popleft())
             for handler in tuple(self._handlers):
