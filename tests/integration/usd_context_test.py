@@ -14,7 +14,7 @@ from conftest import wait_frames
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, Vt
 
 import usdlive
-from usdlive.omni import usd as omni_usd
+from usdlive.omni import _layer_content, usd as omni_usd
 from usdlive.omni.kit.app import get_app
 from usdlive.omni.kit.usd.layers import (LayerErrorType, LayerEventType, get_layer_event_payload,
                                          get_layers)
@@ -1270,3 +1270,17 @@ def test_a_connection_of_ones_own_is_attached_and_left_open(live, ctx):
         UsdGeom.Sphere(stage.GetPrimAtPath("/Ball")).GetRadiusAttr().Set(3.0)
         wait_frames(lambda: own.revision and not own.pending)
         assert ctx.save_stage() and ctx.close_stage() and own.connected
+
+
+def test_a_tile_of_any_number_makes_a_path_one_beside_its_layer(live, ctx, project):
+    (project / "skin.1042.png").write_bytes(b"tile")
+    server, url = live
+    assert ctx.open_stage(url)
+    root = ctx.get_stage().GetRootLayer()
+    for name, expected in (("skin", "../skin.<UDIM>.png"), ("none", "none.<UDIM>.png")):
+        content = Sdf.Layer.CreateAnonymous()
+        prim = Sdf.CreatePrimInLayer(content, "/A")
+        Sdf.AttributeSpec(prim, "tiles", Sdf.ValueTypeNames.Asset).default = Sdf.AssetPath(f"{name}.<UDIM>.png")
+        look = ctx.live.open_layer("sub/look.usda")
+        _layer_content.reanchor(content, root, look)
+        assert content.GetAttributeAtPath("/A.tiles").default.path == expected

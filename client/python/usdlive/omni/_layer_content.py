@@ -75,7 +75,8 @@ def _joined(folder: str, path: str) -> str:
 
 def _exists(path: str) -> bool:
     if path.startswith(_ADDRESS):
-        return bool(Ar.GetResolver().Resolve(path.replace("<UDIM>", "1001")))
+        tiles = range(1001, 1101) if "<UDIM>" in path else (0,)
+        return any(Ar.GetResolver().Resolve(path.replace("<UDIM>", str(tile))) for tile in tiles)
     return bool(glob.glob(_pattern(path)))
 
 
