@@ -12,6 +12,8 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "usdlive/common/core/Descriptor.h"
+
 namespace usdlive::server {
 
 namespace {
@@ -46,10 +48,9 @@ std::vector<std::string> ipv4Addresses() {
 RunningServer::RunningServer(std::filesystem::path folder, const std::string& url)
     : file_(fileOf(folder)) {
     const std::string text = nlohmann::json{{"process", ::getpid()}, {"url", url}}.dump() + "\n";
-    const int file = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-    if (file < 0) return;
-    [[maybe_unused]] const ssize_t ignored = ::write(file, text.data(), text.size());
-    ::close(file);
+    const Descriptor file(::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644));
+    if (!file) return;
+    [[maybe_unused]] const ssize_t ignored = ::write(file.get(), text.data(), text.size());
 }
 
 RunningServer::~RunningServer() { ::unlink(file_.c_str()); }

@@ -30,8 +30,6 @@ namespace {
 
 constexpr std::size_t kWrittenAtOnce = 1024 * 1024;
 constexpr mode_t kNewFolderMode = 0777;  // the process's umask applies
-constexpr mode_t kNewAssetMode = 0644;   // the mode of new layers
-constexpr mode_t kAllPermissions = 07777;
 
 tl::unexpected<Error> invalid(const std::string& path, const std::string& why) {
     return fail(ErrorCode::InvalidFileName, inQuotes(path) + " " + why);
@@ -225,7 +223,7 @@ Result<FileTrace> writeAsset(const fs::path& root, const AssetPlace& place,
     if (!folder) return tl::unexpected(folder.error());
     auto file = UnnamedAsset::create(folder->get());
     if (!file) return tl::unexpected(file.error());
-    const mode_t mode = place.present ? place.present->st_mode & kAllPermissions : kNewAssetMode;
+    const mode_t mode = permissionsLike(place.present ? &*place.present : nullptr);
     return file->write(contents, mode).and_then(ready).and_then([&] {
         return file->rename(place.name, overwrite);
     });

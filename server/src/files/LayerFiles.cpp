@@ -19,6 +19,7 @@
 #include "FileStamps.h"
 #include "FolderWalk.h"
 #include "SafeFile.h"
+#include "usdlive/common/core/Descriptor.h"
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/usd/LayerFill.h"
 #include "usdlive/common/usd/SdfLayerStore.h"
@@ -218,12 +219,11 @@ public:
         }
         // OpenUSD writes the binary format to files only.
         std::string name = (fs::temp_directory_path() / "usdlive-XXXXXX.usdc").string();
-        const int file = ::mkostemps(name.data(), int(std::strlen(".usdc")), O_CLOEXEC);
-        if (file < 0)
+        const Descriptor file(::mkostemps(name.data(), int(std::strlen(".usdc")), O_CLOEXEC));
+        if (!file)
             return fail(ErrorCode::SaveFailed, "no temporary file can be created in " +
                                                    fs::temp_directory_path().string() + ": " +
                                                    std::strerror(errno));
-        ::close(file);
         auto written = exportWhole(name, doc, "usdc").and_then([&] { return readFile(name); });
         ::unlink(name.c_str());
         return written;

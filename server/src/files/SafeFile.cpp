@@ -19,8 +19,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr mode_t kPermissionBits = 07777;
-constexpr mode_t kNewFile = 0644;
 constexpr mode_t kWriteBits = 0222;
 
 tl::unexpected<Error> failedTo(const char* what) {
@@ -35,6 +33,11 @@ Result<void> syncPath(const fs::path& path, int flags) {
 }
 
 }  // namespace
+
+mode_t permissionsLike(const struct stat* present) {
+    constexpr mode_t kPermissionBits = 07777, kNewFile = 0644;
+    return present ? present->st_mode & kPermissionBits : kNewFile;
+}
 
 void startWritingBack(const fs::path& path) {
     const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
@@ -69,7 +72,7 @@ Result<SafeFile> SafeFile::create(const fs::path& target, std::string_view prefi
     const Descriptor file(::mkostemps(name.data(), int(suffix.size()), O_CLOEXEC));
     if (!file) return failedTo("its folder is not writable");
     SafeFile safe(target, name);
-    const mode_t mode = exists ? present.st_mode & kPermissionBits : kNewFile;
+    const mode_t mode = permissionsLike(exists ? &present : nullptr);
     if (::fchmod(file.get(), mode) != 0) return failedTo("cannot get its permissions");
     return safe;
 }

@@ -1,6 +1,7 @@
 // Replaces a file atomically.
 #pragma once
 
+#include <sys/stat.h>
 #include <sys/types.h>
 
 #include <filesystem>
@@ -19,6 +20,8 @@ inline constexpr std::string_view kTemporaryPrefix = ".usdlive-save-";
 /// Returns true if this process may write the file and its permissions allow it to anybody. (Root
 /// may write any file, but respects a file without write permission.)
 [[nodiscard]] bool isWritable(const std::filesystem::path& path, mode_t mode);
+/// Returns the permissions of a file that replaces `present`, or of a new file if that is nullptr.
+[[nodiscard]] mode_t permissionsLike(const struct stat* present);
 
 /// Starts to write the file's content to the disk and returns at once, so that a later sync has
 /// less to wait for. Failures show in that sync.
