@@ -168,7 +168,8 @@ public:
     /// Sends the edits since the last call as one transaction, applies received edits in one
     /// SdfChangeBlock for about `budgetMs`, and calls the event handler. Layers that composition
     /// has opened meanwhile become live. A thread of the client builds the content of an opened
-    /// layer, and a later tick puts it in.
+    /// layer, and a later tick puts it in. Never waits for the server: a package that an edit names
+    /// and that has to be fetched is composed in a later tick.
     TickResult tick(double budgetMs = 4.0);
 
     /// M11: edits between the two calls are shown to others at once, and committed as one
