@@ -32,11 +32,15 @@ FolderWatch::FolderWatch() : events_(::inotify_init1(IN_NONBLOCK | IN_CLOEXEC)) 
 void FolderWatch::begin() {
     static_cast<void>(isUnchanged());
     isUnknown_ = false;
+    count_ = 0;
 }
 
 void FolderWatch::add(const std::filesystem::path& folder) {
-    if (!isLocal(folder) || ::inotify_add_watch(events_.get(), folder.c_str(), kChanges) < 0)
-        isUnknown_ = true;
+    if (isUnknown_) return;
+    const int watch = ++count_ <= kMostFolders && isLocal(folder)
+                          ? ::inotify_add_watch(events_.get(), folder.c_str(), kChanges)
+                          : -1;
+    isUnknown_ = watch < 0;
 }
 
 bool FolderWatch::isUnchanged() {

@@ -1,6 +1,7 @@
 // Notices when the files in folders change.
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 
 #include "usdlive/common/core/Descriptor.h"
@@ -12,6 +13,9 @@ namespace usdlive::server {
 /// thread-safe.
 class FolderWatch {
 public:
+    /// With more folders, changes are not noticed: other programs need watches, too.
+    static constexpr std::size_t kMostFolders = 10'000;
+
     FolderWatch();
 
     /// Forgets the changes up to now.
@@ -26,6 +30,7 @@ public:
 private:
     Descriptor events_;
     bool isUnknown_ = false;
+    std::size_t count_ = 0;  // added folders
 };
 
 }  // namespace usdlive::server
