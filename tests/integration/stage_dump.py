@@ -18,6 +18,7 @@ from pxr import Gf, Sdf, Tf, Usd
 FOLD = 64
 BIGGEST = 300  # prims of a stage that is made from a seed
 SOURCES = ("None", "Fallback", "Default", "TimeSamples", "ValueClips", "Spline")
+UNNAMED = {"2": "ArcToProhibitedChild"}  # an error type that pxr.Usd registers no name for
 SKIPPED = {
     "prim": {"specifier", "typeName", "active", "kind", "instanceable"},
     "attribute": {"typeName", "variability", "custom", "default", "timeSamples", "connectionPaths", "spline"},
@@ -170,8 +171,8 @@ class Dump:
 
     def all(self):
         root = self.stage.GetPseudoRoot()
-        errors = [{"type": error.errorType.name.split("ErrorType_")[-1], "prim": str(error.rootSite.path)}
-                  for error in self.stage.GetCompositionErrors()]
+        found = [(error.errorType.name.split("ErrorType_")[-1], error.rootSite.path) for error in self.stage.GetCompositionErrors()]
+        errors = [{"type": UNNAMED.get(name, name), "prim": str(path)} for name, path in found]
         return {
             "format": "stage-dump/1", "times": self.times,
             "layers": [self.values.file(layer.realPath) or "anonymous" for layer in self.stage.GetLayerStack(True)],

@@ -43,8 +43,13 @@ def together(rounds):
 
 
 def broader(before, after, ours, theirs):
-    """Yields what ours reports as changed though pxr.Usd does not, and nothing has changed there."""
+    """Yields what ours reports as changed though pxr.Usd does not, and nothing has changed there.
+
+    The whole stage may be resynced if pxr.Usd reports too little: other time codes of the session layer change all samples.
+    """
     changed = {path for path, _ in changes_of(before, after)}
+    if "/" in ours["resynced"] and any(missing(before, after, theirs)):
+        return
     shown = {str(prefix) for path in changed for prefix in Sdf.Path(path).GetPrefixes()}
     for path in sorted(ours["resynced"]):
         if not is_below(path, theirs["resynced"]) and path not in shown:

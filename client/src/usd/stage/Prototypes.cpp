@@ -89,14 +89,13 @@ pxr::SdfPathVector Prototypes::settle(std::set<Prototype*>& changed) {
     return sources;
 }
 
-bool Prototypes::rekey(Prototype& prototype, const pxr::PcpInstanceKey& arcs) {
-    const InstanceKey key{arcs, prototype.key.load, prototype.key.mask};
-    const auto [begin, end] = byArcs_.equal_range(arcs);
+bool Prototypes::rekey(Prototype& prototype, const InstanceKey& key) {
+    const auto [begin, end] = byArcs_.equal_range(key.arcs);
     for (auto at = begin; at != end; ++at)
         if (at->second->key == key) return false;
     std::erase_if(byArcs_, [&](const auto& one) { return one.second == &prototype; });
     prototype.key = key;
-    byArcs_.emplace(arcs, &prototype);
+    byArcs_.emplace(key.arcs, &prototype);
     return true;
 }
 

@@ -50,9 +50,9 @@ public:
     /// `changed`. Returns sources whose children are not composed yet. Composing them may find more
     /// instances.
     [[nodiscard]] pxr::SdfPathVector settle(std::set<Prototype*>& changed);
-    /// Changes the arcs in the key of a prototype. Returns false if another prototype has the new
-    /// key; nothing changes then.
-    bool rekey(Prototype& prototype, const pxr::PcpInstanceKey& arcs);
+    /// Changes the key of a prototype. Returns false if another prototype has the new key; nothing
+    /// changes then.
+    bool rekey(Prototype& prototype, const InstanceKey& key);
     /// Removes the prototypes without instances and returns them.
     [[nodiscard]] std::vector<std::unique_ptr<Prototype>> takeUnused();
 

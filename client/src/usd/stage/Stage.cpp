@@ -45,6 +45,13 @@ double timeOf(const StageState& state, const TfToken& field, const TfToken& old)
     return 0;
 }
 
+std::string typeOf(pxr::PcpErrorType type) {
+    // OpenUSD 26.8 registers no name for it.
+    if (type == pxr::PcpErrorType_ArcToProhibitedChild) return "ArcToProhibitedChild";
+    const std::string name = pxr::TfEnum::GetName(type);
+    return name.substr(name.rfind('_') + 1);
+}
+
 bool visitBelow(const Prim& prim, const PrimPredicate& predicate,
                 const std::function<bool(const Prim&)>& visit) {
     for (const auto& child : prim.children(predicate))
@@ -163,9 +170,7 @@ std::vector<CompositionError> Stage::errors() const {
     std::vector<CompositionError> errors;
     const auto add = [&](const pxr::PcpErrorVector& found) {
         for (const auto& error : found) {
-            std::string type = pxr::TfEnum::GetName(error->errorType);
-            type = type.substr(type.rfind('_') + 1);
-            errors.push_back({std::move(type), error->rootSite.path, error->ToString()});
+            errors.push_back({typeOf(error->errorType), error->rootSite.path, error->ToString()});
         }
     };
     const auto& cache = state_->composition.cache();

@@ -258,6 +258,7 @@ void StageState::follow(pxr::PcpChanges& changes, Gathered& gathered) {
     for (const auto& path : gathered.activity)
         changes.DidChangeSignificantly(&composition.cache(), path);
     composeUnmoved(gathered, changes);
+    const double timesBefore = composition.localLayers().GetTimeCodesPerSecond();
     composition.apply(changes);
     if (!exchanged.empty()) {
         gathered.activity.clear();
@@ -266,6 +267,13 @@ void StageState::follow(pxr::PcpChanges& changes, Gathered& gathered) {
         for (const auto& path : gathered.activity)
             coming.DidChangeSignificantly(&composition.cache(), path);
         composition.apply(coming);
+    }
+    // Pcp does not notice that a session layer with other time codes is muted or unmuted.
+    if (composition.localLayers().GetTimeCodesPerSecond() != timesBefore) {
+        pxr::PcpChanges all;
+        all.DidChangeSignificantly(&composition.cache(), SdfPath::AbsoluteRootPath());
+        composition.apply(all);
+        gathered.recompose.insert(SdfPath::AbsoluteRootPath());
     }
     for (const auto& [cache, change] : changes.GetCacheChanges()) {
         if (cache != &composition.cache()) continue;
@@ -339,7 +347,7 @@ bool StageState::hasArcsOf(Prototype& prototype, const pxr::PcpPrimIndex& index)
         const auto* other = composition.cache().FindPrimIndex(path);
         return other && pxr::PcpInstanceKey(*other) == arcs;
     });
-    return all && prototypes.rekey(prototype, arcs);
+    return all && prototypes.rekey(prototype, {arcs, prototype.key.load, prototype.key.mask});
 }
 
 bool StageState::isComposed(const SdfPath& path) const {
@@ -497,9 +505,19 @@ void StageState::setLoadRules(const LoadRules& rules) {
     cache.RequestPayloads(include, exclude, &changes);
     Gathered gathered;
     // Load rules decide which prims may share a prototype.
-    for (const auto& prototype : prototypes.all())
+    for (const auto& prototype : prototypes.all()) {
+        Paths others;
         for (const auto& instance : prototype->instances)
-            if (!(prototype->key.load == load.below(instance))) gathered.recompose.insert(instance);
+            if (!(prototype->key.load == load.below(instance))) others.insert(instance);
+        if (others.empty()) continue;
+        const auto rules = load.below(*others.begin());
+        const bool all = std::ranges::all_of(prototype->instances, [&](const SdfPath& instance) {
+            return load.below(instance) == rules;
+        });
+        if (all && prototypes.rekey(*prototype, {prototype->key.arcs, rules, prototype->key.mask}))
+            continue;
+        gathered.recompose.merge(others);
+    }
     follow(changes, gathered);
 }
 
