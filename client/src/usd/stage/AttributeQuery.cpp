@@ -1,6 +1,6 @@
 // Resolves attribute values in the order of UsdStage: nodes of the prim index from strong to weak;
 // in each node the layers from strong to weak; in each layer time samples, then a spline, then a
-// default.
+// default, then the value clips that the layer names.
 #include "usdlive/client/usd/stage/AttributeQuery.h"
 
 #include <pxr/base/gf/math.h>
@@ -13,7 +13,9 @@
 
 #include <algorithm>
 #include <typeinfo>
+#include <utility>
 
+#include "Clips.h"
 #include "Interpolate.h"
 #include "usd/content/MappedValue.h"
 
@@ -138,15 +140,17 @@ VtValue evaluated(const pxr::TsSpline& spline, double time) {
 
 AttributeQuery::AttributeQuery(const pxr::PcpPrimIndex& prim, const pxr::TfToken& attribute,
                                const schema::PropertyDefinition* definition,
-                               Interpolation interpolation, AssetPaths assetPaths)
+                               Interpolation interpolation, AssetPaths assetPaths,
+                               std::shared_ptr<const ClipSets> clips)
     : prim_(&prim),
       attribute_(attribute),
       definition_(definition),
       interpolation_(interpolation),
-      assetPaths_(assetPaths) {}
+      assetPaths_(assetPaths),
+      clips_(std::move(clips)) {}
 
 AttributeQuery::Cursor AttributeQuery::begin() const {
-    return {prim_->GetNodeRange().first, 0, false};
+    return {prim_->GetNodeRange().first, 0, false, false};
 }
 
 AttributeQuery::Source AttributeQuery::fallback(bool blocked) const {
@@ -158,22 +162,50 @@ AttributeQuery::Source AttributeQuery::fallback(bool blocked) const {
     return found;
 }
 
-// Returns the strongest source at or after the cursor, and moves the cursor behind it.
+bool AttributeQuery::hasClips(const pxr::PcpNodeRef& node) const {
+    return clips_ &&
+           std::ranges::any_of(*clips_, [&](const auto& set) { return set->appliesTo(node); });
+}
+
+// Returns the strongest source at or after the cursor, and moves the cursor behind it. Clips may
+// have values in a node without specs.
 AttributeQuery::Source AttributeQuery::next(Cursor& cursor, bool withTimes) const {
     const auto end = prim_->GetNodeRange().second;
     for (; cursor.node != end; ++cursor.node, cursor.layerIndex = 0) {
         const pxr::PcpNodeRef node = *cursor.node;
-        if (!node.HasSpecs() || node.IsInert()) continue;
+        if (node.IsInert()) continue;
+        const bool withClips = withTimes && !cursor.animationBlocked && hasClips(node);
+        if (!node.HasSpecs() && !withClips) continue;
         const std::size_t layers = node.GetLayerStack()->GetLayers().size();
         Source found;
-        if (cursor.layerIndex < layers)
+        if (cursor.layerIndex < layers || cursor.clipsAreNext)
             found.site = {node, 0, node.GetPath().AppendProperty(attribute_)};
-        while (cursor.layerIndex < layers) {
-            found.site.layerIndex = cursor.layerIndex++;
-            if (findInLayer(cursor, withTimes, found)) return found;
+        while (cursor.layerIndex < layers || cursor.clipsAreNext) {
+            if (!cursor.clipsAreNext) {
+                found.site.layerIndex = cursor.layerIndex++;
+                cursor.clipsAreNext = withClips;
+                if (node.HasSpecs() && findInLayer(cursor, withTimes, found)) return found;
+            }
+            if (std::exchange(cursor.clipsAreNext, false) && findInClips(cursor, found))
+                return found;
         }
     }
     return fallback(false);
+}
+
+bool AttributeQuery::findInClips(const Cursor& cursor, Source& found) const {
+    if (cursor.animationBlocked) return false;
+    found.site.layerIndex = cursor.layerIndex - 1;
+    for (const auto& set : *clips_) {
+        if (!set->appliesTo(found.site.node) ||
+            get_pointer(set->definition().layer) != get_pointer(found.site.layer()) ||
+            !set->hasValuesOf(found.site.path))
+            continue;
+        found.source = ValueSource::ValueClips;
+        found.clips = set;
+        return true;
+    }
+    return false;
 }
 
 bool AttributeQuery::findInLayer(Cursor& cursor, bool withTimes, Source& found) const {
@@ -264,9 +296,16 @@ VtValue AttributeQuery::get(double time) const {
     const Source& source = timed();
     if (source.onStage) return source.samples.IsEmpty() ? source.value : sampleAt(source, time);
     if (source.source == ValueSource::TimeSamples) return sampleAt(source, time);
+    if (source.source == ValueSource::ValueClips) return clipAt(source, time);
     if (source.source != ValueSource::Spline) return source.value;
     const auto& spline = source.value.UncheckedGet<pxr::TsSpline>();
     return toStage(evaluated(spline, source.toStage.GetInverse() * time), source.site);
+}
+
+VtValue AttributeQuery::clipAt(const Source& source, double time) const {
+    ValueSite site = source.site;
+    const auto value = source.clips->value(site.path, time, interpolation_, site.clip);
+    return site.clip ? toStage(value, site, assetPaths_) : value;
 }
 
 VtValue AttributeQuery::sampleAt(const Source& source, double time) const {
@@ -314,11 +353,13 @@ bool AttributeQuery::hasAuthoredDefault() const {
 }
 
 bool AttributeQuery::mightBeTimeVarying() const {
+    if (const auto& clips = timed().clips) return clips->mightVary(timed().site.path);
     return hasSpline() || numTimeSamples() > 1 || (timed().onStage && numTimeSamples() > 0);
 }
 
 std::vector<double> AttributeQuery::timeSamples() const {
     const Source& found = timed();
+    if (found.clips) return found.clips->timesOf(found.site.path);
     std::vector<double> times;
     if (found.samples.IsHolding<SdfTimeSampleMap>()) {
         for (const auto& [time, value] : found.samples.UncheckedGet<SdfTimeSampleMap>())
@@ -334,6 +375,7 @@ std::vector<double> AttributeQuery::timeSamples() const {
 
 std::size_t AttributeQuery::numTimeSamples() const {
     const Source& found = timed();
+    if (found.clips) return found.clips->timesOf(found.site.path).size();
     if (found.samples.IsHolding<SdfTimeSampleMap>())
         return found.samples.UncheckedGet<SdfTimeSampleMap>().size();
     if (found.source != ValueSource::TimeSamples) return 0;

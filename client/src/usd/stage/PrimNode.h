@@ -7,8 +7,10 @@
 
 #include <atomic>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
+#include "usdlive/client/usd/stage/AttributeQuery.h"
 #include "usdlive/client/usd/stage/Prim.h"
 
 namespace usdlive::stage {
@@ -40,7 +42,8 @@ public:
     pxr::TfToken typeName;
     pxr::TfTokenVector apiSchemas;  // the authored list
     const schema::PrimDefinition* definition = nullptr;
-    const Prototype* prototype = nullptr;  // set for an instance
+    const Prototype* prototype = nullptr;   // set for an instance
+    std::shared_ptr<const ClipSets> clips;  // of the prim and its ancestors; null if there are none
     std::uint16_t flags = 0;
 
 private:

@@ -96,7 +96,8 @@ pxr::SdfVariability Property::variability() const {
 }
 
 AttributeQuery Property::query(AssetPaths assetPaths) const {
-    return {prim_.primIndex(), name_, definition(), Interpolation::Linear, assetPaths};
+    return {prim_.primIndex(),     name_,      definition(),
+            Interpolation::Linear, assetPaths, prim_.node_->clips};
 }
 
 VtValue Property::value(std::optional<double> time) const { return value(query(), time); }

@@ -10,17 +10,20 @@
 #include <unordered_map>
 #include <vector>
 
+#include "Clips.h"
 #include "PrimNode.h"
 #include "usdlive/client/usd/stage/LoadRules.h"
 #include "usdlive/client/usd/stage/PopulationMask.h"
 
 namespace usdlive::stage {
 
-/// The key of a prototype. Prims with equal arcs, load rules and masks share the prims below them.
+/// The key of a prototype. Prims with equal arcs, load rules, masks and value clips share the prims
+/// below them.
 struct InstanceKey {
     pxr::PcpInstanceKey arcs;
     LoadRules load;
     PopulationMask mask;
+    std::vector<ClipDefinition> clips;
 
     bool operator==(const InstanceKey&) const = default;
 };

@@ -86,7 +86,9 @@ bool Stage::hasLocalLayer(const pxr::SdfLayerHandle& layer) const {
 }
 
 pxr::SdfLayerHandleSet Stage::usedLayers() const {
-    return state_->composition.cache().GetUsedLayers();
+    auto layers = state_->composition.cache().GetUsedLayers();
+    layers.merge(state_->clipLayers->open());
+    return layers;
 }
 
 Composition& Stage::composition() const { return state_->composition; }

@@ -120,8 +120,8 @@ bool StageState::composesChildren(const PcpPrimIndex& index, pxr::TfTokenVector*
     const SdfPath& path = index.GetPath();
     if (path.GetPathElementCount() >= kDeepest) return false;
     if (index.IsInstanceable())
-        return prototypes.found(path,
-                                {pxr::PcpInstanceKey(index), load.below(path), mask.below(path)});
+        return prototypes.found(path, {pxr::PcpInstanceKey(index), load.below(path),
+                                       mask.below(path), composeClips(index)});
     return mask.isAll() || mask.includedChildren(path, names);
 }
 
@@ -223,7 +223,25 @@ void StageState::compose(PrimNode& node) {
         composeType(node);
         noteUnmoved(*node.index);
     }
+    composeClipSets(node);
     composeChildren(node, nullptr);
+}
+
+// Clips of ancestors are weaker. Those of an instance do not reach the prims of its prototype, as
+// in pxr.Usd.
+void StageState::composeClipSets(PrimNode& node) {
+    if (!node.parent) return;
+    const auto above = node.parent->clips;
+    node.clips = above;
+    auto definitions = composeClips(*node.index);
+    if (definitions.empty()) return;
+    ClipSets sets;
+    for (auto& definition : definitions) {
+        sets.push_back(std::make_shared<ClipSet>(std::move(definition), clipLayers));
+        clipLayers->add(sets.back());
+    }
+    if (above) sets.insert(sets.end(), above->begin(), above->end());
+    node.clips = std::make_shared<const ClipSets>(std::move(sets));
 }
 
 pxr::TfTokenVector StageState::childNames(const PrimNode& node) const {
@@ -311,6 +329,7 @@ void StageState::bury(PrimNode& node) {
     node.index = nullptr;
     node.prototype = nullptr;
     node.definition = nullptr;
+    node.clips = nullptr;
 }
 
 void StageState::enter(PrimNode& node) {

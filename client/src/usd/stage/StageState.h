@@ -13,6 +13,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "Clips.h"
 #include "Kinds.h"
 #include "PrimNode.h"
 #include "Prototypes.h"
@@ -53,6 +54,7 @@ public:
     EditTarget target;
     Prototypes prototypes;
     Composition composition;
+    const std::shared_ptr<ClipLayers> clipLayers = std::make_shared<ClipLayers>();
     PrimNodePtr root;
     std::size_t primsUpdated = 0;
 
@@ -64,6 +66,7 @@ private:
     void composeIndexes(pxr::SdfPathVector roots, std::set<Prototype*>& changed);
     void composeType(PrimNode& node);
     void composeFlags(PrimNode& node);
+    void composeClipSets(PrimNode& node);
     void compose(PrimNode& node);
     void composeChildren(PrimNode& node, const Paths* only);
     void composePrototype(Prototype& prototype);
@@ -83,6 +86,8 @@ private:
     void gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfLayerHandle& layer,
                 const pxr::SdfPath& path, const pxr::SdfChangeList::Entry& entry,
                 Gathered& into) const;
+    void gatherClip(ClipSet& set, const pxr::SdfLayerHandle& layer,
+                    const pxr::SdfChangeList& changes, Gathered& into) const;
     [[nodiscard]] std::vector<Exchanged> gatherLeaving(const pxr::PcpChanges& changes,
                                                        Gathered& into) const;
     void gatherComing(const std::vector<Exchanged>& exchanged, Gathered& into);

@@ -148,6 +148,11 @@ void StageState::onLayersChanged(const pxr::SdfNotice::LayersDidChange& notice) 
         concerned = true;
         gather(stacks, layer, list, gathered);
     }
+    for (const auto& [layer, list] : notice.GetChangeListVec())
+        for (const auto& set : clipLayers->usersOf(layer)) {
+            concerned = true;
+            gatherClip(*set, layer, list, gathered);
+        }
     if (!concerned) return;
     changes.DidChange(&cache, notice.GetChangeListVec());
     for (const auto& [stack, change] : changes.GetLayerStackChanges()) {
@@ -215,6 +220,30 @@ void StageState::gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::Sd
     if (entry.flags.didChangeRelationshipTargets) fields.insert(SdfFieldKeys->TargetPaths);
     forAffected(stacks, path, into,
                 [&](const SdfPath& one) { into.info[one].insert(fields.begin(), fields.end()); });
+}
+
+// Other samples of a clip change values of the prims that use the clip. Pcp does not know clips.
+void StageState::gatherClip(ClipSet& set, const pxr::SdfLayerHandle& layer,
+                            const pxr::SdfChangeList& changes, Gathered& into) const {
+    set.onLayerChanged();
+    for (const auto& [path, entry] : changes.GetEntryList()) {
+        const auto& flags = entry.flags;
+        if (path == SdfPath::AbsoluteRootPath() &&
+            (flags.didReplaceContent || flags.didReloadContent)) {
+            forAffected({set.definition().stack}, set.definition().prim, into,
+                        [&](const SdfPath& one) { into.properties.insert(one); });
+            continue;
+        }
+        const SdfPath changed = set.fromClip(path);
+        if (changed.IsEmpty()) continue;
+        if (path.IsPropertyPath() && set.mayShow(layer, changed))
+            forAffected({set.definition().stack}, changed, into, [&](const SdfPath& one) {
+                into.info[one].insert(SdfFieldKeys->TimeSamples);
+            });
+        else if (flags.didAddNonInertPrim || flags.didRemoveNonInertPrim || flags.didRename)
+            forAffected({set.definition().stack}, changed, into,
+                        [&](const SdfPath& one) { into.properties.insert(one); });
+    }
 }
 
 // Pcp reports the specs of layers that are muted, unmuted, or added to and removed from sublayers,
@@ -347,7 +376,8 @@ bool StageState::hasArcsOf(Prototype& prototype, const pxr::PcpPrimIndex& index)
         const auto* other = composition.cache().FindPrimIndex(path);
         return other && pxr::PcpInstanceKey(*other) == arcs;
     });
-    return all && prototypes.rekey(prototype, {arcs, prototype.key.load, prototype.key.mask});
+    return all && prototypes.rekey(prototype, {arcs, prototype.key.load, prototype.key.mask,
+                                               prototype.key.clips});
 }
 
 bool StageState::isComposed(const SdfPath& path) const {
@@ -514,7 +544,8 @@ void StageState::setLoadRules(const LoadRules& rules) {
         const bool all = std::ranges::all_of(prototype->instances, [&](const SdfPath& instance) {
             return load.below(instance) == rules;
         });
-        if (all && prototypes.rekey(*prototype, {prototype->key.arcs, rules, prototype->key.mask}))
+        if (all && prototypes.rekey(*prototype, {prototype->key.arcs, rules, prototype->key.mask,
+                                                 prototype->key.clips}))
             continue;
         gathered.recompose.merge(others);
     }

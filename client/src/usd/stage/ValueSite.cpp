@@ -78,10 +78,11 @@ VtValue ofDictionary(pxr::VtDictionary dictionary, const ValueSite& site, AssetP
 }  // namespace
 
 const pxr::SdfLayerRefPtr& ValueSite::layer() const {
-    return node.GetLayerStack()->GetLayers()[layerIndex];
+    return clip ? clip : node.GetLayerStack()->GetLayers()[layerIndex];
 }
 
 pxr::SdfLayerOffset ValueSite::layerToStage() const {
+    if (clip) return pxr::SdfLayerOffset();
     const auto& toRoot = node.GetMapToRoot().GetTimeOffset();
     const auto* ofLayer = node.GetLayerStack()->GetLayerOffsetForLayer(layerIndex);
     return ofLayer ? toRoot * *ofLayer : toRoot;

@@ -10,6 +10,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -17,6 +18,10 @@
 #include "usdlive/client/usd/stage/ValueSite.h"
 
 namespace usdlive::stage {
+
+class ClipSet;
+/// The value clips of a prim, from strong to weak.
+using ClipSets = std::vector<std::shared_ptr<ClipSet>>;
 
 /// The kind of source that an attribute's value comes from. Corresponds to UsdResolveInfoSource.
 enum class ValueSource : std::uint8_t { None, Fallback, Default, TimeSamples, ValueClips, Spline };
@@ -29,19 +34,21 @@ enum class Interpolation : std::uint8_t { Held, Linear };
 /// at the first such read, so that later reads are quick.
 ///
 /// In one layer, time samples are stronger than a spline, and a spline is stronger than a default.
-/// A default in a stronger layer is stronger than time samples in a weaker layer. Returned values
-/// share their data with the layer; arrays are not copied.
+/// A default in a stronger layer is stronger than time samples in a weaker layer. Value clips are
+/// weaker than the layer that names them, and stronger than the next layer. Returned values share
+/// their data with the layer; arrays are not copied.
 ///
 /// Valid until the prim index changes, or until a layer changes the attribute. Use a query on one
 /// thread at a time.
 class AttributeQuery {
 public:
-    /// `definition` is the attribute's definition from the schemas, or null. `prim` and
-    /// `definition` must outlive the query.
+    /// `definition` is the attribute's definition from the schemas, or null. `clips` are the value
+    /// clips of the prim, or null. `prim` and `definition` must outlive the query.
     AttributeQuery(const pxr::PcpPrimIndex& prim, const pxr::TfToken& attribute,
                    const schema::PropertyDefinition* definition,
                    Interpolation interpolation = Interpolation::Linear,
-                   AssetPaths assetPaths = AssetPaths::Resolved);
+                   AssetPaths assetPaths = AssetPaths::Resolved,
+                   std::shared_ptr<const ClipSets> clips = nullptr);
 
     /// Returns the value at the default time, for which time samples and splines are ignored.
     /// Returns an empty value if there is no value, or if it is blocked.
@@ -90,18 +97,23 @@ private:
         /// true, else layer times.
         pxr::VtValue samples;
         bool onStage = false;
+        std::shared_ptr<ClipSet> clips;  // set for ValueClips
     };
     // The position from which the search for the next weaker source continues.
     struct Cursor {
         pxr::PcpNodeIterator node;
         std::size_t layerIndex = 0;
         bool animationBlocked = false;
+        bool clipsAreNext = false;  // the clips of the layer before layerIndex
     };
 
     [[nodiscard]] Cursor begin() const;
     [[nodiscard]] Source next(Cursor& cursor, bool withTimes) const;
     [[nodiscard]] bool findInLayer(Cursor& cursor, bool withTimes, Source& found) const;
+    [[nodiscard]] bool findInClips(const Cursor& cursor, Source& found) const;
+    [[nodiscard]] bool hasClips(const pxr::PcpNodeRef& node) const;
     [[nodiscard]] Source fallback(bool blocked) const;
+    [[nodiscard]] pxr::VtValue clipAt(const Source& source, double time) const;
     [[nodiscard]] const Source& timed() const;
     bool composeWeaker(Source& strongest, Cursor& cursor, bool withTimes) const;
     [[nodiscard]] pxr::SdfTimeSampleMap samplesOnStage(const Source& source) const;
@@ -112,6 +124,7 @@ private:
     const schema::PropertyDefinition* definition_;
     Interpolation interpolation_;
     AssetPaths assetPaths_;
+    std::shared_ptr<const ClipSets> clips_;
     mutable std::optional<Source> timed_;
 };
 

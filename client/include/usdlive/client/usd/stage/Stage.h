@@ -84,7 +84,8 @@ public:
     /// strong to weak. Muted layers are left out.
     [[nodiscard]] pxr::SdfLayerRefPtrVector localLayers() const;
     [[nodiscard]] bool hasLocalLayer(const pxr::SdfLayerHandle& layer) const;
-    /// Returns all layers that contribute to the prims composed now, including layers behind arcs.
+    /// Returns all layers that contribute to the prims composed now, including layers behind arcs
+    /// and the value clips that values were read from.
     [[nodiscard]] pxr::SdfLayerHandleSet usedLayers() const;
     /// Returns the composition of the stage. `layers::StageHost::composition()` returns it to the
     /// client library; its class is private to that library.

@@ -19,6 +19,9 @@ struct ValueSite {
     pxr::PcpNodeRef node;
     std::size_t layerIndex = 0;  ///< the index in the node's layer stack
     pxr::SdfPath path;           ///< the path of the spec in its layer
+    /// The layer of the value clip that the value comes from; null for all other values. Its times
+    /// are times of the stage.
+    pxr::SdfLayerRefPtr clip = {};
 
     [[nodiscard]] const pxr::SdfLayerRefPtr& layer() const;
     /// Returns the offset that maps times of the layer to times of the stage. It combines the
