@@ -73,7 +73,7 @@ bool isInstanceable(const pxr::PcpPrimIndex& index) {
     });
     if (!instanceable) return false;
     for (const pxr::PcpNodeRef& node : index.GetNodeRange())
-        if (node.HasSpecs() && isInDirectArc(node)) return true;
+        if (node.HasSpecs() && node.CanContributeSpecs() && isInDirectArc(node)) return true;
     return false;
 }
 
