@@ -86,6 +86,7 @@ private:
     void gather(const pxr::PcpLayerStackPtrVector& stacks, const pxr::SdfLayerHandle& layer,
                 const pxr::SdfPath& path, const pxr::SdfChangeList::Entry& entry,
                 Gathered& into) const;
+    void gatherSession(Gathered& into) const;
     void gatherClip(ClipSet& set, const pxr::SdfLayerHandle& layer,
                     const pxr::SdfChangeList& changes, Gathered& into) const;
     [[nodiscard]] std::vector<Exchanged> gatherLeaving(const pxr::PcpChanges& changes,

@@ -561,11 +561,28 @@ void StageState::setMask(const PopulationMask& wanted) {
     follow(none, gathered);
 }
 
+// Pcp reports a session layer that is muted or unmuted only if it has prims.
+void StageState::gatherSession(Gathered& into) const {
+    static const TfToken fallbacks("fallbackPrimTypes");
+    const auto& path = SdfPath::AbsoluteRootPath();
+    const bool isMuted = std::ranges::find(muted, sessionLayer->GetIdentifier()) != muted.end();
+    if (isMuted != bool(unmutedSession())) return;
+    into.parents.insert(path);
+    for (const auto& field : sessionLayer->ListFields(path)) {
+        if (isPrivateField(field) ||
+            sessionLayer->GetField(path, field) == rootLayer->GetField(path, field))
+            continue;
+        into.info[path].insert(field);
+        if (field == fallbacks) into.recompose.insert(path);
+    }
+}
+
 void StageState::setMuted(const std::vector<std::string>& identifiers) {
     pxr::PcpChanges changes;
     composition.setMuted(identifiers, changes);
     muted = identifiers;
     Gathered gathered;
+    gatherSession(gathered);
     follow(changes, gathered);
 }
 
