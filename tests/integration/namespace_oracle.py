@@ -4,7 +4,7 @@ layers and composed stages.
     python namespace_oracle.py FIRST LAST [SHOWN]
 
 plays the seeds from FIRST to LAST, shows the first SHOWN differences of each 50 seeds, and counts the results. "more
-corrected" are edits after which our layers differ only as docs/namespace-editing.md lists it."""
+corrected" are edits after which our layers differ only as docs/namespace-editing.md lists it; "composed" are those whose composed stages differ, too."""
 
 import collections
 import contextlib
@@ -160,6 +160,13 @@ def _fields(layer: Sdf.Layer) -> dict:
     return fields
 
 
+def is_composed(stage: Usd.Stage, layer: Sdf.Layer, path: Sdf.Path) -> bool:
+    """Does the stage compose the spec, other than in an instance? Usd's editor corrects no other specs."""
+    prim = stage.GetPrimAtPath(path.StripAllVariantSelections().GetPrimPath())
+    return bool(prim) and not prim.IsInstanceProxy() and any(
+        spec.layer == layer and spec.path == path.GetPrimOrPrimVariantSelectionPath() for spec in prim.GetPrimStack())
+
+
 def loses_the_relocate(theirs: Sdf.Layer, ours: Sdf.Layer, new: Sdf.Path) -> bool:
     """Usd's editor loses a new relocate where others are below its source; ours has it besides."""
     more = [relocate for relocate in ours.relocates if relocate not in theirs.relocates]
@@ -174,11 +181,10 @@ def leaves_relocates(theirs: Sdf.Layer, ours: Sdf.Layer, stage: Usd.Stage) -> bo
             not any(stage.GetObjectAtPath(a[1].GetParentPath()) for a, _ in pairs))
 
 
-def keeps_parents(theirs: Sdf.Layer, specs: set[Sdf.Path], new: Sdf.Path) -> bool:
-    """Usd's editor deletes specs at the new place of the prim that it moves, and deletes that prim with them. These are
-    the specs that only ours has."""
-    parents = [path for path in new.GetPrefixes() if not theirs.GetObjectAtPath(path)] if new else []
-    return all(any(path.HasPrefix(parent) for parent in parents) for path in specs)
+def parents_gone(theirs: Sdf.Layer, new: Sdf.Path) -> list[Sdf.Path]:
+    """Usd's editor deletes specs at the new place of the prim that it moves, and deletes that prim with them. Returns
+    the paths above the new place, and that place, which the layer lacks."""
+    return [path for path in new.GetPrefixes() if not theirs.GetObjectAtPath(path)] if new else []
 
 
 def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], gone: list[set[Sdf.Path]],
@@ -187,7 +193,9 @@ def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], go
     what is not gone, which theirs has removed, and parents of the moved prim? `unmoved` is a prim that theirs has not
     moved, or empty."""
     layer, theirs, ours = theirs, _fields(theirs), _fields(ours)
-    if set(theirs) - set(ours) or not keeps_parents(layer, {path for path, _ in set(ours) - set(theirs)}, new):
+    parents = parents_gone(layer, new)
+    more = {path for path, _ in set(ours) - set(theirs)}
+    if set(theirs) - set(ours) or not all(any(path.HasPrefix(parent) for parent in parents) for path in more):
         return False
     own = [stage for stage in stages if stage.HasLocalLayer(layer)]
     for key, value in theirs.items():
@@ -199,9 +207,10 @@ def only_sounder(theirs: Sdf.Layer, ours: Sdf.Layer, stages: list[Usd.Stage], go
             left = {path for path in left if not path.HasPrefix(unmoved)}
         elif not left and not kept:
             return False
-        if any(stage.GetObjectAtPath(path) for stage in own for path in left):
+        if any(stage.GetObjectAtPath(path) and is_composed(stage, layer, key[0]) for stage in own for path in left):
             return False
-        if any(path in paths for stage, paths in zip(stages, gone) if stage in own for path in kept):
+        if any(path in paths and not any(path.HasPrefix(parent) for parent in parents)
+               for stage, paths in zip(stages, gone) if stage in own for path in kept):
             return False
     return True
 
@@ -245,12 +254,17 @@ class Comparison:
         """Has Usd's editor a verdict?"""
         return self.theirs[0] is not None
 
+    @property
+    def is_refused_by_ours(self) -> bool:
+        """Does Usd's editor report success, and the prim stays or is gone?"""
+        return any(why in self.ours[1] for why in ("a relocate has moved out of it", "of the edit would remove"))
+
     def difference(self) -> str:
         """Empty: there is none."""
         if not self.is_known:
             return ""
-        if "which a relocate has moved out of it" in self.ours[1]:
-            return ""  # Usd's editor reports success, and the prim stays
+        if self.is_refused_by_ours:
+            return ""
         if self.theirs != self.ours:
             return f"verdict: {self.theirs} and ours {self.ours}"
         if self.adds_relocate and not self.is_moved:
@@ -298,6 +312,8 @@ def kind_of(comparison: Comparison) -> str:
         return "unknown"
     if difference := comparison.difference():
         return difference.split(":")[0]
+    if comparison.is_refused_by_ours:
+        return "refused by ours"
     if comparison.is_same:
         return "same, applied" if comparison.ours[0] else "same, refused"
     return "more corrected" if comparison.composes_same else "more corrected, composed"

@@ -299,6 +299,24 @@ def test_arcs_that_the_stage_does_not_compose_follow():
     assert editor.ApplyEdits() and "Class" not in body(stage.GetRootLayer())
 
 
+def test_a_prim_cannot_move_below_a_prim_that_its_relocate_removes(tmp_path):
+    """The relocate would remove /User/Part, because /User gets its children from /A. Usd.NamespaceEditor does it."""
+    scene = scenes.Scene({
+        "root.usda": scenes.usda("""
+            def "A" ( prepend references = @./asset.usda@</Asset> ) {}
+            def "User" ( prepend references = </A> ) {}"""),
+        "asset.usda": scenes.usda('def "Asset" { def "Part" { def "Deep" {} } }')})
+    opened = oracle.Opened(scene, tmp_path / "ours")
+    before = opened.texts()
+    editor = opened.editor(usdlive.NamespaceEditor)
+    editor.MovePrimAtPath("/A/Part", "/User/Part/Deep/Part")
+    assert editor.CanApplyEdits().whyNot == ("The prim to edit cannot be moved below </User/Part>, which the relocate of "
+                                             "the edit would remove")
+    assert not editor.ApplyEdits() and opened.texts() == before
+    editor.MovePrimAtPath("/A/Part", "/User/Piece")
+    assert editor.ApplyEdits() and opened.stage.GetPrimAtPath("/User/Piece/Deep")
+
+
 def test_a_relocate_to_a_path_below_a_renamed_prim_follows(tmp_path):
     """Usd.NamespaceEditor leaves it, and the prim that it brings is gone."""
     scene = scenes.Scene({

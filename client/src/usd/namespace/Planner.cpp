@@ -189,6 +189,9 @@ private:
         else if (const auto outside = movedOutAbove(edit_.to); !outside.IsEmpty())
             plan_.errors.push_back("The prim to edit cannot be moved below <" +
                                    outside.GetString() + ">, which a relocate has moved out of it");
+        else if (const auto hidden = hiddenAbove(edit_.to); !hidden.IsEmpty())
+            plan_.errors.push_back("The prim to edit cannot be moved below <" + hidden.GetString() +
+                                   ">, which the relocate of the edit would remove");
         else
             plan_.hasRelocates = true;
     }
@@ -200,6 +203,20 @@ private:
              stage_.localLayers()->GetIncrementalRelocatesSourceToTarget())
             if (!target.IsEmpty() && source.HasPrefix(edit_.from) && path.HasPrefix(target))
                 return target;
+        return {};
+    }
+
+    // A relocate also removes its source from all prims that an arc gives the children of the
+    // source's parent. If `path` is below such a prim, returns it.
+    [[nodiscard]] SdfPath hiddenAbove(const SdfPath& path) const {
+        const auto layers = stage_.localLayers();
+        for (SdfPath at = path.GetParentPath(); at.IsPrimPath(); at = at.GetParentPath()) {
+            const auto* parent = stage_.prim(at.GetParentPath());
+            if (at.GetNameToken() != edit_.from.GetNameToken() || !parent) continue;
+            for (const auto& node : parent->GetNodeRange())
+                if (node.GetPath() == edit_.from.GetParentPath() && node.GetLayerStack() == layers)
+                    return at;
+        }
         return {};
     }
 
