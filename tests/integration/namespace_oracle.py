@@ -175,10 +175,12 @@ def loses_the_relocate(theirs: Sdf.Layer, ours: Sdf.Layer, new: Sdf.Path) -> boo
 
 
 def leaves_relocates(theirs: Sdf.Layer, ours: Sdf.Layer, stage: Usd.Stage) -> bool:
-    """Usd's editor leaves relocates to paths below a prim that moves, and loses the prims that they bring there."""
+    """Usd's editor leaves some relocates from and to paths below a prim that moves, and loses the prims that they
+    bring."""
     pairs = [(a, b) for a, b in zip(theirs.relocates, ours.relocates) if a != b]
     return (bool(pairs) and len(theirs.relocates) == len(ours.relocates) and
-            not any(stage.GetObjectAtPath(a[1].GetParentPath()) for a, _ in pairs))
+            all(any(one != other and not stage.GetObjectAtPath(one.GetParentPath()) for one, other in zip(a, b))
+                for a, b in pairs))
 
 
 def parents_gone(theirs: Sdf.Layer, new: Sdf.Path) -> list[Sdf.Path]:
