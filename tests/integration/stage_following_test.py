@@ -32,8 +32,8 @@ def compared(*arguments):
 # Seeds that found a fault: another source of a prototype (99, 3083, 3165, 3292, 3445, 5213), properties below culled nodes (3744), specs of
 # muted layers (3074), a child without a spec of its own (3646), assets of prims without specs (3144), opinions at the source of a relocate
 # (6217), a spec that makes a prim an instance (6242) or changes the key of its prototype (6360), load rules below an only instance
-# (8235), a muted session layer with other time codes (8433) or without prims (8788).
-FOUND = (99, 3074, 3083, 3144, 3165, 3292, 3445, 3646, 3744, 5213, 6217, 6242, 6360, 8235, 8433, 8788)
+# (8235, 8352), a muted session layer with other time codes (8433) or without prims (8788).
+FOUND = (99, 3074, 3083, 3144, 3165, 3292, 3445, 3646, 3744, 5213, 6217, 6242, 6360, 8235, 8352, 8433, 8788)
 
 
 @pytest.mark.parametrize("seed", FOUND)
