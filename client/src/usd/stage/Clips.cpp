@@ -329,6 +329,7 @@ pxr::SdfLayerRefPtr ClipLayers::open(const ClipDefinition& definition,
         TF_WARN("a clip of <%s> is left out: %s", definition.prim.GetText(),
                 opened.error().message.c_str());
     const std::scoped_lock lock(mutex_);
+    if (opened) known_.insert(get_pointer(*opened));
     return layers_.try_emplace(identifier, opened ? *opened : pxr::SdfLayerRefPtr()).first->second;
 }
 
@@ -342,15 +343,23 @@ pxr::SdfLayerHandleSet ClipLayers::open() {
 
 void ClipLayers::add(const std::shared_ptr<ClipSet>& set) {
     const std::scoped_lock lock(mutex_);
-    std::erase_if(sets_, [](const auto& one) { return one.expired(); });
+    // Removes old sets now and then only, because a stage may have many sets.
+    if (sets_.size() >= 2 * living_ + 16) {
+        std::erase_if(sets_, [](const auto& one) { return one.expired(); });
+        living_ = sets_.size();
+    }
     sets_.push_back(set);
 }
 
 std::vector<std::shared_ptr<ClipSet>> ClipLayers::usersOf(const pxr::SdfLayerHandle& layer) {
-    const std::scoped_lock lock(mutex_);
     std::vector<std::shared_ptr<ClipSet>> users;
-    for (const auto& one : sets_)
-        if (auto set = one.lock(); set && set->uses(layer)) users.push_back(std::move(set));
+    {
+        const std::scoped_lock lock(mutex_);
+        if (!known_.contains(get_pointer(layer))) return users;
+        for (const auto& one : sets_)
+            if (auto set = one.lock()) users.push_back(std::move(set));
+    }
+    std::erase_if(users, [&](const auto& set) { return !set->uses(layer); });
     return users;
 }
 

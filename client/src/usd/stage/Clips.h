@@ -16,6 +16,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -61,7 +62,9 @@ public:
 private:
     std::mutex mutex_;                                   // guards both
     std::map<std::string, pxr::SdfLayerRefPtr> layers_;  // null if it cannot be opened
+    std::set<const pxr::SdfLayer*> known_;               // of layers_, to look up changed layers
     std::vector<std::weak_ptr<ClipSet>> sets_;
+    std::size_t living_ = 0;  // of sets_, when they were last counted
 };
 
 /// One clip set. Layers are opened when a value needs them; without a manifest the first value
