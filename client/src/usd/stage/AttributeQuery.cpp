@@ -27,9 +27,6 @@ using pxr::VtValue;
 
 namespace {
 
-// Times that are closer than this are one time.
-constexpr double kSameTime = 1e-6;
-
 struct Bracket {
     double lower = 0, upper = 0;
 };
@@ -39,10 +36,6 @@ Bracket bracketOf(const SdfTimeSampleMap& samples, double time) {
     if (after == samples.end()) return {samples.rbegin()->first, samples.rbegin()->first};
     if (after == samples.begin() || after->first == time) return {after->first, after->first};
     return {std::prev(after)->first, after->first};
-}
-
-bool isBlock(const VtValue& value) {
-    return value.IsHolding<pxr::SdfValueBlock>() || value.IsHolding<pxr::SdfAnimationBlock>();
 }
 
 bool canCompose(const VtValue& value) {

@@ -35,8 +35,6 @@ using pxr::VtValue;
 namespace {
 
 constexpr double kEver = std::numeric_limits<double>::max();
-// Times that are closer than this are one time.
-constexpr double kSameTime = 1e-6;
 // A jump ends this long before the time at which the mapping continues (UsdTimeCode::SafeStep()).
 constexpr double kJump = std::numeric_limits<double>::epsilon() * 1e6 * 10 * 2;
 // A template is left out if it asks for more files, or for files of later times.
@@ -254,10 +252,6 @@ std::pair<double, double> around(const std::vector<double>& times, double time) 
     if (after == times.end()) return {times.back(), times.back()};
     if (after == times.begin() || *after == time) return {*after, *after};
     return {*std::prev(after), *after};
-}
-
-bool isBlock(const VtValue& value) {
-    return value.IsHolding<pxr::SdfValueBlock>() || value.IsHolding<pxr::SdfAnimationBlock>();
 }
 
 // Time codes in a clip are relative to the time of their sample.

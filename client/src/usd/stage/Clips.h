@@ -27,10 +27,11 @@ namespace usdlive::stage {
 /// The metadata of one clip set after composition. Times are times of the stage.
 struct ClipDefinition {
     std::string name;
-    pxr::PcpLayerStackPtr stack;  // of the strongest opinion about asset paths
-    pxr::SdfLayerHandle layer;    // of the same opinion; anchors the asset paths
-    pxr::SdfPath prim;            // of the same opinion
-    std::size_t order = 0;        // among the sets of the prim in its layer stack
+    // The strongest opinion about asset paths. Its layer anchors them.
+    pxr::PcpLayerStackPtr stack;
+    pxr::SdfLayerHandle layer;
+    pxr::SdfPath prim;
+    std::size_t order = 0;  // among the sets of the prim in its layer stack
     std::optional<pxr::SdfAssetPath> manifest;
     pxr::VtArray<pxr::SdfAssetPath> assets;
     std::string clipPrim;
@@ -62,9 +63,9 @@ public:
 private:
     std::mutex mutex_;                                   // guards both
     std::map<std::string, pxr::SdfLayerRefPtr> layers_;  // null if it cannot be opened
-    std::set<const pxr::SdfLayer*> known_;               // of layers_, to look up changed layers
+    std::set<const pxr::SdfLayer*> known_;               // the open ones in layers_
     std::vector<std::weak_ptr<ClipSet>> sets_;
-    std::size_t living_ = 0;  // of sets_, when they were last counted
+    std::size_t living_ = 0;  // size of sets_ when expired ones were last removed
 };
 
 /// One clip set. Layers are opened when a value needs them; without a manifest the first value

@@ -90,6 +90,10 @@ Interpolator interpolatorFor(const VtValue& value) {
 
 bool canInterpolate(const VtValue& value) { return interpolatorFor(value) != nullptr; }
 
+bool isBlock(const VtValue& value) {
+    return value.IsHolding<pxr::SdfValueBlock>() || value.IsHolding<pxr::SdfAnimationBlock>();
+}
+
 VtValue interpolate(const VtValue& lower, const VtValue& upper, double fraction) {
     const auto interpolator = interpolatorFor(lower);
     if (!interpolator) return lower;

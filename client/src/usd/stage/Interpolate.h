@@ -1,9 +1,15 @@
-// Declares the interpolation between two time samples.
+// Declares the rules for time samples: which times are one, blocks, and interpolation.
 #pragma once
 
 #include <pxr/base/vt/value.h>
 
 namespace usdlive::stage {
+
+/// Times that are closer than this are one time.
+inline constexpr double kSameTime = 1e-6;
+
+/// Returns true for a value that blocks weaker ones.
+[[nodiscard]] bool isBlock(const pxr::VtValue& value);
 
 /// Returns the value between two time samples of one type. `fraction` is 0 at `lower` and 1 at
 /// `upper`. Interpolates linearly for real numbers, vectors, matrices, time codes and arrays of

@@ -43,7 +43,7 @@ public:
     pxr::TfTokenVector apiSchemas;  // the authored list
     const schema::PrimDefinition* definition = nullptr;
     const Prototype* prototype = nullptr;   // set for an instance
-    std::shared_ptr<const ClipSets> clips;  // of the prim and its ancestors; null if there are none
+    std::shared_ptr<const ClipSets> clips;  // also of its ancestors; null if there are none
     std::uint16_t flags = 0;
 
 private:
