@@ -19,7 +19,7 @@ namespace {
 
 // Returns the name of the file that an asset path names, without the path in a package and without
 // arguments for a file format.
-std::string fileName(std::string_view asset) {
+std::string nameOfFile(std::string_view asset) {
     asset = asset.substr(0, std::min(asset.find('['), asset.find(":SDF_FORMAT_ARGS:")));
     return std::string(asset.substr(asset.rfind('/') + 1));
 }
@@ -64,7 +64,7 @@ struct LateAssets::Search {
     }
 
     [[nodiscard]] bool mayName(const std::string& asset) const {
-        const std::string name = fileName(asset);
+        const std::string name = nameOfFile(asset);
         return isExpression(asset) || fileNames.contains(name) ||
                fileNames.contains(percentDecoded(name).value_or(name));
     }
@@ -119,7 +119,7 @@ void LateAssets::start() {
     auto search = std::make_shared<Search>();
     search->wanted = std::exchange(next_, {});
     for (const auto* paths : {&search->wanted.files, &search->wanted.layers})
-        for (const std::string& path : *paths) search->fileNames.insert(fileName(path));
+        for (const std::string& path : *paths) search->fileNames.insert(nameOfFile(path));
     for (const auto& [id, live] : live_.all())
         if (const LayerDoc* doc = live->namesLayers() ? live->content() : nullptr)
             search->docs.emplace_back(id, *doc);
