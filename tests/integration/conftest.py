@@ -236,8 +236,9 @@ def editor(tmp_path):
 
 def cat(server: Server, layer: str, *options: str) -> str:
     """The text of a layer on the server."""
-    return subprocess.run([os.environ["USDLIVE_BIN"], "cat", f"{server.url}/{layer}", *options],
-                          capture_output=True, text=True, check=True).stdout
+    ran = subprocess.run([os.environ["USDLIVE_BIN"], "cat", f"{server.url}/{layer}", *options], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
 
 
 def synced(server: Server, *editors: Peer, layers: tuple[str, ...] = ("root.usda",)) -> list[str]:
