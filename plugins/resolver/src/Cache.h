@@ -44,6 +44,9 @@ public:
     /// none.
     using Download = std::function<Outcome<std::string>(BodySink& sink)>;
 
+    /// Returns the file with this content if it is here, or nothing. Does not wait while it is
+    /// fetched.
+    [[nodiscard]] OpenFile find(const std::string& hash);
     /// Returns the file with this content, which `download` fetches if it is missing. Of several
     /// threads and processes that need the same file, one fetches it.
     [[nodiscard]] Outcome<OpenFile> file(const std::string& hash, const Download& download);
@@ -58,7 +61,6 @@ private:
     class Lock;
     class NewFile;
     [[nodiscard]] std::filesystem::path pathOf(const std::string& hash) const;
-    [[nodiscard]] OpenFile find(const std::string& hash);
     [[nodiscard]] Outcome<std::pair<OpenFile, std::string>> fetch(const std::string& hash,
                                                                   const Download& download);
     [[nodiscard]] std::string readKey(const std::string& key) const;

@@ -360,11 +360,9 @@ std::optional<Located> Remotes::locateIn(Server& server, const Url& url) {
 }
 
 Outcome<OpenFile> Remotes::openCached(const std::string& hash) {
-    const auto refuse = [](BodySink&) -> Outcome<std::string> {
-        return Failure{"it is not in the cache, and there is no connection to the server"};
-    };
     if (hash.empty()) return Failure{"there is no connection to the server"};
-    return cache.file(hash, refuse);
+    if (auto file = cache.find(hash)) return file;
+    return Failure{"it is not in the cache, and there is no connection to the server"};
 }
 
 bool Remotes::refresh() {

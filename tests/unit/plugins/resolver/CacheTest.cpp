@@ -252,3 +252,18 @@ TEST_F(CacheTest, AKilledProcessLeavesNoPartOfAFile) {
     EXPECT_EQ(get(cache, text), text);
     EXPECT_EQ(count("new"), 0U) << "the first check of the size removes what is left";
 }
+
+TEST_F(CacheTest, FindsNothingAndDoesNotWaitWhileAFileIsFetched) {
+    Cache cache({folder, 1 << 20});
+    const std::string hash = hashOfText("brick");
+    bool isFound = true;
+    const auto file = cache.file(hash, [&](BodySink& sink) -> Outcome<std::string> {
+        // The lock of the file is held here: waiting for it would take 30 s.
+        isFound = bool(cache.find(hash));
+        (void)put(sink, "brick");
+        return hash;
+    });
+    ASSERT_TRUE(file);
+    EXPECT_FALSE(isFound);
+    EXPECT_EQ(read(cache.find(hash)), "brick");
+}
