@@ -120,23 +120,22 @@ AssetFiles::AssetFiles(fs::path folder)
 AssetFiles::~AssetFiles() = default;
 
 Result<AssetList> AssetFiles::list(Deadline hashUntil, std::uint64_t mostBytes) {
-    const std::lock_guard lock(listMutex_);
+    const std::unique_lock lock(listMutex_, std::try_to_lock);
+    // Another thread makes a list, and may hash files for seconds.
+    if (!lock) return walk(hashUntil, mostBytes, [](const fs::path&) {});
     if (last_ && steady_clock::now() < lastUntil_ && watch_->isUnchanged()) return last_;
+    last_ = nullptr;
     watch_->begin();
     lastUntil_ = steady_clock::now() + kMostReused;
-    auto files = walk(hashUntil, mostBytes);
-    if (!files) {
-        last_ = nullptr;
-        return tl::unexpected(files.error());
-    }
-    const bool isComplete =
-        std::ranges::all_of(*files, [](const AssetFile& file) { return file.hash.has_value(); });
-    const auto made = std::make_shared<const std::vector<AssetFile>>(*std::move(files));
-    last_ = isComplete ? made : nullptr;
+    auto made = walk(hashUntil, mostBytes, [this](const fs::path& folder) { watch_->add(folder); });
+    const auto hasHash = [](const AssetFile& file) { return file.hash.has_value(); };
+    if (made && std::ranges::all_of(**made, hasHash)) last_ = *made;
     return made;
 }
 
-Result<std::vector<AssetFile>> AssetFiles::walk(Deadline hashUntil, std::uint64_t mostBytes) {
+Result<AssetList> AssetFiles::walk(
+    Deadline hashUntil, std::uint64_t mostBytes,
+    const std::function<void(const std::filesystem::path& folder)>& entered) {
     std::vector<AssetFile> files;
     std::unordered_set<std::string> seen;
     const FolderVisitor visitor{[&](const std::string& name, const fs::path& real) {
@@ -153,15 +152,14 @@ Result<std::vector<AssetFile>> AssetFiles::walk(Deadline hashUntil, std::uint64_
                                     seen.insert(real.native());
                                     files.push_back(std::move(file));
                                 },
-                                [](const std::string&, const std::string&) {},
-                                [this](const fs::path& folder) { watch_->add(folder); }};
+                                [](const std::string&, const std::string&) {}, entered};
     if (auto walked = walkFolder(folder_, visitor); !walked) return tl::unexpected(walked.error());
     {
         const std::lock_guard lock(mutex_);
         std::erase_if(known_, [&](const auto& one) { return !seen.contains(one.first); });
     }
     std::ranges::sort(files, {}, &AssetFile::path);
-    return files;
+    return std::make_shared<const std::vector<AssetFile>>(std::move(files));
 }
 
 AssetResult<std::shared_ptr<const OpenedAsset>> AssetFiles::open(const std::string& path) {

@@ -101,7 +101,10 @@ private:
     [[nodiscard]] AssetResult<std::shared_ptr<const OpenedAsset>> openReal(
         const std::string& path, const std::filesystem::path& real);
 
-    [[nodiscard]] Result<std::vector<AssetFile>> walk(Deadline hashUntil, std::uint64_t mostBytes);
+    /// Calls `entered` for each folder before its entries are read.
+    [[nodiscard]] Result<AssetList> walk(
+        Deadline hashUntil, std::uint64_t mostBytes,
+        const std::function<void(const std::filesystem::path& folder)>& entered);
 
     const std::filesystem::path folder_;
     std::mutex listMutex_;                          // held while files are listed; guards the next
