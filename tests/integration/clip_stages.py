@@ -6,15 +6,13 @@ Prints what differs; in the last line how many steps were compared. Ends with 1 
 """
 
 import itertools
-import json
 import os
 import random
-import sys
 
 import stage_following
 from pxr import Gf, Sdf, Usd, Vt
 from stage_dump import Dump, differences
-from stage_following import Follower, in_a_child, shown
+from stage_following import Follower, shown
 
 VALUES = {
     "number": (Sdf.ValueTypeNames.Double, lambda r: r.uniform(-9, 9)),
@@ -217,17 +215,5 @@ def follow(seed, folder, steps):
     return steps + 1, []
 
 
-def main():
-    first, last, folder = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-    steps = int(sys.argv[4]) if len(sys.argv) > 4 else 10
-    compared, differing = 0, []
-    for seed in range(first, last):
-        count, found = in_a_child(follow, seed, folder, steps)
-        compared += count
-        differing += found
-    print("\n".join([*differing, "%d steps compared" % compared]))
-    sys.exit(bool(differing))
-
-
 if __name__ == "__main__":
-    main()
+    stage_following.main(follow, 10)

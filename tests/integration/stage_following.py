@@ -208,12 +208,12 @@ def in_a_child(work, seed, *arguments):
     return json.loads(text) if status == 0 else (0, ["seed %d: ended with %d" % (seed, status)])
 
 
-def main():
+def main(work, usual_steps):
     first, last, folder = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
-    steps = int(sys.argv[4]) if len(sys.argv) > 4 else 14
+    steps = int(sys.argv[4]) if len(sys.argv) > 4 else usual_steps
     compared, differing = 0, []
     for seed in range(first, last):
-        count, found = in_a_child(follow, seed, folder, steps)
+        count, found = in_a_child(work, seed, folder, steps)
         compared += count
         differing += found
     print("\n".join([*differing, "%d steps compared" % compared]))
@@ -221,4 +221,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    main(follow, 14)

@@ -6,8 +6,7 @@
 // - lod1Count: 0 (default) means all
 // - deferredRead: "true", the objects of a department are read when they are first needed
 // - baseAddress: http[s]://host[:port][/path]; the default is USDLIVE_EDF_MUSEUM_URL (Address.h
-// says
-//   which addresses are allowed)
+//   says which addresses are allowed)
 //
 // The service has three routes below its address: /departments, /objects?departmentIds=ID,
 // /objects/ID.
