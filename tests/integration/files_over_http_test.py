@@ -265,3 +265,16 @@ def test_as5_what_gets_smaller_is_compressed(serve, project):
     for path in ("/files/small.obj", "/files/large.obj", "/files/tex/my%20brick.png"):
         _, headers, content = get(server, path, Accept_Encoding="zstd")
         assert "Content-Encoding" not in headers and sha(content) == headers["Usdlive-Sha256"], path
+
+
+def test_as5_layers_of_one_commit_are_compressed_each(serve, project):
+    server = serve(project)
+    with connect(server, "ada") as live:
+        layers = [live.open_layer(name) for name in ("shot.usda", "lib.usda")]
+        for number, layer in enumerate(layers):
+            layer.documentation = f"text {number} " * 500
+        assert live.flush(20)
+    plain = [get(server, f"/files/{name}") for name in ("shot.usda", "lib.usda")]
+    packed = [get(server, f"/files/{name}", Accept_Encoding="zstd") for name in ("shot.usda", "lib.usda")]
+    assert plain[0][1]["ETag"] == plain[1][1]["ETag"], "both have the version of the commit"
+    assert [inflated(body) for _, _, body in packed] == [body for _, _, body in plain]

@@ -174,12 +174,7 @@ HttpReply ServedAssets::list(const FileRequest& request) {
     if (at)
         if (const auto added = addVersions(listing, *at); !added) return problem(added.error());
     if (const std::size_t missing = missingHashes(**files)) hashTheRest(missing);
-    auto made = replyFor(listing, at);
-    if (!at) {
-        const std::lock_guard lock(mutex_);
-        if (listWithoutLayers_.etag == made.etag) listedWithoutLayers_ = *files;
-    }
-    return made;
+    return replyFor(listing, at, *files);
 }
 
 Result<void> ServedAssets::addVersions(Listing& listing, const Moment& at) {
@@ -198,25 +193,29 @@ Result<void> ServedAssets::addVersions(Listing& listing, const Moment& at) {
 /// Returns the list without layers if it was made of these files.
 std::optional<HttpReply> ServedAssets::sentBefore(const AssetList& files) {
     const std::lock_guard lock(mutex_);
-    if (files != listedWithoutLayers_) return std::nullopt;
+    if (files != listWithoutLayers_.files) return std::nullopt;
     return replyWith(listWithoutLayers_);
 }
 
 HttpReply ServedAssets::replyWith(const SentList& list) {
     HttpReply reply{"application/json", {}};
     reply.etag = list.etag;
-    setContent(reply, std::make_shared<BytesContent>(list.body));
+    setContent(reply, std::make_shared<BytesContent>(list.body), list.etag);
     return reply;
 }
 
 /// Most requests are made by clients that have the list already, and the text takes most of the
 /// time. It is made once for all clients.
-HttpReply ServedAssets::replyFor(const Listing& listing, const std::optional<Moment>& at) {
-    SentList list{etagOf(listing, at), nullptr};
+HttpReply ServedAssets::replyFor(const Listing& listing, const std::optional<Moment>& at,
+                                 const AssetList& files) {
+    SentList list{etagOf(listing, at), nullptr, files};
     SentList& last = at ? listOfAll_ : listWithoutLayers_;
     {
         const std::lock_guard lock(mutex_);
-        if (last.etag == list.etag) return replyWith(last);
+        if (last.etag == list.etag) {
+            last.files = files;
+            return replyWith(last);
+        }
     }
     const std::string text = bodyOf(listing, at);
     list.body = std::make_shared<const Bytes>(text.begin(), text.end());
@@ -280,7 +279,7 @@ HttpReply ServedAssets::file(const FileRequest& request) {
     HttpReply reply{kBinary, {}};
     reply.etag = hash;
     reply.headers = {{"Usdlive-Sha256", hash}};
-    setContent(reply, std::make_shared<AssetContent>(*opened));
+    setContent(reply, std::make_shared<AssetContent>(*opened), hash);
     return reply;
 }
 
@@ -291,15 +290,16 @@ HttpReply ServedAssets::layer(const LayerId& layer, const LayerVersion& version)
     reply.etag = found->version;
     reply.headers = {{"Usdlive-Sha256", found->hash},
                      {"Usdlive-Revision", std::to_string(version.revision)}};
-    setContent(reply, std::make_shared<BytesContent>(found->bytes));
+    // The ETag is the version, which layers of one commit have in common.
+    setContent(reply, std::make_shared<BytesContent>(found->bytes), found->hash);
     return reply;
 }
 
-void ServedAssets::setContent(HttpReply& reply, std::shared_ptr<HttpContent> content) {
+/// `name` identifies the content.
+void ServedAssets::setContent(HttpReply& reply, std::shared_ptr<HttpContent> content,
+                              const std::string& name) {
     reply.background = downloads();
-    reply.compressed = [all = compressed_, name = reply.etag, content] {
-        return all->of(name, *content);
-    };
+    reply.compressed = [all = compressed_, name, content] { return all->of(name, *content); };
     reply.content = std::move(content);
 }
 

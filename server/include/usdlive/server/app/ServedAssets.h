@@ -51,6 +51,7 @@ private:
     struct SentList {
         std::string etag;
         std::shared_ptr<const Bytes> body;
+        AssetList files;  // that it was made of
     };
     /// The bytes of a layer's file at a version.
     struct Rendered {
@@ -62,7 +63,8 @@ private:
     [[nodiscard]] HttpReply reply(const FileRequest& request);
     [[nodiscard]] HttpReply list(const FileRequest& request);
     [[nodiscard]] std::optional<HttpReply> sentBefore(const AssetList& files);
-    [[nodiscard]] HttpReply replyFor(const Listing& listing, const std::optional<Moment>& at);
+    [[nodiscard]] HttpReply replyFor(const Listing& listing, const std::optional<Moment>& at,
+                                     const AssetList& files);
     [[nodiscard]] std::string etagOf(const Listing& listing, const std::optional<Moment>& at) const;
     [[nodiscard]] std::string bodyOf(const Listing& listing, const std::optional<Moment>& at) const;
     [[nodiscard]] Result<void> addVersions(Listing& listing, const Moment& at);
@@ -71,7 +73,8 @@ private:
     [[nodiscard]] Result<Moment> moment(const FileRequest& request);
     [[nodiscard]] Result<Rendered> rendered(const LayerId& layer, const LayerVersion& version);
     [[nodiscard]] HttpReply replyWith(const SentList& list);
-    void setContent(HttpReply& reply, std::shared_ptr<HttpContent> content);
+    void setContent(HttpReply& reply, std::shared_ptr<HttpContent> content,
+                    const std::string& name);
     void hashTheRest(std::size_t missing);
     [[nodiscard]] std::function<void(std::function<void()>)> downloads() const;
 
@@ -85,7 +88,6 @@ private:
 
     std::mutex mutex_;  // guards the next members
     SentList listOfAll_, listWithoutLayers_;
-    AssetList listedWithoutLayers_;                     // the files in listWithoutLayers_
     std::list<std::pair<LayerId, Rendered>> rendered_;  // the last ones, the newest first
     bool isHashing_ = false;
 };
