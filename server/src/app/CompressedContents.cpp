@@ -12,7 +12,8 @@ namespace {
 
 // A beginning of this size shows whether the rest is worth reading.
 constexpr std::size_t kSampleBytes = 64 * 1024;
-constexpr std::size_t kKeptBytes = 64 * 1024 * 1024, kMostKept = 1'000;
+// Counts for each name that is kept, so that their number is bounded, too.
+constexpr std::size_t kNameBytes = 64 * 1024;
 constexpr int kLevel = 1;  // a network at home or in an office is not much slower than higher ones
 
 std::optional<Bytes> read(HttpContent& content, std::uint64_t size) {
@@ -51,31 +52,18 @@ Result<void> BytesContent::read(std::uint64_t offset, std::span<std::uint8_t> pa
 
 std::shared_ptr<HttpContent> CompressedContents::of(const std::string& name, HttpContent& content) {
     if (content.size() < kLeastBytes || content.size() > kMostBytes) return nullptr;
-    const auto made = [](const Compressed& frame) {
+    const auto made = [](const std::shared_ptr<const Bytes>& frame) {
         return frame ? std::make_shared<BytesContent>(frame) : nullptr;
     };
     {
         const std::lock_guard lock(mutex_);
-        if (const auto* known = find(name)) return made(*known);
+        if (const auto* known = frames_.find(name)) return made(*known);
     }
-    Compressed frame = frameOf(content);
+    const auto frame = frameOf(content);
     const std::lock_guard lock(mutex_);
-    if (!find(name)) last_.emplace_front(name, frame);
-    std::size_t kept = 0, count = 0;
-    const auto end = std::ranges::find_if(last_, [&](const auto& one) {
-        kept += one.second ? one.second->size() : 0;
-        return ++count > kMostKept || kept > kKeptBytes;
-    });
-    last_.erase(end, last_.end());
+    // Another request may have made it meanwhile.
+    if (!frames_.find(name)) frames_.add(name, frame, kNameBytes + (frame ? frame->size() : 0));
     return made(frame);
-}
-
-/// Moves it to the front. Precondition: mutex_ is locked.
-const CompressedContents::Compressed* CompressedContents::find(const std::string& name) {
-    const auto found = std::ranges::find(last_, name, [](const auto& one) { return one.first; });
-    if (found == last_.end()) return nullptr;
-    last_.splice(last_.begin(), last_, found);
-    return &found->second;
 }
 
 }  // namespace usdlive::server

@@ -2,13 +2,13 @@
 #pragma once
 
 #include <cstddef>
-#include <list>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <utility>
 
 #include "usdlive/common/core/Bytes.h"
+#include "usdlive/server/app/LastUsed.h"
 #include "usdlive/server/transport/HttpServer.h"
 
 namespace usdlive::server {
@@ -36,11 +36,11 @@ public:
     [[nodiscard]] std::shared_ptr<HttpContent> of(const std::string& name, HttpContent& content);
 
 private:
-    using Compressed = std::shared_ptr<const Bytes>;  // nullptr: does not pay
-    [[nodiscard]] const Compressed* find(const std::string& name);
+    static constexpr std::size_t kKeptBytes = std::size_t(64) << 20;
 
-    std::mutex mutex_;                                    // guards the next member
-    std::list<std::pair<std::string, Compressed>> last_;  // the newest first
+    std::mutex mutex_;  // guards the next member
+    // By name. nullptr: does not pay.
+    LastUsed<std::string, std::shared_ptr<const Bytes>> frames_{kKeptBytes};
 };
 
 }  // namespace usdlive::server

@@ -30,7 +30,6 @@ constexpr milliseconds kHashTime{3'000};
 constexpr std::uint64_t kHashedAtOnce = 64 * 1024 * 1024;  // larger files take too long
 constexpr milliseconds kHashSlice{2'000};
 // The layers that are kept as they were sent, because several clients open the same ones.
-constexpr std::size_t kRenderedBytes = 256 * 1024 * 1024;
 constexpr const char* kBinary = "application/octet-stream";
 
 HttpReply problem(unsigned status, const std::string& message) {
@@ -287,7 +286,7 @@ HttpReply ServedAssets::layer(const LayerId& layer, const LayerVersion& version)
     const auto found = rendered(layer, version);
     if (!found) return problem(found.error());
     HttpReply reply{kBinary, {}};
-    reply.etag = found->version;
+    reply.etag = nameOf(version);
     reply.headers = {{"Usdlive-Sha256", found->hash},
                      {"Usdlive-Revision", std::to_string(version.revision)}};
     // The ETag is the version, which layers of one commit have in common.
@@ -305,19 +304,10 @@ void ServedAssets::setContent(HttpReply& reply, std::shared_ptr<HttpContent> con
 
 Result<ServedAssets::Rendered> ServedAssets::rendered(const LayerId& layer,
                                                       const LayerVersion& version) {
-    const std::string name = nameOf(version);
-    // Precondition: mutex_ is locked.
-    const auto kept = [&]() -> const Rendered* {
-        const auto found = std::ranges::find_if(rendered_, [&](const auto& one) {
-            return one.first == layer && one.second.version == name;
-        });
-        if (found == rendered_.end()) return nullptr;
-        rendered_.splice(rendered_.begin(), rendered_, found);
-        return &found->second;
-    };
+    const std::pair key(layer, nameOf(version));
     {
         const std::lock_guard lock(mutex_);
-        if (const Rendered* found = kept()) return *found;
+        if (const Rendered* found = rendered_.find(key)) return *found;
     }
     const auto doc =
         store_.use([&](CommitStore& store) { return store.layerAt(layer, version.revision); });
@@ -326,15 +316,10 @@ Result<ServedAssets::Rendered> ServedAssets::rendered(const LayerId& layer,
     auto bytes = layers_.render(layer, **doc);
     if (!bytes) return tl::unexpected(bytes.error());
     const std::string hash = sha256(*bytes).hex();
-    const Rendered made{name, std::make_shared<const Bytes>(std::move(*bytes)), hash};
+    const Rendered made{std::make_shared<const Bytes>(std::move(*bytes)), hash};
     const std::lock_guard lock(mutex_);
-    if (const Rendered* found = kept()) return *found;  // another request made it meanwhile
-    rendered_.emplace_front(layer, made);
-    std::size_t size = 0;
-    auto last = rendered_.begin();
-    while (last != rendered_.end() && (size += last->second.bytes->size()) <= kRenderedBytes)
-        ++last;
-    rendered_.erase(last, rendered_.end());
+    // Another request may have made it meanwhile.
+    if (!rendered_.find(key)) rendered_.add(key, made, made.bytes->size());
     return made;
 }
 

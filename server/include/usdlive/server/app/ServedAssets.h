@@ -2,7 +2,6 @@
 #pragma once
 
 #include <functional>
-#include <list>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -10,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "usdlive/server/app/LastUsed.h"
 #include "usdlive/server/app/SharedStore.h"
 #include "usdlive/server/app/WorkerLanes.h"
 #include "usdlive/server/files/AssetFiles.h"
@@ -55,7 +55,6 @@ private:
     };
     /// The bytes of a layer's file at a version.
     struct Rendered {
-        std::string version;
         std::shared_ptr<const Bytes> bytes;
         std::string hash;
     };
@@ -88,7 +87,8 @@ private:
 
     std::mutex mutex_;  // guards the next members
     SentList listOfAll_, listWithoutLayers_;
-    std::list<std::pair<LayerId, Rendered>> rendered_;  // the last ones, the newest first
+    static constexpr std::size_t kRenderedBytes = std::size_t(256) << 20;
+    LastUsed<std::pair<LayerId, std::string>, Rendered> rendered_{kRenderedBytes};  // by version
     bool isHashing_ = false;
 };
 
