@@ -207,7 +207,7 @@ class Live:
         by payloads are not joined; `stage.Load()` joins them in the next ticks. With `follow_muteness`, layers
         that are muted for everybody (`mute`) are muted on this stage. All files that the layers name are found as in
         the project's folder, unless `connect()` has warned that they are not; `events.FilesChanged` says when they
-        change."""
+        change. Layers that only value clips name are such files: they are not live unless you open them."""
         stage = Usd.Stage.Open(self.open_layer(layer, load == Usd.Stage.LoadAll), load)
         if follow_muteness:
             self._follow(stage, layer)

@@ -63,7 +63,7 @@ void BackgroundFill::add(std::shared_ptr<const SnapshotPart> part) {
 
 bool BackgroundFill::isDone() const { return job_->underWay == 0; }
 bool BackgroundFill::hasFailed() const { return job_->failed; }
-bool BackgroundFill::namesLayers() const { return job_->fill.namesLayers(); }
+const usd::LayerFill::Named& BackgroundFill::named() const { return job_->fill.named(); }
 Result<void> BackgroundFill::into(usd::SdfLayerStore& store) { return job_->fill.into(store); }
 
 }  // namespace usdlive::client

@@ -32,8 +32,8 @@ public:
     [[nodiscard]] bool isDone() const;
     /// Returns whether a part did not fit the parts before it. Precondition: isDone().
     [[nodiscard]] bool hasFailed() const;
-    /// Returns LayerFill::namesLayers(). Precondition: isDone().
-    [[nodiscard]] bool namesLayers() const;
+    /// Returns LayerFill::named(). Precondition: isDone().
+    [[nodiscard]] const usd::LayerFill::Named& named() const;
     /// Calls LayerFill::into(). Call it once. Precondition: isDone() and not hasFailed().
     Result<void> into(usd::SdfLayerStore& store);
 

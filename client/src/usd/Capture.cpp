@@ -16,6 +16,7 @@
 #include "usdlive/common/core/Utf8.h"
 #include "usdlive/common/layer/FieldParts.h"
 #include "usdlive/common/layer/FileRules.h"
+#include "usdlive/common/usd/NamedAssets.h"
 
 namespace usdlive::client {
 
@@ -416,8 +417,12 @@ private:
     const pxr::SdfLayerHandle layer_;
 };
 
-Capture::Capture(LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun)
-    : layer_(std::move(layer)), view_(std::move(view)), begun_(std::move(begun)) {}
+Capture::Capture(LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun,
+                 std::function<void(const std::set<std::string>&)> clips)
+    : layer_(std::move(layer)),
+      view_(std::move(view)),
+      begun_(std::move(begun)),
+      clips_(std::move(clips)) {}
 
 bool Capture::hasWrites() const { return working_.has_value() || foreign_; }
 
@@ -593,6 +598,13 @@ void Capture::arrayWritten(const SdfPath& path, const TfToken& field, std::optio
         bigArrays_[std::move(written)] = array;
     else if (!bigArrays_.empty())
         bigArrays_.erase(written);
+}
+
+void Capture::clipsWritten(const pxr::VtValue& value) {
+    if (std::this_thread::get_id() != thread_) return;  // will be reverted
+    std::set<std::string> assets;
+    usd::addNamedAssets(value, assets);
+    if (!assets.empty()) clips_(assets);
 }
 
 void Capture::appendBigArrays(std::vector<pxr::VtValue>& arrays) const {

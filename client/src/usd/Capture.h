@@ -34,9 +34,11 @@ namespace usdlive::client {
 class Capture final : public usd::LayerWriteObserver {
 public:
     /// `view` returns the session's view of the layer (Session::view()). `begun` is called by the
-    /// writing thread when hasWrites() becomes true.
+    /// writing thread when hasWrites() becomes true. `clips` is called with the asset paths of
+    /// value clips that are written (addNamedAssets()), before the layer has changed.
     Capture(
-        LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun = [] {});
+        LayerId layer, std::function<const LayerDoc*()> view, std::function<void()> begun = [] {},
+        std::function<void(const std::set<std::string>&)> clips = [](const auto&) {});
 
     [[nodiscard]] bool hasWrites() const;
 
@@ -73,6 +75,7 @@ public:
     void timeSampleChanged(const pxr::SdfPath& path, double time) override;
     void arrayWritten(const pxr::SdfPath& path, const pxr::TfToken& field,
                       std::optional<double> time, const pxr::VtValue& array) override;
+    void clipsWritten(const pxr::VtValue& value) override;
 
     /// Appends the arrays that were written since the last seal() and take long to encode: the last
     /// one of each register. They share memory with the layer.
@@ -104,6 +107,7 @@ private:
     const LayerId layer_;
     const std::function<const LayerDoc*()> view_;
     const std::function<void()> begun_;
+    const std::function<void(const std::set<std::string>&)> clips_;
     const std::thread::id thread_ = std::this_thread::get_id();  // the thread that owns the layer
     std::atomic<bool> foreign_ = false;  // another thread has written since the last seal()
     // The session's view with edits_ applied to it. Set from the first write to seal().

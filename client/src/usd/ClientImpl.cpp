@@ -56,8 +56,8 @@ Client::Impl::Impl(std::unique_ptr<client::Connection> connection, Options optio
       frame_(values_.cache(), encoder_, lost_),
       line_(std::move(connection)),
       session_(sessionOptions(options_, std::move(id)), *this, *this),
-      layers_({session_, places_, events_, lost_, values_, frame_.sink(), filler_, *background_,
-               UserName{options_.user}}),
+      layers_({session_, places_, files_, events_, lost_, values_, frame_.sink(), filler_,
+               *background_, UserName{options_.user}}),
       opens_(layers_, values_, events_),
       locks_(layers_.live(), frame_, session_, UserName{options_.user}),
       late_(layers_.live(), places_, files_, *background_),
@@ -140,6 +140,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         layers_.makeNamedFindable();
         late_.compose();
     }
+    late_.composeClips();
     takeEvents(std::move(happened), result);
     result.more = opens_.advance(left()) || result.more;
     for (auto& outside : frame_.takeOutside()) events_.push(std::move(outside));

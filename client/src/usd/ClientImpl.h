@@ -167,10 +167,10 @@ private:
     client::ServerLine line_;
     std::unique_ptr<client::UnsentWorkStore> unsent_;  // set when the project is known
     client::Session session_;
+    client::ProjectFiles files_;
     client::OpenLayers layers_;
     client::OpenRequests opens_;
     client::LocksAndMutes locks_;
-    client::ProjectFiles files_;
     client::LateAssets late_;
     client::FileUploads uploads_;
     /// Uploads that ended, and for which the list of files is awaited, with its number.

@@ -13,10 +13,10 @@
 
 namespace usdlive::client {
 
-/// OpenUSD composes a reference, payload or sublayer that it could not open only when the field
-/// changes. For files and layers that have come since, this class finds the fields of live layers
-/// that name them, and lets Sdf notify of these fields. A worker searches the layers. Used by the
-/// thread that owns them.
+/// OpenUSD composes a reference, payload, sublayer or value clip that it could not open only when
+/// the field changes. For files and layers that have come since, this class finds the fields of
+/// live layers that name them, and lets Sdf notify of these fields. A worker searches the layers.
+/// Used by the thread that owns them.
 class LateAssets {
 public:
     /// All arguments outlive this object.
@@ -33,6 +33,9 @@ public:
     /// Part of a tick, within its change block and after the editor's writes are sealed: notifies
     /// of what a search has found, and starts the next search.
     void compose();
+    /// Does the same for value clips, after the change block: OpenUSD keeps what it knows of a set
+    /// of clips that is the same before and after one round of changes.
+    void composeClips();
 
 private:
     /// The files and layers to search for. Both have paths in the project.
@@ -42,8 +45,11 @@ private:
     };
     struct Named;
     struct Search;
-    [[nodiscard]] bool names(const LiveLayer& live, const Named& named) const;
+    [[nodiscard]] bool isWanted(const LiveLayer& live, const Named& named) const;
+    [[nodiscard]] bool isWanted(const LiveLayer& live, const std::string& asset) const;
     void start();
+    template <class Take>
+    void takeFound(Take take);
 
     LiveSet& live_;
     LayerPlaces& places_;

@@ -4,6 +4,9 @@
 #include <pxr/base/tf/weakPtr.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/layer.h>
+#include <pxr/usd/sdf/schema.h>
+
+#include "usdlive/common/usd/NamedAssets.h"
 
 namespace usdlive::client {
 
@@ -13,18 +16,13 @@ namespace {
 // content again is faster.
 constexpr std::size_t kMostSince = 5'000;
 
-bool namesOthers(const EditAction& action) {
-    const auto* set = std::get_if<SetField>(&action);
-    return set && usd::namesLayers(set->field);
-}
-
 }  // namespace
 
 LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings)
     : id_(std::move(id)),
       layer_(std::move(layer)),
       surroundings_(std::move(surroundings)),
-      capture_(id_, surroundings_.view, surroundings_.wake) {
+      capture_(id_, surroundings_.view, surroundings_.wake, surroundings_.clipsWritten) {
     setPermission(true, false);
     const auto self = pxr::TfCreateWeakPtr(this);
     replacedKey_ =
@@ -64,9 +62,18 @@ void LiveLayer::noteUses() {
     surroundings_.wake();
 }
 
-void LiveLayer::noteNames(const EditAction& action) {
-    if (!namesOthers(action)) return;
-    namesLayers_ = true;
+// Precondition: the layer has the content of the edit.
+void LiveLayer::noteNames(std::string_view path, const EditAction& action) {
+    const auto* set = std::get_if<SetField>(&action);
+    if (set && (usd::namesLayers(set->field) || usd::namesClips(set->field)))
+        noteNamed(path, pxr::TfToken(set->field));
+}
+
+void LiveLayer::noteNamed(std::string_view path, const pxr::TfToken& field) {
+    const bool clips = usd::namesClips(field.GetString());
+    usd::addNamedAssets(layer_->GetField(pxr::SdfPath(std::string(path)), field),
+                        clips ? named_.clips : named_.arcs);
+    (clips ? namesClips_ : namesLayers_) = true;
     noteUses();
 }
 
@@ -122,7 +129,9 @@ void LiveLayer::fill() {
     // Sdf does not compare a streaming layer with its new content, and notifies that all was
     // replaced.
     expectsReplacement_ = !wasFilled && layer_->StreamsData() && !layer_->GetRootPrims().empty();
-    namesLayers_ = fill_->namesLayers();
+    named_ = fill_->named();
+    namesLayers_ = !named_.arcs.empty();
+    namesClips_ = !named_.clips.empty();
     const auto filled = fill_->into(*store_);
     fill_.reset();
     setPermission(false, lockedByOther);
@@ -140,7 +149,7 @@ void LiveLayer::apply(const std::string& path, const EditAction& action) {
 
 void LiveLayer::applyNow(const std::string& path, const EditAction& action) {
     const auto applied = store_->apply(path, action);
-    noteNames(action);
+    noteNames(path, action);
     if (!applied && !layer_->IsMuted())
         surroundings_.report(
             {applied.error().code, id_.value + " <" + path + ">: " + applied.error().message});
@@ -156,6 +165,22 @@ void LiveLayer::notify(const std::string& path, const std::string& field, const 
     static_cast<void>(store_->apply(path, whole));
 }
 
+void LiveLayer::takeOut(const std::string& path, const std::string& field) {
+    const LayerDoc* view = content();
+    if (view && view->field(path, field) && !layer_->IsMuted())
+        static_cast<void>(store_->apply(path, EraseField{field, {}}));
+}
+
+void LiveLayer::restore(const std::string& path, const std::string& field) {
+    const LayerDoc* view = content();
+    const FieldValue* value = view ? view->field(path, field) : nullptr;
+    if (!value || layer_->IsMuted()) return;
+    // A notice handler may have written another value.
+    if (layer_->HasField(pxr::SdfPath(path), pxr::TfToken(field))) return;
+    const SetField whole{field, {}, *value};
+    static_cast<void>(store_->apply(path, whole));
+}
+
 bool LiveLayer::hasWrites() const { return isFilled() && capture_.hasWrites(); }
 
 Capture::Sealed LiveLayer::seal() {
@@ -165,7 +190,7 @@ Capture::Sealed LiveLayer::seal() {
     if (startOver_) startOver();
     if (!hasWrites()) return {};
     auto sealed = capture_.seal(*store_, surroundings_.sink);
-    for (const auto& edit : sealed.edits) noteNames(edit.action);
+    for (const auto& edit : sealed.edits) noteNames(edit.path, edit.action);
     return sealed;
 }
 
@@ -193,10 +218,13 @@ void LiveLayer::startOver() {
 
 void LiveLayer::blobArrived(const Hash& hash) {
     if (!isFilled() || !store_->waitsForBlobs()) return;
-    store_->blobArrived(hash, [this](const std::string& path, const std::string& field) {
+    std::vector<std::string> named;
+    store_->blobArrived(hash, [&](const std::string& path, const std::string& field) {
+        if (usd::namesClips(field)) named.push_back(path);
         const LayerDoc* view = surroundings_.view();
         return view ? view->field(path, field) : nullptr;
     });
+    for (const std::string& path : named) noteNamed(path, pxr::SdfFieldKeys->Clips);
 }
 
 void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice) {

@@ -38,6 +38,9 @@ public:
         std::function<void(Error)> report;
         /// Called by any thread when isIdle() becomes false.
         std::function<void()> wake;
+        /// Called with the asset paths of value clips that the editor writes, before Sdf notifies
+        /// of them.
+        std::function<void(const std::set<std::string>&)> clipsWritten;
     };
 
     LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroundings);
@@ -81,16 +84,23 @@ public:
         if (isFilled()) capture_.appendBigArrays(arrays);
     }
 
-    /// Lets Sdf notify of the field as if the item had been removed and added again. The content
+    /// Lets Sdf notify of the field as if this item had been removed and added again. The content
     /// stays as it is. Precondition: not hasWrites().
     void notify(const std::string& path, const std::string& field, const ListItem& item);
+    /// Takes a field out of the layer until restore(), which is no edit. Precondition: not
+    /// hasWrites().
+    void takeOut(const std::string& path, const std::string& field);
+    void restore(const std::string& path, const std::string& field);
 
     void blobArrived(const Hash& hash);
     [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }
 
-    /// Returns false if the layer certainly names no other layers. Finding the named layers takes
-    /// long, because Sdf reads every spec.
+    /// Returns false if the layer certainly names no other layers, or no value clips. Finding the
+    /// named layers takes long, because Sdf reads every spec.
     [[nodiscard]] bool namesLayers() const { return namesLayers_; }
+    [[nodiscard]] bool namesClips() const { return namesClips_; }
+    /// Returns the asset paths that this layer has got since the last call.
+    [[nodiscard]] usd::LayerFill::Named takeNamed() { return std::exchange(named_, {}); }
     /// Returns whether the layers that this layer uses may have changed since the last
     /// takeUsesChanged().
     [[nodiscard]] bool usesChanged() const { return usesChanged_; }
@@ -107,7 +117,8 @@ private:
     void setPermission(bool closed, bool lockedByOther);
     void startOver();
     void noteUses();
-    void noteNames(const EditAction& action);
+    void noteNames(std::string_view path, const EditAction& action);
+    void noteNamed(std::string_view path, const pxr::TfToken& field);
     [[nodiscard]] Capture::Sealed sealMuted();
     [[nodiscard]] std::unique_ptr<BackgroundFill> newFill();
     void applyNow(const std::string& path, const EditAction& action);
@@ -135,6 +146,8 @@ private:
     bool writtenBeforeMuted_ = false;  // written before the mute, and not sealed yet
     bool usesChanged_ = false;
     bool namesLayers_ = false;
+    bool namesClips_ = false;
+    usd::LayerFill::Named named_;
     bool saved_ = false;
     pxr::TfNotice::Key replacedKey_;
     pxr::TfNotice::Key mutenessKey_;

@@ -26,7 +26,10 @@ constexpr std::size_t kLookedAtPerTick = 100;
 
 }  // namespace
 
-OpenLayers::OpenLayers(Surroundings surroundings) : with_(std::move(surroundings)) {}
+OpenLayers::OpenLayers(Surroundings surroundings)
+    : with_(std::move(surroundings)), clips_(with_.places, with_.files, [this](const LayerId& id) {
+          return isOfProject(id) && !find(id);
+      }) {}
 
 std::optional<LayerId> OpenLayers::idOf(const pxr::SdfLayerHandle& layer) const {
     const LiveLayer* live = live_.find(layer);
@@ -49,6 +52,7 @@ std::vector<LayerId> OpenLayers::setOfProject(std::vector<LayerId> layers) {
     with_.places.add(added, ofProject_.empty() ? kFirstFindableMs : kFindableMs);
     ofProject_ = std::move(layers);
     std::erase_if(guessed_, [this](const LayerId& id) { return isOfProject(id); });
+    clips_.setOfProject(ofProject_);
     return added;
 }
 
@@ -61,6 +65,7 @@ Result<void> OpenLayers::open(const LayerId& id) {
         return fail(ErrorCode::LayerNotFound, "the project has no layer " + id.value);
     if (!made) return tl::unexpected(made.error());
     if (*made && !isOfProject(id)) guessed_.insert(id);
+    clips_.compose(id);
     const auto identifier = with_.places.identifierOf(id);
     const auto layer = pxr::SdfLayer::FindOrOpen(identifier);
     if (!layer) return fail(ErrorCode::LayerUnreadable, "cannot open " + identifier);
@@ -82,7 +87,10 @@ Result<void> OpenLayers::join(const LayerId& id, const pxr::SdfLayerRefPtr& laye
         LiveLayer::Surroundings{with_.values.source(), blobs, with_.sink, with_.filler,
                                 [this, id] { return with_.session.view(id); },
                                 [this](Error error) { with_.events.report(std::move(error)); },
-                                [this, id] { live_.wake(id); }}));
+                                [this, id] { live_.wake(id); },
+                                [this, layer](const std::set<std::string>& assets) {
+                                    clips_.addClips(layer, assets, ofProject_);
+                                }}));
     followLock(id);
     with_.session.openLayer(id);
     return {};
@@ -95,6 +103,7 @@ const std::vector<LayerId>& OpenLayers::openUsed(LiveLayer& live, LoadSet load) 
     for (const auto& [identifier, id] : usedBy(live, load)) {
         if (const auto made = with_.places.makeFindable(id); !made)
             with_.events.report(made.error());
+        clips_.compose(id);
         if (!find(id) && !failed_.contains(id) && !closed_.contains(id))
             if (auto used = pxr::SdfLayer::FindOrOpen(identifier))
                 if (const auto joined = join(id, used); !joined)
@@ -146,7 +155,7 @@ std::optional<LayerId> OpenLayers::layerOf(const pxr::SdfLayerHandle& layer) con
     if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
         return std::nullopt;
     auto id = with_.places.layerOf(layer);
-    return id && isOfProject(*id) && !find(*id) ? id : std::nullopt;
+    return id && isOfProject(*id) && !find(*id) && !clips_.contains(*id) ? id : std::nullopt;
 }
 
 bool OpenLayers::isLiveElsewhere(const pxr::SdfLayerHandle& layer) const {
@@ -219,6 +228,11 @@ std::size_t OpenLayers::fill(double budgetMs) {
 }
 
 void OpenLayers::makeNamedFindable() {
+    for (LiveLayer* live : live_.active()) {
+        const auto named = live->takeNamed();
+        clips_.addClips(live->layer(), named.clips, ofProject_);
+        clips_.addArcs(live->layer(), named.arcs);
+    }
     if (with_.places.isComplete()) return;
     for (const LiveLayer* live : live_.active()) {
         if (!live->usesChanged()) continue;

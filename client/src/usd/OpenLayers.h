@@ -11,6 +11,7 @@
 
 #include "session/Session.h"
 #include "usd/BigValues.h"
+#include "usd/ClipFiles.h"
 #include "usd/EditorEvents.h"
 #include "usd/LayerPlaces.h"
 #include "usd/LiveSet.h"
@@ -28,6 +29,7 @@ public:
     struct Surroundings {
         Session& session;
         LayerPlaces& places;
+        ProjectFiles& files;
         EditorEvents& events;
         LostWorkReports& lost;
         BigValues& values;
@@ -65,8 +67,9 @@ public:
     /// the layers of the project change.
     void failed(const LayerId& id);
     /// Returns the layers of the project that this process has loaded and that are not live,
-    /// sorted.
+    /// sorted. Without those that are read as files (ClipFiles).
     [[nodiscard]] std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> loadedHere() const;
+    /// Returns the name of a loaded layer if it is one of those.
     [[nodiscard]] std::optional<LayerId> layerOf(const pxr::SdfLayerHandle& layer) const;
     [[nodiscard]] bool isLiveElsewhere(const pxr::SdfLayerHandle& layer) const;
     [[nodiscard]] static Error liveElsewhere(const LayerId& id);
@@ -84,7 +87,7 @@ public:
     /// Puts content in that is built. Returns the number of layers that still wait for theirs.
     std::size_t fill(double budgetMs);
     /// Makes layers findable that edits of this tick name, because composition opens them at the
-    /// end of the change block.
+    /// end of the change block. Those that value clips name are found as files.
     void makeNamedFindable();
     /// Sets `permissionToEdit` according to the lock that the server has reported.
     void followLock(const LayerId& id);
@@ -97,6 +100,7 @@ private:
     const Surroundings with_;
     std::vector<LayerId> ofProject_;
     LiveSet live_;
+    ClipFiles clips_;
     LoadedLayers loaded_;
     struct Used {
         LoadSet load;

@@ -183,6 +183,10 @@ std::optional<std::string> ProjectFiles::fileAt(const std::string& identifier) c
     return percentDecoded(std::string_view(path).substr(base_.size()));
 }
 
+void ProjectFiles::readAsFile(const std::string& path, bool isFile) {
+    resolver_->readAsFile(token_, path.c_str(), isFile ? 1 : 0);
+}
+
 ProjectFiles::Tick::Tick(ProjectFiles& files) : files_(files) {
     if (files_.isStarted()) files_.resolver_->beginTick(files_.token_);
 }

@@ -56,6 +56,9 @@ public:
     private:
         ProjectFiles& files_;
     };
+    /// Sets whether a layer is a file like others: it has its content when it is opened, and is
+    /// loaded again when it changes. Precondition: isStarted().
+    void readAsFile(const std::string& path, bool isFile);
     /// Returns the path in the project of the file with this identifier of a layer. Nothing for
     /// layers of other origin.
     [[nodiscard]] std::optional<std::string> fileAt(const std::string& identifier) const;

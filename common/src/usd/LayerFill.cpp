@@ -18,6 +18,7 @@
 #include "StoreDelegate.h"
 #include "Tokens.h"
 #include "usdlive/common/core/Utf8.h"
+#include "usdlive/common/usd/NamedAssets.h"
 #include "usdlive/common/usd/TfComplaints.h"
 
 namespace usdlive::usd {
@@ -46,10 +47,6 @@ pxr::SdfAbstractDataRefPtr emptyData(const pxr::SdfLayer& layer) {
 }
 
 }  // namespace
-
-bool namesLayers(std::string_view field) {
-    return field == "subLayers" || field == "references" || field == "payload";
-}
 
 struct LayerFill::State {
     using FieldValues = std::vector<std::pair<TfToken, VtValue>>;
@@ -136,7 +133,6 @@ struct LayerFill::State {
 
     void addField(const TfToken& field, const FieldValue& value) {
         if (isStructural(field)) return;
-        namesLayers = namesLayers || usd::namesLayers(field.GetString());
         const Level& spec = above.back();
         auto decoded = decodeField(spec.path, field, value, blobs);
         if (!decoded) {
@@ -146,6 +142,8 @@ struct LayerFill::State {
                 leftOut.push_back(decoded.error());
             return;
         }
+        if (namesLayers(field.GetString())) addNamedAssets(decoded->value, named.arcs);
+        if (namesClips(field.GetString())) addNamedAssets(decoded->value, named.clips);
         if (decoded->offsets) set(pxr::SdfFieldKeys->SubLayerOffsets, VtValue(*decoded->offsets));
         if (const auto names = targetFields(spec.kind, field))
             addTargets(spec.path, *names, decoded->value);
@@ -276,7 +274,7 @@ struct LayerFill::State {
     std::deque<RootPrim> rootPrims;
     std::vector<Waiting> waiting;
     std::vector<Error> leftOut;
-    bool namesLayers = false;
+    Named named;
     std::size_t specs = 0;
     Tokens fieldNames, specNames;
 };
@@ -294,7 +292,7 @@ void LayerFill::addField(std::string_view name, const FieldValue& value) {
     state_->addField(state_->fieldNames(name), value);
 }
 
-bool LayerFill::namesLayers() const { return state_->namesLayers; }
+const LayerFill::Named& LayerFill::named() const { return state_->named; }
 
 void LayerFill::add(const LayerDoc& doc) {
     doc.visit([this](const LayerDoc::SpecView& spec) {

@@ -9,6 +9,8 @@
 #include <algorithm>
 #include <unordered_set>
 
+#include "usdlive/common/usd/NamedAssets.h"
+
 namespace usdlive::usd {
 
 // ------------------------------------------------------------------ waiting fields
@@ -202,6 +204,17 @@ void SdfLayerStore::Delegate::notifyArray(const Path& path, const Token& field,
     if (observerOf(path) && value.GetValue(&taken)) notifyArray(path, field, time, taken);
 }
 
+void SdfLayerStore::Delegate::notifyClips(const Path& path, const Token& field,
+                                          const pxr::VtValue& value) {
+    if (!namesClips(field.GetString())) return;
+    if (auto* observer = observerOf(path)) observer->clipsWritten(value);
+}
+void SdfLayerStore::Delegate::notifyClips(const Path& path, const Token& field,
+                                          const ConstValue& value) {
+    pxr::VtValue taken;
+    if (namesClips(field.GetString()) && value.GetValue(&taken)) notifyClips(path, field, taken);
+}
+
 void SdfLayerStore::Delegate::notifyChildren(const Path& parent, const Token& field,
                                              bool appended) {
     auto* observer = observerOf(parent);
@@ -223,12 +236,14 @@ void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
                                           const pxr::VtValue& value) {
     Base::_OnSetField(path, field, value);
     notifyArray(path, field, std::nullopt, value);
+    notifyClips(path, field, value);
     notifyField(path, field);
 }
 void SdfLayerStore::Delegate::_OnSetField(const Path& path, const Token& field,
                                           const ConstValue& value) {
     Base::_OnSetField(path, field, value);
     notifyArray(path, field, std::nullopt, value);
+    notifyClips(path, field, value);
     notifyField(path, field);
 }
 
@@ -236,11 +251,13 @@ void SdfLayerStore::Delegate::_OnSetFieldDictValueByKey(const Path& path, const 
                                                         const Token& key,
                                                         const pxr::VtValue& value) {
     Base::_OnSetFieldDictValueByKey(path, field, key, value);
+    notifyClips(path, field, value);
     if (auto* observer = observerOf(path)) observer->dictionaryKeyChanged(path, field, key);
 }
 void SdfLayerStore::Delegate::_OnSetFieldDictValueByKey(const Path& path, const Token& field,
                                                         const Token& key, const ConstValue& value) {
     Base::_OnSetFieldDictValueByKey(path, field, key, value);
+    notifyClips(path, field, value);
     if (auto* observer = observerOf(path)) observer->dictionaryKeyChanged(path, field, key);
 }
 

@@ -131,6 +131,8 @@ private:
                      const pxr::VtValue& value);
     void notifyArray(const Path& path, const Token& field, std::optional<double> time,
                      const ConstValue& value);
+    void notifyClips(const Path& path, const Token& field, const pxr::VtValue& value);
+    void notifyClips(const Path& path, const Token& field, const ConstValue& value);
     void notifyChildren(const Path& parent, const Token& field, bool appended);
     [[nodiscard]] std::optional<TargetFields> targetsOf(const Path& path, const Token& field) const;
     void renewTargets(const Path& path, const TargetFields& fields, const pxr::VtValue& value);

@@ -39,6 +39,12 @@ constexpr std::int64_t kNotedSeconds = 600;
 constexpr milliseconds kLockTime{30'000}, kLockPause{10};
 constexpr std::size_t kHashDigits = 64;
 
+std::string nameOfKey(const std::string& key) {
+    Digest digest;
+    digest.add(key.data(), key.size());
+    return digest.hex();
+}
+
 OpenFile noFile() { return {nullptr, &std::fclose}; }
 
 OpenFile opened(Descriptor file) {
@@ -252,17 +258,18 @@ Outcome<OpenFile> Cache::file(const std::string& hash, const Download& download)
     return std::move(fetched->first);
 }
 
+OpenFile Cache::findKeyed(const std::string& key) { return findNamed(nameOfKey(key)); }
+
+OpenFile Cache::findNamed(const std::string& name) {
+    const std::string hash = readKey(name);
+    return hash.empty() ? noFile() : find(hash);
+}
+
 Outcome<OpenFile> Cache::keyedFile(const std::string& key, const Download& download) {
-    Digest digest;
-    digest.add(key.data(), key.size());
-    const std::string name = digest.hex();
-    const auto look = [&] {
-        const std::string hash = readKey(name);
-        return hash.empty() ? noFile() : find(hash);
-    };
-    if (auto found = look()) return found;
+    const std::string name = nameOfKey(key);
+    if (auto found = findNamed(name)) return found;
     const Lock lock(options_.folder / "locks" / name.substr(0, 3), kLockTime);
-    if (auto found = look()) return found;
+    if (auto found = findNamed(name)) return found;
     auto fetched = fetch("", download);
     if (!fetched) return fetched.failure();
     writeKey(name, fetched->second);

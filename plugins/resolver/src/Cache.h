@@ -53,6 +53,8 @@ public:
     /// Returns the file that was stored under `key`, any text that identifies a content. `download`
     /// fetches it if it is missing.
     [[nodiscard]] Outcome<OpenFile> keyedFile(const std::string& key, const Download& download);
+    /// Returns the file that was stored under `key` if it is here, or nothing.
+    [[nodiscard]] OpenFile findKeyed(const std::string& key);
 
     /// Called once, when the cache cannot be written, with the reason.
     std::function<void(const std::string&)> onProblem;
@@ -63,8 +65,10 @@ private:
     [[nodiscard]] std::filesystem::path pathOf(const std::string& hash) const;
     [[nodiscard]] Outcome<std::pair<OpenFile, std::string>> fetch(const std::string& hash,
                                                                   const Download& download);
-    [[nodiscard]] std::string readKey(const std::string& key) const;
-    void writeKey(const std::string& key, const std::string& hash);
+    // By the hash of a key.
+    [[nodiscard]] OpenFile findNamed(const std::string& name);
+    [[nodiscard]] std::string readKey(const std::string& name) const;
+    void writeKey(const std::string& name, const std::string& hash);
     void report(const std::string& problem);
     void added(std::uint64_t bytes);
     void removeOldFiles();

@@ -2,6 +2,7 @@
 #include <pxr/usd/ar/notice.h>
 #include <pxr/usd/ar/resolverContext.h>
 
+#include <chrono>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -21,13 +22,25 @@ namespace {
 using Changed = void (*)(void*, const char*);
 using IsStopped = int (*)(void*);
 
-/// The snapshots whose files were reported last, by token.
+/// Asks for a list also if another one was asked for just now.
+constexpr std::chrono::milliseconds kAskAlways{-1};
+
+/// The lists whose files were reported last, by token.
 class Reported {
 public:
     SnapshotPtr exchange(const std::string& token, SnapshotPtr now) {
         const std::lock_guard lock(mutex_);
         std::swap(last_[token], now);
         return now;
+    }
+    /// Returns whether it is time to ask for the list with layers. Every edit changes it.
+    bool isLayersDue(const std::string& token) {
+        const std::lock_guard lock(mutex_);
+        auto& due = layersDue_[token];
+        const auto now = std::chrono::steady_clock::now();
+        if (now < due) return false;
+        due = now + kLayersEvery;
+        return true;
     }
     /// Until there is a first list, files are not found. With it, all of them are new.
     void failed(const std::string& token) {
@@ -37,11 +50,15 @@ public:
     void forget(const std::string& token) {
         const std::lock_guard lock(mutex_);
         last_.erase(token);
+        layersDue_.erase(token);
     }
 
 private:
-    std::mutex mutex_;  // guards the next member
+    static constexpr std::chrono::seconds kLayersEvery{2};
+
+    std::mutex mutex_;  // guards the next members
     std::map<std::string, SnapshotPtr> last_;
+    std::map<std::string, std::chrono::steady_clock::time_point> layersDue_;
 };
 
 Reported& reported() {
@@ -67,6 +84,15 @@ std::vector<std::string> changedFiles(const Snapshot& before, const Snapshot& no
     return changed;
 }
 
+/// Calls `changed` for the layers that are read as files and have changed.
+void reportLayers(const LiveProject& live, Project& project, Changed changed, void* context) {
+    if (live.fileLayers->isEmpty()) return;
+    const auto now = project.newest(kAskAlways);
+    if (!now) return;
+    for (const std::string& path : live.fileLayers->changedIn(**now))
+        changed(context, path.c_str());
+}
+
 const char* live(const char* server, const char* prefix, const char* folder) {
     return LiveProjects::ofProcess().add(server, prefix, folder);
 }
@@ -83,6 +109,11 @@ Outcome<Located> locate(const LiveProject& live, const std::string& path) {
     return Remotes::ofProcess().locate(url);
 }
 
+void readAsFile(const char* token, const char* path, int isFile) {
+    if (const auto live = LiveProjects::ofProcess().findToken(token))
+        live->fileLayers->set(path, isFile != 0);
+}
+
 int refresh(const char* token, Changed changed, IsStopped isStopped, void* context) {
     const StoppableRequests requests([&] { return isStopped(context) != 0; });
     const auto live = LiveProjects::ofProcess().findToken(token);
@@ -93,17 +124,34 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
         reported().failed(token);
         return 0;
     }
+    if (reported().isLayersDue(token)) reportLayers(*live, *located->project, changed, context);
     const SnapshotPtr before = reported().exchange(token, *now);
     if (!before || before == *now) return 1;
     for (const std::string& path : changedFiles(*before, **now)) changed(context, path.c_str());
     return 1;
 }
 
+/// Returns false if the layer did not arrive, or is not in the list yet.
+bool fetchLayer(const LiveProject& live, Project& project, const std::string& path) {
+    if (!live.fileLayers->contains(path)) return true;
+    const auto files = project.newest(kAskAlways);
+    if (!files) return false;
+    const auto entry = (*files)->files.find(path);
+    if (entry == (*files)->files.end()) return false;
+    const std::string content = entry->second.content();
+    const auto file = entry->second.version.empty() ? project.openFile(path, content)
+                                                    : project.openVersion(path, content);
+    if (file) live.tick->fetched(path, content);
+    return bool(file);
+}
+
 int fetch(const char* token, const char* path, IsStopped isStopped, void* context) {
     const StoppableRequests requests([&] { return isStopped(context) != 0; });
     const auto live = LiveProjects::ofProcess().findToken(token);
     const auto located = live ? locate(*live, path) : Outcome<Located>(Failure{});
-    const SnapshotPtr files = located ? located->project->lastFollowed() : nullptr;
+    if (!located) return 0;
+    if (isUsdLayer(path)) return fetchLayer(*live, *located->project, path) ? 1 : 0;
+    const SnapshotPtr files = located->project->lastFollowed();
     if (!files) return 0;
     const auto entry = files->files.find(path);
     if (entry == files->files.end()) return 1;
@@ -140,10 +188,10 @@ void notify(const char* token) {
 }  // namespace usdlive::resolver
 
 extern "C" __attribute__((visibility("default"))) const usdlive::ResolverInterface*
-usdliveResolverInterface2() {
+usdliveResolverInterface3() {
     static const usdlive::ResolverInterface functions{
-        usdlive::resolver::live,   usdlive::resolver::connected, usdlive::resolver::refresh,
-        usdlive::resolver::fetch,  usdlive::resolver::beginTick, usdlive::resolver::endTick,
-        usdlive::resolver::notify, usdlive::resolver::close};
+        usdlive::resolver::live,    usdlive::resolver::connected, usdlive::resolver::readAsFile,
+        usdlive::resolver::refresh, usdlive::resolver::fetch,     usdlive::resolver::beginTick,
+        usdlive::resolver::endTick, usdlive::resolver::notify,    usdlive::resolver::close};
     return &functions;
 }

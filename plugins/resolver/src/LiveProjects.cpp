@@ -28,8 +28,12 @@ std::optional<fs::path> LiveProject::placeOf(const Url& url) const {
     return folder / name;
 }
 
+bool LiveProject::isFileLayer(const Url& url) const {
+    return url.path.starts_with(prefix) && fileLayers->contains(inProject(url));
+}
+
 std::optional<fs::path> LiveProject::layerFile(const Url& url) const {
-    auto place = placeOf(url);
+    auto place = isFileLayer(url) ? std::nullopt : placeOf(url);
     std::error_code ignored;
     if (place && !fs::is_regular_file(*place, ignored)) place.reset();
     return place;
@@ -47,20 +51,57 @@ std::set<std::string> Tick::end() {
     return std::exchange(needed_, {});
 }
 
-void Tick::fetched(const std::string& path, const std::string& hash) {
+void Tick::fetched(const std::string& path, const std::string& content) {
     const std::lock_guard lock(mutex_);
-    fetched_[path] = hash;
+    fetched_[path] = content;
 }
 
-bool Tick::wasFetched(const std::string& path, const std::string& hash) const {
+bool Tick::wasFetched(const std::string& path, const std::string& content) const {
     const std::lock_guard lock(mutex_);
     const auto found = fetched_.find(path);
-    return found != fetched_.end() && found->second == hash;
+    return found != fetched_.end() && found->second == content;
 }
 
 void Tick::need(const std::string& path) {
     const std::lock_guard lock(mutex_);
     needed_.insert(path);
+}
+
+void FileLayers::set(const std::string& path, bool isFile) {
+    const std::lock_guard lock(mutex_);
+    if (isFile)
+        content_.try_emplace(path);
+    else
+        content_.erase(path);
+}
+
+bool FileLayers::contains(const std::string& path) const {
+    const std::lock_guard lock(mutex_);
+    return content_.contains(path);
+}
+
+bool FileLayers::isEmpty() const {
+    const std::lock_guard lock(mutex_);
+    return content_.empty();
+}
+
+void FileLayers::opened(const std::string& path, const std::string& content) {
+    const std::lock_guard lock(mutex_);
+    if (const auto known = content_.find(path); known != content_.end()) known->second = content;
+}
+
+std::vector<std::string> FileLayers::changedIn(const Snapshot& now) {
+    const std::lock_guard lock(mutex_);
+    std::vector<std::string> changed;
+    for (auto& [path, content] : content_) {
+        const auto entry = now.files.find(path);
+        if (content.empty() || entry == now.files.end()) continue;
+        auto present = entry->second.content();
+        if (present.empty() || present == content) continue;
+        content = std::move(present);
+        changed.push_back(path);
+    }
+    return changed;
 }
 
 LiveProjects& LiveProjects::ofProcess() {

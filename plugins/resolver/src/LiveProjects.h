@@ -9,6 +9,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "Remote.h"
 #include "Url.h"
@@ -19,21 +20,38 @@ namespace usdlive::resolver {
 class Tick {
 public:
     void begin() { isRunning_ = true; }
-    /// Returns the files that were needed since begin(): paths in the project.
+    /// Returns the files that were needed since the last time: paths in the project.
     [[nodiscard]] std::set<std::string> end();
     [[nodiscard]] bool isRunning() const { return isRunning_; }
 
-    /// Call it when the file with this content has come. The cache may not have it, if it cannot be
-    /// written.
-    void fetched(const std::string& path, const std::string& hash);
-    [[nodiscard]] bool wasFetched(const std::string& path, const std::string& hash) const;
+    /// Call it when the file with this content, a hash or a version, has come. The cache may not
+    /// have it, if it cannot be written.
+    void fetched(const std::string& path, const std::string& content);
+    [[nodiscard]] bool wasFetched(const std::string& path, const std::string& content) const;
     void need(const std::string& path);
 
 private:
     std::atomic<bool> isRunning_ = false;
     mutable std::mutex mutex_;  // guards the next members
     std::set<std::string> needed_;
-    std::map<std::string, std::string> fetched_;  // hashes by path
+    std::map<std::string, std::string> fetched_;  // contents by path
+};
+
+/// The layers of a live project that are read as files, with their content. Any thread.
+class FileLayers {
+public:
+    void set(const std::string& path, bool isFile);
+    [[nodiscard]] bool contains(const std::string& path) const;
+    [[nodiscard]] bool isEmpty() const;
+    /// Call it when OpenUSD opens a layer with this content (Entry::content()).
+    void opened(const std::string& path, const std::string& content);
+    /// Returns the layers that were opened with another content than they have in this list, once
+    /// for each content.
+    [[nodiscard]] std::vector<std::string> changedIn(const Snapshot& now);
+
+private:
+    mutable std::mutex mutex_;                    // guards the next member
+    std::map<std::string, std::string> content_;  // empty until it is opened
 };
 
 /// A project whose layers are live in this process.
@@ -47,16 +65,23 @@ struct LiveProject {
     bool isConnected = true;       ///< the server can be asked
     bool isClosed = false;         ///< its client has ended
     std::shared_ptr<Tick> tick = std::make_shared<Tick>();
+    std::shared_ptr<FileLayers> fileLayers = std::make_shared<FileLayers>();
 
     /// Returns whether the address is one of this project's server.
     [[nodiscard]] bool hasServerOf(const Url& url) const {
         return url.port == addressPort && url.host == addressHost;
     }
-    /// Returns the placeholder of a layer; nothing if there is none.
+    /// Returns whether the address is that of a layer that is read as a file.
+    [[nodiscard]] bool isFileLayer(const Url& url) const;
+    /// Returns the placeholder of a layer; nothing if there is none, or if it is read as a file.
     [[nodiscard]] std::optional<std::filesystem::path> layerFile(const Url& url) const;
     /// Returns where the placeholder of a layer is, or would be; nothing for paths that are no
     /// layers of this project.
     [[nodiscard]] std::optional<std::filesystem::path> placeOf(const Url& url) const;
+    /// Returns the path without the prefix. Precondition: the path begins with it.
+    [[nodiscard]] std::string inProject(const Url& url) const {
+        return url.path.substr(prefix.size());
+    }
     /// Returns the address with the server that answers now.
     [[nodiscard]] Url atServer(Url url) const;
 };
@@ -77,7 +102,8 @@ public:
     /// Returns nothing for addresses that are not live here.
     [[nodiscard]] LiveProjectPtr find(const Url& url) const;
     [[nodiscard]] LiveProjectPtr findToken(const std::string& token) const;
-    /// Returns a live project that has the file, whether or not its address is live.
+    /// Returns a live project that has the file, whether or not its address is live: if possible
+    /// one that is in a tick, or else one that is connected.
     [[nodiscard]] LiveProjectPtr findAt(const Url& url) const;
 
 private:

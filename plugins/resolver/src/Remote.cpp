@@ -105,6 +105,9 @@ Outcome<SnapshotPtr> parseSnapshot(const HttpAnswer& answer, const std::string& 
     return SnapshotPtr(snapshot);
 }
 
+/// The hash in the token names the history, so the key needs neither server nor project.
+std::string keyOf(const std::string& path, const std::string& token) { return token + "/" + path; }
+
 bool isRevision(const std::string& pin) {
     return !pin.empty() && pin.find_first_not_of("0123456789") == std::string::npos;
 }
@@ -116,6 +119,8 @@ bool takesZstd(const std::string& host) {
 }
 
 }  // namespace
+
+std::string Entry::content() const { return version.empty() ? hash : versionToken(version); }
 
 std::string versionToken(const std::string& version) {
     const std::size_t dash = version.find('-');
@@ -248,11 +253,17 @@ Outcome<std::string> Project::download(const std::string& target, const std::str
 }
 
 Outcome<OpenFile> Project::openVersion(const std::string& path, const std::string& token) {
-    // The hash in the token names the history, so the key needs neither server nor project.
-    return cache_.keyedFile(token + "/" + path, [&](BodySink& sink) {
+    return cache_.keyedFile(keyOf(path, token), [&](BodySink& sink) {
         return download("/files/" + urlEncoded(path) + "?revision=" + revisionOf(token), token,
                         sink);
     });
+}
+
+Outcome<OpenFile> Project::openKept(const std::string& path, const std::string& content) {
+    auto file =
+        isHashToken(content) ? cache_.find(content) : cache_.findKeyed(keyOf(path, content));
+    if (file) return file;
+    return Failure{"it is not in the cache, and there is no connection to the server"};
 }
 
 Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& hash) {
@@ -357,12 +368,6 @@ std::optional<Located> Remotes::locateIn(Server& server, const Url& url) {
     const auto found = server.projects.find(first);
     if (found == server.projects.end()) return std::nullopt;
     return Located{found->second, url.path.substr(std::min(url.path.size(), first.size() + 1))};
-}
-
-Outcome<OpenFile> Remotes::openCached(const std::string& hash) {
-    if (hash.empty()) return Failure{"there is no connection to the server"};
-    if (auto file = cache.find(hash)) return file;
-    return Failure{"it is not in the cache, and there is no connection to the server"};
 }
 
 bool Remotes::refresh() {

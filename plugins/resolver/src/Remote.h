@@ -22,6 +22,9 @@ struct Entry {
     std::string version;  ///< names the content of a layer with a history; otherwise empty
     std::string hash;     ///< SHA-256 of the file; empty: the server does not know it yet
     std::int64_t modifiedMs = 0;
+
+    /// Names the content in resolved paths: a version, as versionToken() makes it, or a hash.
+    [[nodiscard]] std::string content() const;
 };
 
 /// The files of a project at one revision. A value that never changes.
@@ -65,6 +68,9 @@ public:
 
     /// Opens a layer that has a history, at a version that versionToken() made.
     [[nodiscard]] Outcome<OpenFile> openVersion(const std::string& path, const std::string& token);
+    /// Opens a file of which the cache has this content, a hash or a version of versionToken().
+    /// Asks no server.
+    [[nodiscard]] Outcome<OpenFile> openKept(const std::string& path, const std::string& content);
     /// Opens the file with this content, or with the present content if the project has another one
     /// by now. `hash` may be empty.
     [[nodiscard]] Outcome<OpenFile> openFile(const std::string& path, const std::string& hash);
@@ -132,8 +138,6 @@ public:
     /// Asks for the newest snapshots of all projects that were used without a context. Returns true
     /// if one has changed.
     [[nodiscard]] bool refresh();
-    /// Opens the file with this content if the cache has it.
-    [[nodiscard]] Outcome<OpenFile> openCached(const std::string& hash);
     [[nodiscard]] const std::string& user() const { return user_; }
 
     Cache cache;

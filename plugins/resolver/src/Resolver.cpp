@@ -42,18 +42,20 @@ constexpr std::chrono::milliseconds kSnapshotIdle{1'000};
 constexpr std::size_t kMostWarnings = 1'000;
 
 constexpr const char* kReadOnly =
-    "files at usdlive:// are read-only here. Edit the layer live (usdlive.connect), or put the "
-    "file "
-    "into the project's folder";
+    "files at usdlive:// are read-only here. Open the layer live to edit it (open_layer() of "
+    "usdlive.connect()), or put the file into the project's folder";
 
-/// True for the files that OpenUSD opens as layers. Their resolved paths name the version, so that
-/// another version is another layer.
-bool isLayer(const std::string& path) {
-    if (usdlive::resolver::isUsdLayer(path)) return true;
+bool isUsdz(const std::string& path) {
     std::string ending = path.substr(path.size() - std::min<std::size_t>(path.size(), 5));
     std::ranges::transform(ending, ending.begin(),
                            [](unsigned char c) { return char(std::tolower(c)); });
     return ending == ".usdz";
+}
+
+/// True for the files that OpenUSD opens as layers. Their resolved paths name the version, so that
+/// another version is another layer.
+bool isLayer(const std::string& path) {
+    return usdlive::resolver::isUsdLayer(path) || isUsdz(path);
 }
 
 /// The folders in USDLIVE_SEARCH_PATH: paths relative to the project, with `:` between them.
@@ -110,11 +112,17 @@ protected:
         const auto live = LiveProjects::ofProcess().find(*url);
         if (live && live->layerFile(*url)) return ArResolvedPath(url->resolvedPath());
         const auto found = find(*url, live);
-        if (!found) {
-            if (!isInTick(live)) report(assetPath, found.failure());
-            return {};
+        const bool isHere = found && found->entry;
+        if (isInTick(live)) {
+            // The known list may be older than the project.
+            if (!isHere && live->isFileLayer(*url)) live->tick->need(live->inProject(*url));
+            if (!isHere ||
+                (isPackage(*url) && isAwaited(found->located, found->entry->content(), live)))
+                return {};
+        } else if (!found) {
+            report(assetPath, found.failure());
         }
-        if (!found->entry || (isInTick(live) && isAwaited(*url, *found, live))) return {};
+        if (!isHere) return {};
         return ArResolvedPath(resolved(*url, *found).resolvedPath());
     }
 
@@ -153,6 +161,10 @@ protected:
         const auto found = find(*url, live);
         constexpr double kMsInSecond = 1'000;
         if (!found || !found->entry) return {};
+        const std::string& version = found->entry->version;
+        if (!version.empty())
+            return ArTimestamp(
+                std::strtod(usdlive::resolver::revisionOf(version).c_str(), nullptr));
         return ArTimestamp(double(found->entry->modifiedMs) / kMsInSecond);
     }
 
@@ -160,8 +172,14 @@ protected:
         const std::string& text = resolvedPath.GetPathString();
         const auto url = parse(text);
         if (!url) return nullptr;
+        if (isAwaitedLayer(*url)) return nullptr;
         auto file = open(*url);
         if (file) return std::make_shared<ArFilesystemAsset>(file->release());
+        if (const auto live = liveOf(*url); live && live->isFileLayer(*url)) {
+            live->tick->need(live->inProject(*url));  // tries again
+            warn(text, "cannot read", file.failure());
+            return nullptr;
+        }
         TF_RUNTIME_ERROR("usdlive: cannot read %s: %s", text.c_str(), file.failure().cause.c_str());
         return nullptr;
     }
@@ -260,14 +278,29 @@ private:
 
     static bool isInTick(const LiveProjectPtr& live) { return live && live->tick->isRunning(); }
 
-    /// Returns whether the file is one that a tick may not open, because it has to be fetched.
-    bool isAwaited(const Url& url, const Found& found, const LiveProjectPtr& live) const {
-        if (usdlive::resolver::isUsdLayer(url.path) || !SdfFileFormat::FindByExtension(url.path))
+    /// True for files that OpenUSD opens as layers, except for USD.
+    static bool isPackage(const Url& url) {
+        return !usdlive::resolver::isUsdLayer(url.path) &&
+               SdfFileFormat::FindByExtension(url.path) != nullptr;
+    }
+
+    /// Returns whether a tick may not open the file, because it has to be fetched.
+    static bool isAwaited(const Located& located, const std::string& content,
+                          const LiveProjectPtr& live) {
+        if (live->tick->wasFetched(located.path, content) ||
+            located.project->openKept(located.path, content))
             return false;
-        const auto& [path, hash] = std::pair(found.located.path, found.entry->hash);
-        if (live->tick->wasFetched(path, hash) || remotes_.openCached(hash)) return false;
-        live->tick->need(path);
+        live->tick->need(located.path);
         return true;
+    }
+
+    /// Does the same for a layer that is read as a file. OpenUSD finds it all the same, so that it
+    /// is one of the clips of a template.
+    bool isAwaitedLayer(const Url& url) const {
+        const auto live = liveOf(url);
+        if (!isInTick(live) || !live->isFileLayer(url)) return false;
+        const auto found = find(url, live);
+        return found && found->entry && isAwaited(found->located, found->entry->content(), live);
     }
 
     /// Asks for the files of a live project. Returns whether some have changed.
@@ -283,7 +316,7 @@ private:
     static std::optional<std::filesystem::path> placeOf(const ArResolvedPath& resolvedPath) {
         const auto url = usdlive::resolver::parseUrl(resolvedPath.GetPathString());
         const auto live = url ? LiveProjects::ofProcess().find(*url) : nullptr;
-        return live ? live->placeOf(*url) : std::nullopt;
+        return live && !live->isFileLayer(*url) ? live->placeOf(*url) : std::nullopt;
     }
 
     /// Finds a path without `./`, as OpenUSD's own resolver does: beside the anchor, beside the
@@ -362,14 +395,13 @@ private:
     }
 
     static Url resolved(Url url, const Found& found) {
-        // The path of a live file stays, so that it is found beside its layers.
-        if (url.isLive() && !isLayer(url.path)) return url;
+        // The path of a live file stays, so that it is found beside its layers. A layer of the
+        // project may be opened live later.
+        if (url.isLive() && !isUsdz(url.path)) return url;
         // Without the name of the only project, if the address has it.
         if (!found.located.project->hasPrefix()) url.path = found.located.path;
         if (!isLayer(url.path)) return url;
-        const Entry& entry = *found.entry;
-        url.version =
-            entry.version.empty() ? entry.hash : usdlive::resolver::versionToken(entry.version);
+        url.version = found.entry->content();
         return url;
     }
 
@@ -381,9 +413,10 @@ private:
             return Failure{"cannot read " + file->string()};
         }
         if (!url.version.empty() && !url.isLive()) {
-            if (live && !live->isConnected) return remotes_.openCached(url.version);
             const auto located = locate(url, live);
             if (!located) return located.failure();
+            if (live && !live->isConnected)
+                return located->project->openKept(located->path, url.version);
             if (usdlive::resolver::isHashToken(url.version))
                 return located->project->openFile(located->path, url.version);
             return located->project->openVersion(located->path, url.version);
@@ -391,11 +424,12 @@ private:
         const auto found = find(url, live);
         if (!found) return found.failure();
         if (!found->entry) return Failure{"the project has no such file"};
-        if (!found->entry->version.empty())
-            return found->located.project->openVersion(
-                found->located.path, usdlive::resolver::versionToken(found->entry->version));
-        if (live && !live->isConnected) return remotes_.openCached(found->entry->hash);
-        return found->located.project->openFile(found->located.path, found->entry->hash);
+        const std::string content = found->entry->content();
+        if (live && live->isFileLayer(url)) live->fileLayers->opened(live->inProject(url), content);
+        const auto& [project, path] = found->located;
+        if (live && !live->isConnected) return project->openKept(path, content);
+        return found->entry->version.empty() ? project->openFile(path, content)
+                                             : project->openVersion(path, content);
     }
 
     /// Makes the context use the snapshot that the stage's root layer was opened from, although
@@ -405,11 +439,7 @@ private:
         const SnapshotPtr last = located.project->last();
         const auto entry = last ? last->files.find(located.path) : decltype(last->files.end())();
         if (!last || entry == last->files.end()) return;
-        const bool isSame =
-            entry->second.version.empty()
-                ? entry->second.hash == url.version
-                : usdlive::resolver::versionToken(entry->second.version) == url.version;
-        if (isSame) return context.set(located.project, last);
+        if (entry->second.content() == url.version) return context.set(located.project, last);
         if (usdlive::resolver::isHashToken(url.version)) return;
         if (const auto then = located.project->at(usdlive::resolver::revisionOf(url.version)))
             context.set(located.project, *then);
@@ -422,9 +452,13 @@ private:
         if (url && isLayer(url->path) && !url->isLive())
             return TF_RUNTIME_ERROR("usdlive: cannot open %s: %s", assetPath.c_str(),
                                     failure.cause.c_str());
+        warn(assetPath, "cannot find", failure);
+    }
+
+    void warn(const std::string& assetPath, const char* what, const Failure& failure) const {
         const std::lock_guard lock(mutex_);
         if (warned_.size() < kMostWarnings && warned_.insert(assetPath + failure.cause).second)
-            TF_WARN("usdlive: cannot find %s: %s", assetPath.c_str(), failure.cause.c_str());
+            TF_WARN("usdlive: %s %s: %s", what, assetPath.c_str(), failure.cause.c_str());
     }
 
     const std::vector<std::string> searchFolders_;

@@ -322,16 +322,17 @@ pxr::SdfLayerRefPtr ClipLayers::open(const ClipDefinition& definition,
     if (!opened)
         TF_WARN("a clip of <%s> is left out: %s", definition.prim.GetText(),
                 opened.error().message.c_str());
+    // A set that is composed later tries again.
+    if (!opened) return {};
     const std::scoped_lock lock(mutex_);
-    if (opened) known_.insert(get_pointer(*opened));
-    return layers_.try_emplace(identifier, opened ? *opened : pxr::SdfLayerRefPtr()).first->second;
+    known_.insert(get_pointer(*opened));
+    return layers_.try_emplace(identifier, *opened).first->second;
 }
 
 pxr::SdfLayerHandleSet ClipLayers::open() {
     const std::scoped_lock lock(mutex_);
     pxr::SdfLayerHandleSet all;
-    for (const auto& [identifier, layer] : layers_)
-        if (layer) all.insert(layer);
+    for (const auto& [identifier, layer] : layers_) all.insert(layer);
     return all;
 }
 

@@ -62,8 +62,8 @@ public:
 
 private:
     std::mutex mutex_;                                   // guards both
-    std::map<std::string, pxr::SdfLayerRefPtr> layers_;  // null if it cannot be opened
-    std::set<const pxr::SdfLayer*> known_;               // the open ones in layers_
+    std::map<std::string, pxr::SdfLayerRefPtr> layers_;  // by identifier
+    std::set<const pxr::SdfLayer*> known_;               // the same
     std::vector<std::weak_ptr<ClipSet>> sets_;
     std::size_t living_ = 0;  // size of sets_ when expired ones were last removed
 };

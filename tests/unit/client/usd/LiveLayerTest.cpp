@@ -91,10 +91,10 @@ protected:
     client::Worker worker;
     LayerDoc view;
     std::vector<Error> errors;
-    LiveLayer live{
-        LayerId{"a.usda"}, pxr::SdfLayer::CreateAnonymous(".usda"),
-        LiveLayer::Surroundings{blobs, blobs, blobs, worker, [this] { return &view; },
-                                [this](Error error) { errors.push_back(error); }, [] {}}};
+    LiveLayer live{LayerId{"a.usda"}, pxr::SdfLayer::CreateAnonymous(".usda"),
+                   LiveLayer::Surroundings{blobs, blobs, blobs, worker, [this] { return &view; },
+                                           [this](Error error) { errors.push_back(error); }, [] {},
+                                           [](const auto&) {}}};
 };
 
 }  // namespace

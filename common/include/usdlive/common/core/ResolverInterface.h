@@ -8,7 +8,8 @@ namespace usdlive {
 /// call all functions except notify().
 ///
 /// A live project has addresses of its own, `usdlive://HOST:PORT/@~TOKEN/PATH`: layers of the
-/// project are the placeholder files in its folder, and all other files are read from the server.
+/// project are the placeholder files in its folder, unless they are read as files, and all other
+/// files are read from the server.
 struct ResolverInterface {
     /// Returns the token for a live project, which is the same for the same arguments and valid
     /// until the process ends. `server` is `HOST:PORT`, `prefix` the name of the project with a
@@ -17,9 +18,13 @@ struct ResolverInterface {
     /// Sets whether the server is reachable, and its `HOST:PORT`. While it is not, files outside
     /// the cache are not found. Call it once after live().
     void (*connected)(const char* token, const char* server, int isConnected);
+    /// Sets whether a layer is a file like others, which has its content when it is opened. At
+    /// first, none is.
+    void (*readAsFile)(const char* token, const char* path, int isFile);
     /// Asks the server for its files. Calls `changed` for each file that was added, changed or
-    /// removed since the last call, except for layers. Takes as long as a request, but ends soon
-    /// after `isStopped` returns another number than 0. Returns 0 if the server did not answer.
+    /// removed since the last call, except for layers that are not read as files. Takes as long as
+    /// a request, but ends soon after `isStopped` returns another number than 0. Returns 0 if the
+    /// server did not answer.
     int (*refresh)(const char* token, void (*changed)(void* context, const char* path),
                    int (*isStopped)(void* context), void* context);
     /// Puts a file into the cache, and waits, unless `isStopped` returns another number than 0.
@@ -28,8 +33,8 @@ struct ResolverInterface {
                  void* context);
     /// Between these two calls, nothing that a stage of the project composes waits for the server:
     /// lists of files are those that are known, and files that OpenUSD opens as layers are not
-    /// found unless they are in the cache, or fetch() has returned 1 for them. endTick() calls
-    /// `needed` for each file that was not found for this reason.
+    /// found, or not opened, unless they are in the cache, or fetch() has returned 1 for them.
+    /// endTick() calls `needed` for each file that was not found or opened for this reason.
     void (*beginTick)(const char* token);
     void (*endTick)(const char* token, void (*needed)(void* context, const char* path),
                     void* context);
@@ -42,7 +47,7 @@ struct ResolverInterface {
 
 /// The name of the function that returns them, a ResolverInterfaceFunction. A change of the
 /// interface changes the number.
-inline constexpr const char* kResolverInterface = "usdliveResolverInterface2";
+inline constexpr const char* kResolverInterface = "usdliveResolverInterface3";
 using ResolverInterfaceFunction = const ResolverInterface* (*)();
 
 }  // namespace usdlive

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <set>
 #include <string>
 #include <string_view>
 
@@ -14,9 +15,6 @@
 namespace usdlive::usd {
 
 class SdfLayerStore;
-
-/// Returns true for fields that name other layers to compose: sublayers, references, payloads.
-[[nodiscard]] bool namesLayers(std::string_view field);
 
 /// Builds the whole content of a layer apart from it, then puts it in with one change notice, so
 /// that a big layer does not block its editor's frames.
@@ -40,8 +38,12 @@ public:
     void addField(std::string_view name, const FieldValue& value);
     /// Adds the whole doc.
     void add(const LayerDoc& doc);
-    /// Returns true if namesLayers() is true for an added field.
-    [[nodiscard]] bool namesLayers() const;
+    /// The asset paths in the added fields, as authored (NamedAssets.h).
+    struct Named {
+        std::set<std::string> arcs;   ///< sublayers, references and payloads
+        std::set<std::string> clips;  ///< value clips
+    };
+    [[nodiscard]] const Named& named() const;
 
     /// Replaces the content of the layer. Call it once, on the thread that owns the layer. If the
     /// layer has prims, Sdf notifies only of differences. The store's observer is not notified. An

@@ -38,6 +38,9 @@ public:
     /// timeSampleChanged() follows.
     virtual void arrayWritten(const pxr::SdfPath& /*path*/, const pxr::TfToken& /*field*/,
                               std::optional<double> /*time*/, const pxr::VtValue& /*array*/) {}
+    /// A field that names value clips is written, or a key of it with this value. fieldChanged() or
+    /// dictionaryKeyChanged() follows.
+    virtual void clipsWritten(const pxr::VtValue& /*value*/) {}
 };
 
 /// Applies edits to an SdfLayer and notifies an observer of the editor's own writes. Works as the

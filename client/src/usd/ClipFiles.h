@@ -1,0 +1,58 @@
+// The layers of the project that are read as files, because value clips name them.
+#pragma once
+
+#include <pxr/usd/sdf/layer.h>
+
+#include <functional>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "usd/LayerPlaces.h"
+#include "usd/ProjectFiles.h"
+
+namespace usdlive::client {
+
+/// The layers that value clips name. OpenUSD opens such a layer when a value needs it, uses what it
+/// has then, and does not compose it. So they are not made live and filled later, but are files of
+/// the project, which have their content when they are opened (ProjectFiles::readAsFile()). A layer
+/// that is opened live, or that an arc names as well, is none of them.
+///
+/// Does nothing while ProjectFiles is not started. Used by the thread that owns the layers.
+class ClipFiles {
+public:
+    /// `mayBeFile` returns whether a layer is in the project and not live. The arguments outlive
+    /// this object.
+    ClipFiles(const LayerPlaces& places, ProjectFiles& files,
+              std::function<bool(const LayerId&)> mayBeFile);
+
+    [[nodiscard]] bool contains(const LayerId& id) const { return files_.contains(id); }
+
+    /// Call it with the asset paths and templates of clips in a live layer, before Sdf notifies of
+    /// them. `project` has the layers of the project, sorted.
+    void addClips(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets,
+                  const std::vector<LayerId>& project);
+    /// Call it with the asset paths of arcs in a live layer.
+    void addArcs(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets);
+    /// Call it before a layer is opened live.
+    void compose(const LayerId& id);
+    /// Call it when the layers of the project have changed.
+    void setOfProject(const std::vector<LayerId>& project);
+
+private:
+    [[nodiscard]] std::optional<LayerId> named(const pxr::SdfLayerHandle& layer,
+                                               const std::string& asset) const;
+    void add(const LayerId& id);
+    void addMatching(const LayerId& pattern, const std::vector<LayerId>& project);
+
+    const LayerPlaces& places_;
+    ProjectFiles& projectFiles_;
+    const std::function<bool(const LayerId&)> mayBeFile_;
+    std::set<LayerId> named_;      // by clips; the project may not have them
+    std::set<LayerId> templates_;  // in `clips` metadata
+    std::set<LayerId> composed_;   // are never files
+    std::set<LayerId> files_;
+};
+
+}  // namespace usdlive::client
