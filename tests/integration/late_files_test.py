@@ -114,3 +114,33 @@ def test_a_tick_does_not_wait_for_a_package_that_an_edit_names(serve, project, t
         finally:
             os.kill(server.process.pid, signal.SIGCONT)
         wait(lambda: size(mine, "/P") == 7 and meshes(mine) == 1, ada, timeout=30)
+
+
+def test_unmuting_for_everybody_does_not_wait_for_a_package(serve, project, tmp_path):
+    (project / "shot.usda").write_text('#usda 1.0\n(\n    subLayers = [@./set.usda@]\n)\n')
+    (project / "set.usda").write_text('#usda 1.0\ndef "P"\n{\n}\n')
+    write_package(tmp_path / "package", project / "there.usdz")
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bo") as bo:
+        bo.open_layer("shot.usda")  # only one composes
+        bo.mute("shot.usda", "set.usda")
+        assert bo.flush(20)
+        mine = ada.open_stage("shot.usda")
+        assert not mine.GetPrimAtPath("/P")
+        for _ in range(5):
+            ada.tick()
+            time.sleep(0.2)
+        bo.open_layer("set.usda").GetPrimAtPath("/P").referenceList.Prepend(Sdf.Reference("./there.usdz"))
+        bo.unmute("shot.usda", "set.usda")
+        assert bo.flush(20)
+        time.sleep(0.5)  # the edit is here, and waits for the next tick
+        os.kill(server.process.pid, signal.SIGSTOP)
+        try:
+            start = time.monotonic()
+            for _ in range(5):
+                ada.tick()
+            assert time.monotonic() - start < 2
+            assert mine.GetPrimAtPath("/P") and size(mine, "/P") is None
+        finally:
+            os.kill(server.process.pid, signal.SIGCONT)
+        wait(lambda: size(mine, "/P") == 7, ada, timeout=30)

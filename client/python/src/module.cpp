@@ -74,6 +74,15 @@ public:
 
     [[nodiscard]] bool isClosed() const { return !client_ || closing_; }
 
+    void withoutWaiting(const nb::callable& compose) {
+        work("without_waiting", false, [&](Client& live) {
+            live.withoutWaiting([&] {
+                nb::gil_scoped_acquire acquire;
+                compose();
+            });
+        });
+    }
+
     std::vector<std::string> layers() {
         std::vector<std::string> names;
         for (const LayerId& layer : client("layers").layers()) names.push_back(layer.value);
@@ -370,6 +379,7 @@ NB_MODULE(_usdlive, module) {
         .def("close", &PythonClient::close)
         .def("may_wait", &PythonClient::mayWait)
         .def_prop_ro("closed", &PythonClient::isClosed)
+        .def("without_waiting", &PythonClient::withoutWaiting)
         .def("layers", &PythonClient::layers)
         .def("files_problem", &PythonClient::filesProblem)
         .def("open_layer", &PythonClient::openLayer)

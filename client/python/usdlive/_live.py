@@ -90,8 +90,8 @@ class _MutenessOfStage:
         if muted != self._muted:
             before, self._muted = self._muted, muted
             root = stage.GetRootLayer().identifier
-            stage.MuteAndUnmuteLayers([client.identifier_of(layer, root) for layer in sorted(muted - before)],
-                                      [client.identifier_of(layer, root) for layer in sorted(before - muted)])
+            changes = [[client.identifier_of(layer, root) for layer in sorted(one)] for one in (muted - before, before - muted)]
+            client.without_waiting(lambda: stage.MuteAndUnmuteLayers(*changes))
         return True
 
 
@@ -291,6 +291,12 @@ class Live:
         start = time.perf_counter()
         _, more, happened = self._client.tick(budget_ms)
         return self._notify(happened, start + budget_ms / 1000) or more
+
+    def without_waiting(self, compose: typing.Callable[[], object]) -> None:
+        """Calls a function of yours within a frame that lets stages compose something, for example
+        `live.without_waiting(lambda: stage.UnmuteLayer(layer))`. As in `tick()`, packages and value clips that have to
+        be fetched are fetched in the background, and a later tick composes them."""
+        self._client.without_waiting(compose)
 
     def flush(self, timeout: float = 10.0) -> bool:
         """Calls `tick()` until all own edits are committed. Returns False after `timeout` seconds."""

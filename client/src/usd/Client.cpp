@@ -120,6 +120,10 @@ std::string Client::identifierOf(const LayerId& layer, const pxr::SdfLayerHandle
 // --- the frame
 
 Client::TickResult Client::tick(double budgetMs) { return here("tick").tick(budgetMs); }
+void Client::withoutWaiting(const std::function<void()>& compose) {
+    const client::ProjectFiles::Tick neverWaits(here("withoutWaiting").files());
+    compose();
+}
 void Client::beginGesture() { here("beginGesture").setGesture(true); }
 void Client::endGesture() { here("endGesture").setGesture(false); }
 bool Client::flush(double timeoutMs) { return here("flush").flush(timeoutMs); }

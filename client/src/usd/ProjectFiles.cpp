@@ -188,11 +188,11 @@ void ProjectFiles::readAsFile(const std::string& path, bool isFile) {
 }
 
 ProjectFiles::Tick::Tick(ProjectFiles& files) : files_(files) {
-    if (files_.isStarted()) files_.resolver_->beginTick(files_.token_);
+    if (files_.ticks_++ == 0 && files_.isStarted()) files_.resolver_->beginTick(files_.token_);
 }
 
 ProjectFiles::Tick::~Tick() {
-    if (!files_.isStarted()) return;
+    if (--files_.ticks_ > 0 || !files_.isStarted()) return;
     std::set<std::string> needed;
     files_.resolver_->endTick(
         files_.token_,

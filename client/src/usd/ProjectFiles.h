@@ -45,7 +45,7 @@ public:
     /// Call it in every tick. Asks for the list of files if that is due.
     void follow(bool isConnected, const Connection& connection, std::int64_t nowMs);
     /// Keeps composition from waiting for the server: as long as it exists, files that stages
-    /// compose and that are not here yet are not found. They are fetched afterwards.
+    /// compose and that are not here yet are not found. They are fetched when the last one ends.
     class Tick {
     public:
         explicit Tick(ProjectFiles& files);
@@ -92,6 +92,7 @@ private:
     const char* token_ = nullptr;
     std::string base_;
     bool isConnected_ = true;
+    int ticks_ = 0;             // number of objects of Tick
     std::uint64_t wanted_ = 0;  // the last number of askSoon()
     std::int64_t dueAtMs_ = 0;
     std::optional<Error> problem_;

@@ -159,7 +159,11 @@ void LayersState::applyScope(const std::set<std::string>& wanted) {
         if (!wanted.contains(id)) unmute.push_back(id);
     if (mute.empty() && unmute.empty()) return;
     applying_ = true;
-    context_.host.muteAndUnmute(mute, unmute);
+    const auto apply = [&] { context_.host.muteAndUnmute(mute, unmute); };
+    if (context_.live)
+        context_.live->withoutWaiting(apply);
+    else
+        apply();
     applying_ = false;
     const auto now = context_.host.mutedLayers();
     stageMuted_ = {now.begin(), now.end()};

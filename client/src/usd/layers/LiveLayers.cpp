@@ -29,6 +29,10 @@ bool ClientLayers::setLocked(const pxr::SdfLayerHandle& layer, bool locked) {
 
 bool ClientLayers::isApplying() const { return client_.isApplying(); }
 
+void ClientLayers::withoutWaiting(const std::function<void()>& compose) {
+    client_.withoutWaiting(compose);
+}
+
 void ClientLayers::reload(const pxr::SdfLayerHandle& layer) {
     if (const auto id = client_.layerId(layer)) client_.reload({*id});
 }

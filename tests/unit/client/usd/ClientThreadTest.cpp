@@ -41,6 +41,7 @@ std::optional<Error> errorOf(const Result<T>& result) {
 const std::vector<ClientFunction> kFunctions{
     THROWS(leave),
     THROWS(unsentWork),
+    THROWS(withoutWaiting, [] {}),
     RETURNS(sendUnsent, ClientId{"a"}),
     RETURNS(unsentAsLayer, ClientId{"a"}, kThreadLayer),
     RETURNS(discardUnsent, ClientId{"a"}),

@@ -171,6 +171,10 @@ public:
     /// layer, and a later tick puts it in. Never waits for the server: a package that an edit names
     /// and that has to be fetched is composed in a later tick.
     TickResult tick(double budgetMs = 4.0);
+    /// Calls a function of yours within a frame that lets stages compose something, for example one
+    /// that unmutes a layer or loads a payload. As in tick(), packages and value clips that have to
+    /// be fetched are fetched in the background, and a later tick composes them.
+    void withoutWaiting(const std::function<void()>& compose);
 
     /// M11: edits between the two calls are shown to others at once, and committed as one
     /// transaction.

@@ -3,6 +3,7 @@
 
 #include <pxr/usd/sdf/layer.h>
 
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -37,6 +38,8 @@ public:
     /// Returns true while the connection writes edits of others, or the server's refusals, into
     /// layers.
     [[nodiscard]] virtual bool isApplying() const { return false; }
+    /// Calls Client::withoutWaiting().
+    virtual void withoutWaiting(const std::function<void()>& compose) { compose(); }
     /// Asks the server to reload the layer's file. The content arrives in later frames.
     virtual void reload(const pxr::SdfLayerHandle& layer) = 0;
 };
@@ -49,6 +52,7 @@ public:
     [[nodiscard]] std::optional<LiveState> state(const pxr::SdfLayerHandle& layer) const override;
     bool setLocked(const pxr::SdfLayerHandle& layer, bool locked) override;
     [[nodiscard]] bool isApplying() const override;
+    void withoutWaiting(const std::function<void()>& compose) override;
     void reload(const pxr::SdfLayerHandle& layer) override;
 
 private:
