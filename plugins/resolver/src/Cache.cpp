@@ -4,17 +4,23 @@
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <condition_variable>
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
 #include <fstream>
 #include <limits>
+#include <map>
+#include <optional>
+#include <set>
+#include <span>
 #include <thread>
 #include <vector>
 
@@ -31,17 +37,19 @@ namespace {
 
 constexpr std::uint64_t kMib = 1024 * 1024;
 constexpr std::uint64_t kDefaultMib = 10 * 1024;
-constexpr std::size_t kReadBytes = 1024 * 1024;
+constexpr std::size_t kReadBytes = 1024 * 1024, kPartBytes = 512 * 1024;
 // The use of a file is noted at most this often.
 constexpr std::int64_t kNotedSeconds = 600;
 // The time to wait while another process fetches the same file. After it the file is fetched twice,
 // which is harmless.
 constexpr milliseconds kLockTime{30'000}, kLockPause{10};
-constexpr std::size_t kHashDigits = 64;
+constexpr std::size_t kHashDigits = 64, kOriginDigits = 16;
+// Files are hashed when none was fetched for this time.
+constexpr milliseconds kQuiet{500};
 
-std::string nameOfKey(const std::string& key) {
+std::string hashOf(const std::string& text) {
     Digest digest;
-    digest.add(key.data(), key.size());
+    digest.add(text.data(), text.size());
     return digest.hex();
 }
 
@@ -66,16 +74,22 @@ std::int64_t startOfTheMachine() {
     return std::numeric_limits<std::int64_t>::max();
 }
 
-bool hasHash(const Descriptor& file, const std::string& hash) {
+/// Returns nothing if `goesOn` has returned false before the end.
+std::optional<bool> hasHash(const Descriptor& file, const std::string& hash, auto goesOn) {
     Digest digest;
     std::vector<std::uint8_t> part(kReadBytes);
     for (std::uint64_t at = 0;;) {
+        if (!goesOn()) return std::nullopt;
         const auto count = readPart(file, at, part);
         if (!count) return false;
         if (*count == 0) return digest.hex() == hash;
         digest.add(part.data(), *count);
         at += *count;
     }
+}
+
+bool hasHash(const Descriptor& file, const std::string& hash) {
+    return *hasHash(file, hash, [] { return true; });
 }
 
 bool writeAll(int file, const void* from, std::size_t size) {
@@ -88,6 +102,22 @@ bool writeAll(int file, const void* from, std::size_t size) {
         size -= std::size_t(count);
     }
     return true;
+}
+
+/// Opens a file of the cache, and notes that it is used.
+OpenFile openAt(const fs::path& path, const std::string& hash) {
+    static const std::int64_t kStart = startOfTheMachine();
+    Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    struct stat found{};
+    if (!file || ::fstat(file.get(), &found) != 0) return noFile();
+    const auto now = std::int64_t(std::time(nullptr));
+    if (found.st_mtim.tv_sec <= kStart && !hasHash(file, hash)) {
+        ::unlink(path.c_str());
+        return noFile();
+    }
+    if (found.st_mtim.tv_sec <= kStart || found.st_mtim.tv_sec < now - kNotedSeconds)
+        ::utimensat(AT_FDCWD, path.c_str(), nullptr, 0);
+    return opened(std::move(file));
 }
 
 bool isHash(const std::string& text) {
@@ -119,14 +149,122 @@ private:
     bool isHeld_ = false;
 };
 
+// ---- Checks
+
+/// Hashes the large files of the cache by a thread, and gives them the names under which all find
+/// them.
+class Cache::Checks {
+public:
+    explicit Checks(const Cache& cache) : cache_(cache) {}
+    ~Checks() {
+        stop();
+        const std::lock_guard lock(running().mutex);
+        running().checks.erase(this);
+    }
+
+    /// Adds a file. `path` is that of the unchecked one.
+    void add(const fs::path& path, const std::string& hash) {
+        const std::lock_guard lock(mutex_);
+        last_ = steady_clock::now();
+        if (isStopped_) return;
+        files_.emplace(path, hash);
+        if (!thread_.joinable()) start();
+        changed_.notify_one();
+    }
+
+    /// Call it while files are fetched.
+    void wait() {
+        const std::lock_guard lock(mutex_);
+        last_ = steady_clock::now();
+    }
+
+private:
+    /// The threads of this process, which are stopped before OpenSSL ends with it.
+    struct Running {
+        ~Running() {
+            for (Checks* one : std::exchange(checks, {})) one->stop();
+        }
+        std::mutex mutex;  // guards the next member
+        std::set<Checks*> checks;
+    };
+    static Running& running() {
+        static Running checks;
+        return checks;
+    }
+
+    void start() {
+        (void)Digest().hex();  // OpenSSL is started first, so it ends last
+        {
+            const std::lock_guard lock(running().mutex);
+            running().checks.insert(this);
+        }
+        thread_ = std::thread([this] { work(); });
+    }
+
+    void stop() {
+        {
+            const std::lock_guard lock(mutex_);
+            isStopped_ = true;
+        }
+        changed_.notify_one();
+        if (thread_.joinable()) thread_.join();
+    }
+
+    void work() {
+        constexpr int kLeast = 19;
+        (void)::setpriority(PRIO_PROCESS, 0, kLeast);  // only this thread
+        std::unique_lock lock(mutex_);
+        for (;;) {
+            changed_.wait(lock, [this] { return isStopped_ || !files_.empty(); });
+            if (!isQuiet(lock)) return;
+            const auto [path, hash] = *files_.begin();
+            lock.unlock();
+            check(path, hash);
+            lock.lock();
+            files_.erase(path);
+        }
+    }
+
+    /// Waits until no file is fetched. Returns false if the thread has to end.
+    bool isQuiet(std::unique_lock<std::mutex>& lock) {
+        while (!isStopped_ && steady_clock::now() < last_ + kQuiet)
+            changed_.wait_until(lock, last_ + kQuiet);
+        return !isStopped_;
+    }
+
+    void check(const fs::path& path, const std::string& hash) {
+        const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+        if (!file) return;  // another process was faster
+        const auto isRight = hasHash(file, hash, [this] {
+            std::unique_lock lock(mutex_);
+            return isQuiet(lock);
+        });
+        if (!isRight) return;
+        const fs::path place = cache_.pathOf(hash);
+        std::error_code error;
+        fs::create_directories(place.parent_path(), error);
+        if (!*isRight || ::rename(path.c_str(), place.c_str()) != 0) ::unlink(path.c_str());
+    }
+
+    const Cache& cache_;
+    std::thread thread_;  // started with the first file
+    std::mutex mutex_;    // guards the next members
+    std::condition_variable changed_;
+    std::map<fs::path, std::string> files_;  // hashes by path
+    steady_clock::time_point last_;          // when a file was fetched
+    bool isStopped_ = false;
+};
+
 // ---- NewFile
 
 /// A file that arrives. It is in memory if the cache folder takes no more. The destructor removes
 /// what is not complete.
 class Cache::NewFile final : public BodySink {
 public:
-    explicit NewFile(Cache& cache)
-        : cache_(cache), name_((cache.options_.folder / "new" / "XXXXXX").string()) {
+    NewFile(Cache& cache, std::string origin)
+        : cache_(cache),
+          origin_(std::move(origin)),
+          name_((cache.options_.folder / "new" / "XXXXXX").string()) {
         std::error_code error = cache_.whyUnusable_;
         if (!error) file_ = Descriptor(::mkostemp(name_.data(), O_CLOEXEC));
         if (!error && !file_) error.assign(errno, std::system_category());
@@ -141,14 +279,16 @@ public:
         if (isOnDisk_) ::unlink(name_.c_str());
     }
 
-    std::span<char> space() override { return part_ = digest_.space(); }
+    std::span<char> space() override { return {part_.get(), kPartBytes}; }
 
     std::string add(std::size_t size) override {
-        digest_.add(size);
-        if (!writeAll(file_.get(), part_.data(), size))
-            if (!isOnDisk_ || !moveToMemory() || !writeAll(file_.get(), part_.data(), size))
-                return std::string("the file cannot be kept: ") + std::strerror(errno);
+        cache_.checks_->wait();
         size_ += size;
+        if (size_ <= kHashedAtOnce) digest_.add(part_.get(), size);
+        if (!writeAll(file_.get(), part_.get(), size))
+            if (!isOnDisk_ || !moveToMemory(size_ - size) ||
+                !writeAll(file_.get(), part_.get(), size))
+                return std::string("the file cannot be kept: ") + std::strerror(errno);
         return {};
     }
 
@@ -156,32 +296,39 @@ public:
     /// wanted, which may be empty.
     Outcome<std::pair<OpenFile, std::string>> keep(const std::string& wanted,
                                                    const std::string& named) {
-        const std::string hash = digest_.hex();
-        if (hash != named || (!wanted.empty() && hash != wanted))
+        const bool isHashed = size_ <= kHashedAtOnce || !isOnDisk_;
+        if (!isHash(named) || (!wanted.empty() && wanted != named) ||
+            (isHashed && !hasHashOf(named)))
             return Failure{"the file was changed while it was sent"};
         ::lseek(file_.get(), 0, SEEK_SET);
         if (isOnDisk_) {
             std::error_code error;
-            const fs::path path = cache_.pathOf(hash);
+            const fs::path path =
+                isHashed ? cache_.pathOf(named) : cache_.uncheckedPathOf(origin_, named);
             fs::create_directories(path.parent_path(), error);
             if (::rename(name_.c_str(), path.c_str()) == 0) isOnDisk_ = false;
             ::flock(file_.get(), LOCK_UN);
+            if (!isHashed) cache_.checks_->add(path, named);
             cache_.added(size_);
         }
         OpenFile stream = opened(std::move(file_));
         if (!stream) return Failure{std::strerror(errno)};
-        return std::pair<OpenFile, std::string>(std::move(stream), hash);
+        return std::pair<OpenFile, std::string>(std::move(stream), named);
     }
 
 private:
-    /// Continues in memory when the disk is full.
-    bool moveToMemory() {
+    bool hasHashOf(const std::string& named) {
+        return size_ <= kHashedAtOnce ? digest_.hex() == named : hasHash(file_, named);
+    }
+
+    /// Continues in memory when the disk is full after `size` bytes.
+    bool moveToMemory(std::uint64_t size) {
         cache_.report(std::string("takes no more: ") + std::strerror(errno));
         Descriptor memory(::memfd_create("usdlive", MFD_CLOEXEC));
         std::vector<std::uint8_t> part(kReadBytes);
-        for (std::uint64_t at = 0; at < size_;) {
+        for (std::uint64_t at = 0; at < size;) {
             const auto count = readPart(
-                file_, at, std::span(part).first(std::min<std::uint64_t>(part.size(), size_ - at)));
+                file_, at, std::span(part).first(std::min<std::uint64_t>(part.size(), size - at)));
             if (!count || *count == 0 || !writeAll(memory.get(), part.data(), *count)) return false;
             at += *count;
         }
@@ -192,12 +339,14 @@ private:
     }
 
     Cache& cache_;
+    const std::string origin_;
     std::string name_;
     Descriptor file_;
     bool isOnDisk_ = false;  // and has no other name yet
     std::uint64_t size_ = 0;
-    std::span<char> part_;
-    PartsDigest digest_;
+    // Not filled with zeros: most files use little of it.
+    const std::unique_ptr<char[]> part_ = std::make_unique_for_overwrite<char[]>(kPartBytes);
+    Digest digest_;  // the first kHashedAtOnce bytes
 };
 
 // ---- Cache
@@ -223,63 +372,67 @@ Cache::Options Cache::optionsFromEnvironment() {
 }
 
 // The size is checked when the first file is added.
-Cache::Cache(Options options) : options_(std::move(options)), unchecked_(options_.maxBytes) {
-    for (const char* part : {"files", "keys", "locks", "new"})
+Cache::Cache(Options options) : options_(std::move(options)), added_(options_.maxBytes) {
+    for (const char* part : {"files", "keys", "locks", "new", "unchecked"})
         if (!whyUnusable_) fs::create_directories(options_.folder / part, whyUnusable_);
+    checks_ = std::make_unique<Checks>(*this);
 }
+
+Cache::~Cache() = default;
 
 fs::path Cache::pathOf(const std::string& hash) const {
     return options_.folder / "files" / hash.substr(0, 2) / hash;
 }
 
-OpenFile Cache::find(const std::string& hash) {
-    static const std::int64_t kStart = startOfTheMachine();
-    const fs::path path = pathOf(hash);
-    Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-    struct stat found{};
-    if (!file || ::fstat(file.get(), &found) != 0) return noFile();
-    const auto now = std::int64_t(std::time(nullptr));
-    if (found.st_mtim.tv_sec <= kStart && !hasHash(file, hash)) {
-        ::unlink(path.c_str());
-        return noFile();
-    }
-    if (found.st_mtim.tv_sec <= kStart || found.st_mtim.tv_sec < now - kNotedSeconds)
-        ::utimensat(AT_FDCWD, path.c_str(), nullptr, 0);
-    return opened(std::move(file));
+fs::path Cache::uncheckedPathOf(const std::string& origin, const std::string& hash) const {
+    return options_.folder / "unchecked" / hashOf(origin).substr(0, kOriginDigits) / hash;
 }
 
-Outcome<OpenFile> Cache::file(const std::string& hash, const Download& download) {
-    if (auto found = find(hash)) return found;
+OpenFile Cache::find(const std::string& origin, const std::string& hash) {
+    if (auto file = openAt(pathOf(hash), hash)) return file;
+    const fs::path path = uncheckedPathOf(origin, hash);
+    auto file = openAt(path, hash);
+    if (file) checks_->add(path, hash);
+    return file;
+}
+
+Outcome<OpenFile> Cache::file(const std::string& origin, const std::string& hash,
+                              const Download& download) {
+    if (auto found = find(origin, hash)) return found;
     // Files share a few thousand locks, so that no folder of locks grows.
     const Lock lock(options_.folder / "locks" / hash.substr(0, 3), kLockTime);
-    if (auto found = find(hash)) return found;
-    auto fetched = fetch(hash, download);
+    if (auto found = find(origin, hash)) return found;
+    auto fetched = fetch(origin, hash, download);
     if (!fetched) return fetched.failure();
     return std::move(fetched->first);
 }
 
-OpenFile Cache::findKeyed(const std::string& key) { return findNamed(nameOfKey(key)); }
-
-OpenFile Cache::findNamed(const std::string& name) {
-    const std::string hash = readKey(name);
-    return hash.empty() ? noFile() : find(hash);
+OpenFile Cache::findKeyed(const std::string& origin, const std::string& key) {
+    return findNamed(origin, hashOf(key));
 }
 
-Outcome<OpenFile> Cache::keyedFile(const std::string& key, const Download& download) {
-    const std::string name = nameOfKey(key);
-    if (auto found = findNamed(name)) return found;
+OpenFile Cache::findNamed(const std::string& origin, const std::string& name) {
+    const std::string hash = readKey(name);
+    return hash.empty() ? noFile() : find(origin, hash);
+}
+
+Outcome<OpenFile> Cache::keyedFile(const std::string& origin, const std::string& key,
+                                   const Download& download) {
+    const std::string name = hashOf(key);
+    if (auto found = findNamed(origin, name)) return found;
     const Lock lock(options_.folder / "locks" / name.substr(0, 3), kLockTime);
-    if (auto found = findNamed(name)) return found;
-    auto fetched = fetch("", download);
+    if (auto found = findNamed(origin, name)) return found;
+    auto fetched = fetch(origin, "", download);
     if (!fetched) return fetched.failure();
     writeKey(name, fetched->second);
     return std::move(fetched->first);
 }
 
 /// `hash` may be empty: it is then the one that the server names. Returns the hash with the file.
-Outcome<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& hash,
+Outcome<std::pair<OpenFile, std::string>> Cache::fetch(const std::string& origin,
+                                                       const std::string& hash,
                                                        const Download& download) {
-    NewFile file(*this);
+    NewFile file(*this, origin);
     const auto named = download(file);
     if (!named) return named.failure();
     return file.keep(hash, *named);
@@ -315,8 +468,8 @@ void Cache::report(const std::string& problem) {
 
 void Cache::added(std::uint64_t bytes) {
     constexpr std::uint64_t kChecks = 16;  // until as much as the limit was added
-    if ((unchecked_ += bytes) < options_.maxBytes / kChecks) return;
-    unchecked_ = 0;
+    if ((added_ += bytes) < options_.maxBytes / kChecks) return;
+    added_ = 0;
     removeOldFiles();
 }
 
@@ -336,7 +489,7 @@ void Cache::removeOldFiles() {
     };
     std::vector<Kept> all;
     std::uint64_t total = 0;
-    for (const char* part : {"files", "keys"})
+    for (const char* part : {"files", "keys", "unchecked"})
         for (fs::recursive_directory_iterator at(options_.folder / part, error), end;
              !error && at != end; at.increment(error)) {
             struct stat found{};

@@ -24,6 +24,8 @@ using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
 /// The cache folder. Any thread, any number of processes. A process that is killed leaves no file
 /// with a wrong content:
 /// - a file gets its name when it is complete and its hash is right;
+/// - a large file may be used before it is hashed, but only for the origin that it came from. A
+///   thread hashes it when nothing has been fetched for a moment;
 /// - no file is synced. A file that was used last before the machine was started is hashed again
 ///   before it is used.
 /// If the folder cannot be written, or is full, files are kept in memory while they are open.
@@ -39,34 +41,44 @@ public:
     [[nodiscard]] static Options optionsFromEnvironment();
 
     explicit Cache(Options options);
+    ~Cache();
 
     /// Writes the content into the sink. Returns the SHA-256 that the server names, or why there is
     /// none.
     using Download = std::function<Outcome<std::string>(BodySink& sink)>;
 
+    /// Files up to this size are hashed before their first use.
+    static constexpr std::uint64_t kHashedAtOnce = 256 * 1024;
+
     /// Returns the file with this content if it is here, or nothing. Does not wait while it is
-    /// fetched.
-    [[nodiscard]] OpenFile find(const std::string& hash);
+    /// fetched. `origin` is a text that names the server.
+    [[nodiscard]] OpenFile find(const std::string& origin, const std::string& hash);
     /// Returns the file with this content, which `download` fetches if it is missing. Of several
     /// threads and processes that need the same file, one fetches it.
-    [[nodiscard]] Outcome<OpenFile> file(const std::string& hash, const Download& download);
+    [[nodiscard]] Outcome<OpenFile> file(const std::string& origin, const std::string& hash,
+                                         const Download& download);
     /// Returns the file that was stored under `key`, any text that identifies a content. `download`
     /// fetches it if it is missing.
-    [[nodiscard]] Outcome<OpenFile> keyedFile(const std::string& key, const Download& download);
+    [[nodiscard]] Outcome<OpenFile> keyedFile(const std::string& origin, const std::string& key,
+                                              const Download& download);
     /// Returns the file that was stored under `key` if it is here, or nothing.
-    [[nodiscard]] OpenFile findKeyed(const std::string& key);
+    [[nodiscard]] OpenFile findKeyed(const std::string& origin, const std::string& key);
 
     /// Called once, when the cache cannot be written, with the reason.
     std::function<void(const std::string&)> onProblem;
 
 private:
+    class Checks;
     class Lock;
     class NewFile;
     [[nodiscard]] std::filesystem::path pathOf(const std::string& hash) const;
-    [[nodiscard]] Outcome<std::pair<OpenFile, std::string>> fetch(const std::string& hash,
+    [[nodiscard]] std::filesystem::path uncheckedPathOf(const std::string& origin,
+                                                        const std::string& hash) const;
+    [[nodiscard]] Outcome<std::pair<OpenFile, std::string>> fetch(const std::string& origin,
+                                                                  const std::string& hash,
                                                                   const Download& download);
     // By the hash of a key.
-    [[nodiscard]] OpenFile findNamed(const std::string& name);
+    [[nodiscard]] OpenFile findNamed(const std::string& origin, const std::string& name);
     [[nodiscard]] std::string readKey(const std::string& name) const;
     void writeKey(const std::string& name, const std::string& hash);
     void report(const std::string& problem);
@@ -76,7 +88,8 @@ private:
     const Options options_;
     std::error_code whyUnusable_;  // why its folders could not be created
     std::once_flag reported_;
-    std::atomic<std::uint64_t> unchecked_;  // bytes that were added since the size was checked
+    std::atomic<std::uint64_t> added_;  // bytes that were added since the size was checked
+    std::unique_ptr<Checks> checks_;
 };
 
 }  // namespace usdlive::resolver

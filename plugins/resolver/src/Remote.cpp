@@ -144,6 +144,7 @@ Project::Project(std::string host, std::uint16_t port, std::string name, std::st
       name_(std::move(name)),
       prefix_(std::move(prefix)),
       user_(std::move(user)),
+      origin_(host_ + ":" + std::to_string(port_) + prefix_),
       times_(times),
       takesZstd_(takesZstd(host_)),
       cache_(cache) {}
@@ -253,15 +254,15 @@ Outcome<std::string> Project::download(const std::string& target, const std::str
 }
 
 Outcome<OpenFile> Project::openVersion(const std::string& path, const std::string& token) {
-    return cache_.keyedFile(keyOf(path, token), [&](BodySink& sink) {
+    return cache_.keyedFile(origin_, keyOf(path, token), [&](BodySink& sink) {
         return download("/files/" + urlEncoded(path) + "?revision=" + revisionOf(token), token,
                         sink);
     });
 }
 
 Outcome<OpenFile> Project::openKept(const std::string& path, const std::string& content) {
-    auto file =
-        isHashToken(content) ? cache_.find(content) : cache_.findKeyed(keyOf(path, content));
+    auto file = isHashToken(content) ? cache_.find(origin_, content)
+                                     : cache_.findKeyed(origin_, keyOf(path, content));
     if (file) return file;
     return Failure{"it is not in the cache, and there is no connection to the server"};
 }
@@ -282,10 +283,11 @@ Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& 
             wanted = found->second.hash;
             if (wanted.empty())
                 return cache_.keyedFile(
+                    origin_,
                     path + "/" + std::to_string(found->second.modifiedMs) + "/" + host_ + prefix_,
                     fetch);
         }
-        auto file = cache_.file(wanted, [&](BodySink& sink) {
+        auto file = cache_.file(origin_, wanted, [&](BodySink& sink) {
             return download(target + "?hash=" + wanted, wanted, sink);
         });
         if (file) return file;

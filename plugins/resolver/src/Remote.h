@@ -99,7 +99,7 @@ private:
 
     const std::string host_;
     const std::uint16_t port_;
-    const std::string name_, prefix_, user_;
+    const std::string name_, prefix_, user_, origin_;
     const HttpTimes times_;
     const bool takesZstd_;
     Cache& cache_;

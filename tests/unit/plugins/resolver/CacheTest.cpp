@@ -21,6 +21,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
+const std::string kOrigin = "localhost:7447";
+
 std::string hashOfText(const std::string& text) {
     Digest digest;
     digest.add(text.data(), text.size());
@@ -62,7 +64,7 @@ protected:
         };
     }
     std::string get(Cache& cache, const std::string& text) {
-        const auto file = cache.file(hashOfText(text), downloadOf(text));
+        const auto file = cache.file(kOrigin, hashOfText(text), downloadOf(text));
         return file ? read(*file) : "failed: " + file.failure().cause;
     }
     fs::path fileOf(const std::string& text) const {
@@ -71,6 +73,20 @@ protected:
     }
     std::size_t count(const char* part) const {
         return std::size_t(std::distance(fs::recursive_directory_iterator(folder / part), {}));
+    }
+
+    std::size_t filesIn(const char* part) const {
+        std::size_t files = 0;
+        for (const auto& entry : fs::recursive_directory_iterator(folder / part))
+            files += entry.is_regular_file() ? 1 : 0;
+        return files;
+    }
+    static bool comesTrue(const std::function<bool()>& condition) {
+        for (int left = 2'000; left > 0; --left) {
+            if (condition()) return true;
+            std::this_thread::sleep_for(std::chrono::milliseconds(10));
+        }
+        return false;
     }
 
     fs::path folder;
@@ -93,25 +109,74 @@ TEST_F(CacheTest, FetchesAFileOnce) {
 
 TEST_F(CacheTest, FindsAFileByAKey) {
     Cache cache({folder, kPlenty});
-    EXPECT_EQ(read(*cache.keyedFile("12-ab/shot.usda", downloadOf("#usda"))), "#usda");
-    EXPECT_EQ(read(*Cache({folder, kPlenty}).keyedFile("12-ab/shot.usda", downloadOf("other"))),
-              "#usda");
-    EXPECT_EQ(read(*cache.keyedFile("13-cd/shot.usda", downloadOf("other"))), "other");
+    EXPECT_EQ(read(*cache.keyedFile(kOrigin, "12-ab/shot.usda", downloadOf("#usda"))), "#usda");
+    EXPECT_EQ(
+        read(*Cache({folder, kPlenty}).keyedFile(kOrigin, "12-ab/shot.usda", downloadOf("other"))),
+        "#usda");
+    EXPECT_EQ(read(*cache.keyedFile(kOrigin, "13-cd/shot.usda", downloadOf("other"))), "other");
     EXPECT_EQ(downloads, 2);
 }
 
 TEST_F(CacheTest, KeepsNothingThatHasAnotherContent) {
     Cache cache({folder, kPlenty});
-    const auto file = cache.file(hashOfText("expected"), downloadOf("changed"));
+    const auto file = cache.file(kOrigin, hashOfText("expected"), downloadOf("changed"));
     ASSERT_FALSE(file);
     EXPECT_THAT(file.failure().cause, HasSubstr("changed while"));
-    const auto failed = cache.file(hashOfText("expected"), [](BodySink& sink) {
+    const auto failed = cache.file(kOrigin, hashOfText("expected"), [](BodySink& sink) {
         (void)put(sink, "exp");
         return Outcome<std::string>(Failure{"the connection ended", 0});
     });
     EXPECT_EQ(failed.failure().cause, "the connection ended");
     EXPECT_EQ(count("new"), 0U);
     EXPECT_FALSE(fs::exists(fileOf("expected")));
+}
+
+// It is of use at once, but only for those who would have to trust the server anyway.
+TEST_F(CacheTest, ALargeFileIsHashedLater) {
+    const std::string large(3 << 20, 'x');
+    {
+        Cache cache({folder, kPlenty});
+        EXPECT_EQ(get(cache, large), large);
+        EXPECT_EQ(get(cache, large), large);
+        EXPECT_EQ(downloads, 1);
+        EXPECT_FALSE(fs::exists(fileOf(large)));
+        EXPECT_FALSE(cache.find("other:7447", hashOfText(large)));
+    }
+    // The process has ended before.
+    Cache cache({folder, kPlenty});
+    EXPECT_FALSE(fs::exists(fileOf(large)));
+    EXPECT_EQ(get(cache, large), large);
+    EXPECT_EQ(downloads, 1);
+    EXPECT_TRUE(comesTrue([&] { return fs::exists(fileOf(large)) && filesIn("unchecked") == 0; }));
+    EXPECT_EQ(read(cache.find("other:7447", hashOfText(large))), large);
+}
+
+TEST_F(CacheTest, ALargeFileWithAnotherContentIsRemoved) {
+    const std::string large(3 << 20, 'x'), changed(3 << 20, 'y');
+    Cache cache({folder, kPlenty});
+    const auto file = cache.file(kOrigin, hashOfText(large), [&](BodySink& sink) {
+        (void)put(sink, changed);
+        return Outcome<std::string>(hashOfText(large));
+    });
+    EXPECT_EQ(read(*file), changed);
+    EXPECT_FALSE(cache.find("other:7447", hashOfText(large)));
+    EXPECT_EQ(filesIn("unchecked"), 1U);
+    EXPECT_TRUE(comesTrue([&] { return filesIn("unchecked") == 0; }));
+    EXPECT_FALSE(fs::exists(fileOf(large)));
+    EXPECT_EQ(get(cache, large), large);
+}
+
+TEST_F(CacheTest, AServerNamesNoPath) {
+    Cache cache({folder, kPlenty});
+    for (const std::size_t size : {std::size_t(5), std::size_t(3) << 20})
+        for (const char* name : {"", "../../../tmp/evil", "xyz"}) {
+            const auto file = cache.keyedFile(kOrigin, "key", [&](BodySink& sink) {
+                (void)put(sink, std::string(size, 'x'));
+                return Outcome<std::string>(name);
+            });
+            EXPECT_FALSE(file) << name;
+        }
+    EXPECT_EQ(filesIn("files") + filesIn("unchecked") + filesIn("keys") + filesIn("new"), 0U);
 }
 
 TEST_F(CacheTest, HashesFilesOfAnEarlierStartOfTheMachine) {
@@ -147,7 +212,7 @@ TEST_F(CacheTest, RemovesTheFilesThatWereNotUsedForTheLongestTime) {
 
 TEST_F(CacheTest, AnOpenFileCanBeReadAfterItWasRemoved) {
     Cache cache({folder, kPlenty});
-    const auto file = cache.file(hashOfText("brick"), downloadOf("brick"));
+    const auto file = cache.file(kOrigin, hashOfText("brick"), downloadOf("brick"));
     fs::remove_all(folder / "files");
     EXPECT_EQ(read(*file), "brick");
     EXPECT_EQ(get(cache, "brick"), "brick") << "the cache creates its folders again";
@@ -201,7 +266,8 @@ TEST_F(CacheTest, AReadOnlyDiskServesWhatItHas) {
         EXPECT_EQ(downloads, place == cacheFolder ? 0 : 1);
         for (int time = 0; time < 2; ++time) {
             EXPECT_EQ(get(cache, "stone"), "stone");
-            EXPECT_EQ(read(*cache.keyedFile("12-ab/shot.usda", downloadOf("#usda"))), "#usda");
+            EXPECT_EQ(read(*cache.keyedFile(kOrigin, "12-ab/shot.usda", downloadOf("#usda"))),
+                      "#usda");
         }
         ASSERT_EQ(problems.size(), 1U);
         EXPECT_THAT(problems.front(),
@@ -216,7 +282,7 @@ TEST_F(CacheTest, ThreadsFetchTheSameFileOnce) {
     std::vector<std::thread> threads;
     for (int i = 0; i < 8; ++i)
         threads.emplace_back([&] {
-            const auto file = cache.file(hashOfText(text), [&](BodySink& sink) {
+            const auto file = cache.file(kOrigin, hashOfText(text), [&](BodySink& sink) {
                 ++fetched;
                 std::this_thread::sleep_for(std::chrono::milliseconds(20));
                 (void)put(sink, text);
@@ -235,7 +301,7 @@ TEST_F(CacheTest, AKilledProcessLeavesNoPartOfAFile) {
         const pid_t child = ::fork();
         if (child == 0) {
             Cache cache({folder, kPlenty});
-            (void)cache.file(hashOfText(text), [&](BodySink& sink) {
+            (void)cache.file(kOrigin, hashOfText(text), [&](BodySink& sink) {
                 (void)put(sink, std::string_view(text).substr(0, text.size() / 2));
                 ::kill(::getpid(), SIGKILL);
                 return Outcome<std::string>(Failure{"never"});
@@ -257,13 +323,13 @@ TEST_F(CacheTest, FindsNothingAndDoesNotWaitWhileAFileIsFetched) {
     Cache cache({folder, 1 << 20});
     const std::string hash = hashOfText("brick");
     bool isFound = true;
-    const auto file = cache.file(hash, [&](BodySink& sink) -> Outcome<std::string> {
+    const auto file = cache.file(kOrigin, hash, [&](BodySink& sink) -> Outcome<std::string> {
         // The lock of the file is held here: waiting for it would take 30 s.
-        isFound = bool(cache.find(hash));
+        isFound = bool(cache.find(kOrigin, hash));
         (void)put(sink, "brick");
         return hash;
     });
     ASSERT_TRUE(file);
     EXPECT_FALSE(isFound);
-    EXPECT_EQ(read(cache.find(hash)), "brick");
+    EXPECT_EQ(read(cache.find(kOrigin, hash)), "brick");
 }
