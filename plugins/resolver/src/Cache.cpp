@@ -104,18 +104,23 @@ bool writeAll(int file, const void* from, std::size_t size) {
     return true;
 }
 
+/// Returns whether the file was used since the machine was started.
+bool isOfThisStart(const struct stat& file) {
+    static const std::int64_t kStart = startOfTheMachine();
+    return file.st_mtim.tv_sec > kStart;
+}
+
 /// Opens a file of the cache, and notes that it is used.
 OpenFile openAt(const fs::path& path, const std::string& hash) {
-    static const std::int64_t kStart = startOfTheMachine();
     Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
     struct stat found{};
     if (!file || ::fstat(file.get(), &found) != 0) return noFile();
     const auto now = std::int64_t(std::time(nullptr));
-    if (found.st_mtim.tv_sec <= kStart && !hasHash(file, hash)) {
+    if (!isOfThisStart(found) && !hasHash(file, hash)) {
         ::unlink(path.c_str());
         return noFile();
     }
-    if (found.st_mtim.tv_sec <= kStart || found.st_mtim.tv_sec < now - kNotedSeconds)
+    if (!isOfThisStart(found) || found.st_mtim.tv_sec < now - kNotedSeconds)
         ::utimensat(AT_FDCWD, path.c_str(), nullptr, 0);
     return opened(std::move(file));
 }
@@ -394,6 +399,19 @@ OpenFile Cache::find(const std::string& origin, const std::string& hash) {
     auto file = openAt(path, hash);
     if (file) checks_->add(path, hash);
     return file;
+}
+
+bool Cache::isReady(const std::string& origin, const std::string& hash) const {
+    for (const fs::path& path : {pathOf(hash), uncheckedPathOf(origin, hash)}) {
+        struct stat found{};
+        if (::stat(path.c_str(), &found) == 0) return isOfThisStart(found);
+    }
+    return false;
+}
+
+bool Cache::isKeyedReady(const std::string& origin, const std::string& key) const {
+    const std::string hash = readKey(hashOf(key));
+    return !hash.empty() && isReady(origin, hash);
 }
 
 Outcome<OpenFile> Cache::file(const std::string& origin, const std::string& hash,

@@ -53,6 +53,8 @@ public:
     /// Returns the file with this content if it is here, or nothing. Does not wait while it is
     /// fetched. `origin` is a text that names the server.
     [[nodiscard]] OpenFile find(const std::string& origin, const std::string& hash);
+    /// Returns whether find() finds it without hashing it.
+    [[nodiscard]] bool isReady(const std::string& origin, const std::string& hash) const;
     /// Returns the file with this content, which `download` fetches if it is missing. Of several
     /// threads and processes that need the same file, one fetches it.
     [[nodiscard]] Outcome<OpenFile> file(const std::string& origin, const std::string& hash,
@@ -63,6 +65,8 @@ public:
                                               const Download& download);
     /// Returns the file that was stored under `key` if it is here, or nothing.
     [[nodiscard]] OpenFile findKeyed(const std::string& origin, const std::string& key);
+    /// Returns whether findKeyed() finds it without hashing it.
+    [[nodiscard]] bool isKeyedReady(const std::string& origin, const std::string& key) const;
 
     /// Called once, when the cache cannot be written, with the reason.
     std::function<void(const std::string&)> onProblem;

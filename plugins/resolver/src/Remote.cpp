@@ -267,6 +267,12 @@ Outcome<OpenFile> Project::openKept(const std::string& path, const std::string& 
     return Failure{"it is not in the cache, and there is no connection to the server"};
 }
 
+bool Project::isReady(const std::string& path, const std::string& content) const {
+    if (content.empty()) return false;
+    return isHashToken(content) ? cache_.isReady(origin_, content)
+                                : cache_.isKeyedReady(origin_, keyOf(path, content));
+}
+
 Outcome<OpenFile> Project::openFile(const std::string& path, const std::string& hash) {
     std::string wanted = hash;
     Failure failure{"it changes all the time"};

@@ -71,6 +71,8 @@ public:
     /// Opens a file of which the cache has this content, a hash or a version of versionToken().
     /// Asks no server.
     [[nodiscard]] Outcome<OpenFile> openKept(const std::string& path, const std::string& content);
+    /// Returns whether openKept() opens it at once. A large file may have to be hashed first.
+    [[nodiscard]] bool isReady(const std::string& path, const std::string& content) const;
     /// Opens the file with this content, or with the present content if the project has another one
     /// by now. `hash` may be empty.
     [[nodiscard]] Outcome<OpenFile> openFile(const std::string& path, const std::string& hash);

@@ -288,7 +288,7 @@ private:
     static bool isAwaited(const Located& located, const std::string& content,
                           const LiveProjectPtr& live) {
         if (live->tick->wasFetched(located.path, content) ||
-            located.project->openKept(located.path, content))
+            located.project->isReady(located.path, content))
             return false;
         live->tick->need(located.path);
         return true;

@@ -113,7 +113,9 @@ TEST_F(CacheTest, FindsAFileByAKey) {
     EXPECT_EQ(
         read(*Cache({folder, kPlenty}).keyedFile(kOrigin, "12-ab/shot.usda", downloadOf("other"))),
         "#usda");
+    EXPECT_FALSE(cache.isKeyedReady(kOrigin, "13-cd/shot.usda"));
     EXPECT_EQ(read(*cache.keyedFile(kOrigin, "13-cd/shot.usda", downloadOf("other"))), "other");
+    EXPECT_TRUE(cache.isKeyedReady(kOrigin, "13-cd/shot.usda"));
     EXPECT_EQ(downloads, 2);
 }
 
@@ -186,8 +188,10 @@ TEST_F(CacheTest, HashesFilesOfAnEarlierStartOfTheMachine) {
     std::ofstream(fileOf("brick")) << "bricX";  // an interrupted write may leave that
     for (const char* text : {"brick", "stone"})
         fs::last_write_time(fileOf(text), fs::file_time_type::clock::now() - std::chrono::years(9));
+    EXPECT_FALSE(cache.isReady(kOrigin, hashOfText("stone")));
     EXPECT_EQ(get(cache, "brick"), "brick");
     EXPECT_EQ(get(cache, "stone"), "stone");
+    EXPECT_TRUE(cache.isReady(kOrigin, hashOfText("stone")));
     EXPECT_EQ(downloads, 3) << "only the damaged file was fetched again";
 }
 
