@@ -131,20 +131,21 @@ void LateAssets::compose() {
 }
 
 void LateAssets::composeClips() {
-    std::vector<std::pair<LayerId, Named>> out;
+    std::set<LayerId> changed;
     {
         const pxr::SdfChangeBlock block;
         takeFound([&](LiveLayer& live, const Named& named) {
             if (std::holds_alternative<ListItem>(named.part)) return false;
-            if (!isWanted(live, named)) return true;
-            live.takeOut(named.path, named.field);
-            out.emplace_back(live.id(), named);
+            if (isWanted(live, named)) {
+                live.takeOut(named.path, named.field);
+                changed.insert(live.id());
+            }
             return true;
         });
     }
     const pxr::SdfChangeBlock block;
-    for (const auto& [id, named] : out)
-        if (LiveLayer* live = live_.find(id)) live->restore(named.path, named.field);
+    for (const LayerId& id : changed)
+        if (LiveLayer* live = live_.find(id)) live->restore();
 }
 
 /// Calls `take` for all that was found in live layers, and forgets those for which it returns true.

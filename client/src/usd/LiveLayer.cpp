@@ -32,6 +32,7 @@ LiveLayer::LiveLayer(LayerId id, pxr::SdfLayerRefPtr layer, Surroundings surroun
 }
 
 LiveLayer::~LiveLayer() {
+    restore();
     pxr::TfNotice::Revoke(replacedKey_);
     pxr::TfNotice::Revoke(mutenessKey_);
     pxr::TfNotice::Revoke(savedKey_);
@@ -167,18 +168,22 @@ void LiveLayer::notify(const std::string& path, const std::string& field, const 
 
 void LiveLayer::takeOut(const std::string& path, const std::string& field) {
     const LayerDoc* view = content();
-    if (view && view->field(path, field) && !layer_->IsMuted())
-        static_cast<void>(store_->apply(path, EraseField{field, {}}));
+    if (!view || !view->field(path, field) || layer_->IsMuted()) return;
+    takenOut_.emplace_back(path, field);
+    static_cast<void>(store_->apply(path, EraseField{field, {}}));
 }
 
-void LiveLayer::restore(const std::string& path, const std::string& field) {
-    const LayerDoc* view = content();
-    const FieldValue* value = view ? view->field(path, field) : nullptr;
-    if (!value || layer_->IsMuted()) return;
-    // A notice handler may have written another value.
-    if (layer_->HasField(pxr::SdfPath(path), pxr::TfToken(field))) return;
-    const SetField whole{field, {}, *value};
-    static_cast<void>(store_->apply(path, whole));
+void LiveLayer::restore() {
+    for (const auto& [path, field] : std::exchange(takenOut_, {})) {
+        const LayerDoc* view = content();
+        const FieldValue* value = view ? view->field(path, field) : nullptr;
+        // A notice handler may have written another value.
+        if (!value || layer_->IsMuted() ||
+            layer_->HasField(pxr::SdfPath(path), pxr::TfToken(field)))
+            continue;
+        const SetField whole{field, {}, *value};
+        static_cast<void>(store_->apply(path, whole));
+    }
 }
 
 bool LiveLayer::hasWrites() const { return isFilled() && capture_.hasWrites(); }

@@ -87,10 +87,10 @@ public:
     /// Lets Sdf notify of the field as if this item had been removed and added again. The content
     /// stays as it is. Precondition: not hasWrites().
     void notify(const std::string& path, const std::string& field, const ListItem& item);
-    /// Takes a field out of the layer until restore(), which is no edit. Precondition: not
-    /// hasWrites().
+    /// Takes a field out of the layer until restore() or the end of this object, which is no edit.
+    /// Precondition: not hasWrites().
     void takeOut(const std::string& path, const std::string& field);
-    void restore(const std::string& path, const std::string& field);
+    void restore();
 
     void blobArrived(const Hash& hash);
     [[nodiscard]] bool waitsFor(const Hash& hash) const { return store_ && store_->waitsFor(hash); }
@@ -144,6 +144,7 @@ private:
     bool expectsReplacement_ = false;
     bool startOver_ = false;           // the layer was reloaded or muted: the change is not an edit
     bool writtenBeforeMuted_ = false;  // written before the mute, and not sealed yet
+    std::vector<std::pair<std::string, std::string>> takenOut_;  // paths and fields
     bool usesChanged_ = false;
     bool namesLayers_ = false;
     bool namesClips_ = false;

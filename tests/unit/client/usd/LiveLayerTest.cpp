@@ -158,3 +158,37 @@ TEST_F(LiveLayerTest, ShowsTheViewIfPartsAreOutOfOrder) {
 }
 
 TEST_F(LiveLayerTest, MayBeDestroyedWhileItIsFilled) { arrive(partsOf(bigDoc("W", 50'000))); }
+
+TEST_F(LiveLayerTest, AFieldThatIsTakenOutComesBackWithoutAnEdit) {
+    const pxr::TfToken comment("comment");
+    show(bigDoc("W", 1));
+    apply("/W/p0", SetField{"comment", {}, stringValue("kept")});
+    expectView();
+    const pxr::SdfPath path("/W/p0");
+    for (const bool isWritten : {false, true}) {
+        live.takeOut("/W/p0", "comment");
+        EXPECT_FALSE(live.layer()->HasField(path, comment));
+        EXPECT_FALSE(live.hasWrites());
+        // A notice handler may write meanwhile.
+        if (isWritten) live.layer()->SetField(path, comment, pxr::VtValue("written"));
+        live.restore();
+        EXPECT_EQ(live.layer()->GetFieldAs<std::string>(path, comment),
+                  isWritten ? "written" : "kept");
+        EXPECT_EQ(live.hasWrites(), isWritten);
+    }
+}
+
+TEST_F(LiveLayerTest, ALayerThatIsClosedMeanwhileKeepsItsContent) {
+    LayerDoc doc = bigDoc("W", 1);
+    const auto layer = pxr::SdfLayer::CreateAnonymous(".usda");
+    {
+        LiveLayer closed{LayerId{"b.usda"}, layer,
+                         LiveLayer::Surroundings{blobs, blobs, blobs, worker, [&] { return &doc; },
+                                                 [](Error) {}, [] {}, [](const auto&) {}}};
+        closed.reset(doc);
+        closed.fill();
+        ASSERT_TRUE(closed.isFilled());
+        closed.takeOut("/W/p0", "documentation");
+    }
+    EXPECT_TRUE(*usd::readLayer(layer, blobs) == doc);
+}
