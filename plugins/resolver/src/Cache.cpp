@@ -156,8 +156,7 @@ private:
 
 // ---- Checks
 
-/// Hashes the large files of the cache by a thread, and gives them the names under which all find
-/// them.
+/// Hashes the large files of the cache, and gives them the names under which all find them.
 class Cache::Checks {
 public:
     explicit Checks(const Cache& cache) : cache_(cache) {}
@@ -167,12 +166,13 @@ public:
         running().checks.erase(this);
     }
 
-    /// Adds a file. `path` is that of the unchecked one.
-    void add(const fs::path& path, const std::string& hash) {
+    /// Adds a file that this process has fetched, for the thread.
+    void add(const fs::path& path, const std::string& hash, const std::string& origin) {
         const std::lock_guard lock(mutex_);
         last_ = steady_clock::now();
+        trusted_.insert(path);
         if (isStopped_) return;
-        files_.emplace(path, hash);
+        waiting_.emplace(path, std::pair(hash, origin));
         if (!thread_.joinable()) start();
         changed_.notify_one();
     }
@@ -181,6 +181,17 @@ public:
     void wait() {
         const std::lock_guard lock(mutex_);
         last_ = steady_clock::now();
+    }
+
+    /// Returns whether this process has fetched or hashed the file, and others do not find it yet.
+    [[nodiscard]] bool isTrusted(const fs::path& path) const {
+        const std::lock_guard lock(mutex_);
+        return trusted_.contains(path);
+    }
+
+    /// Hashes a file that another process has left.
+    void checkNow(const fs::path& path, const std::string& hash, const std::string& origin) {
+        check(path, hash, origin, LOCK_EX, [] { return true; });
     }
 
 private:
@@ -220,13 +231,17 @@ private:
         (void)::setpriority(PRIO_PROCESS, 0, kLeast);  // only this thread
         std::unique_lock lock(mutex_);
         for (;;) {
-            changed_.wait(lock, [this] { return isStopped_ || !files_.empty(); });
+            changed_.wait(lock, [this] { return isStopped_ || !waiting_.empty(); });
             if (!isQuiet(lock)) return;
-            const auto [path, hash] = *files_.begin();
+            const auto next = *waiting_.begin();
+            waiting_.erase(next.first);
             lock.unlock();
-            check(path, hash);
+            // If another process has locked the file, that one hashes it.
+            check(next.first, next.second.first, next.second.second, LOCK_EX | LOCK_NB, [this] {
+                std::unique_lock wait(mutex_);
+                return isQuiet(wait);
+            });
             lock.lock();
-            files_.erase(path);
         }
     }
 
@@ -237,26 +252,61 @@ private:
         return !isStopped_;
     }
 
-    void check(const fs::path& path, const std::string& hash) {
+    void check(const fs::path& path, const std::string& hash, const std::string& origin,
+               int howToLock, auto goesOn) {
         const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-        if (!file) return;  // another process was faster
-        const auto isRight = hasHash(file, hash, [this] {
-            std::unique_lock lock(mutex_);
-            return isQuiet(lock);
-        });
+        if (!file || ::flock(file.get(), howToLock) != 0 || !isAt(path, file)) return;
+        const auto isRight = hasHash(file, hash, goesOn);
         if (!isRight) return;
+        const bool isNamed = *isRight && name(file, hash);
+        const bool isSame = isAt(path, file);
+        const bool isGone = isSame && (isNamed || !*isRight) && ::unlink(path.c_str()) == 0;
+        {
+            const std::lock_guard lock(mutex_);
+            if (*isRight && isSame && !isGone)
+                trusted_.insert(path);  // a disk that is read-only, or has no links
+            else
+                trusted_.erase(path);
+        }
+        std::error_code ignored;
+        if (isGone) fs::remove(path.parent_path(), ignored);  // only if it is empty
+        if (!*isRight && cache_.onWrongFile) cache_.onWrongFile(hash, origin);
+    }
+
+    /// Returns whether the path is still that of the open file.
+    [[nodiscard]] static bool isAt(const fs::path& path, const Descriptor& file) {
+        struct stat open{}, present{};
+        return ::fstat(file.get(), &open) == 0 && ::stat(path.c_str(), &present) == 0 &&
+               open.st_ino == present.st_ino && open.st_dev == present.st_dev;
+    }
+
+    /// Gives the open file its name, whatever has its path by now.
+    [[nodiscard]] bool name(const Descriptor& file, const std::string& hash) const {
+        static std::atomic<std::uint64_t> count = 0;
         const fs::path place = cache_.pathOf(hash);
+        const fs::path linked =
+            cache_.options_.folder / "new" /
+            (hash + "-" + std::to_string(::getpid()) + "-" + std::to_string(++count));
         std::error_code error;
         fs::create_directories(place.parent_path(), error);
-        if (!*isRight || ::rename(path.c_str(), place.c_str()) != 0) ::unlink(path.c_str());
+        const std::string open = "/proc/self/fd/" + std::to_string(file.get());
+        if (::linkat(AT_FDCWD, open.c_str(), AT_FDCWD, linked.c_str(), AT_SYMLINK_FOLLOW) != 0)
+            return false;
+        if (::rename(linked.c_str(), place.c_str()) == 0) {
+            ::unlink(linked.c_str());  // still there if both were links of the same file
+            return true;
+        }
+        ::unlink(linked.c_str());
+        return false;
     }
 
     const Cache& cache_;
-    std::thread thread_;  // started with the first file
-    std::mutex mutex_;    // guards the next members
+    std::thread thread_;        // started with the first file
+    mutable std::mutex mutex_;  // guards the next members
     std::condition_variable changed_;
-    std::map<fs::path, std::string> files_;  // hashes by path
-    steady_clock::time_point last_;          // when a file was fetched
+    std::map<fs::path, std::pair<std::string, std::string>> waiting_;  // hashes and origins
+    std::set<fs::path> trusted_;
+    steady_clock::time_point last_;  // when a file was fetched
     bool isStopped_ = false;
 };
 
@@ -313,7 +363,7 @@ public:
             fs::create_directories(path.parent_path(), error);
             if (::rename(name_.c_str(), path.c_str()) == 0) isOnDisk_ = false;
             ::flock(file_.get(), LOCK_UN);
-            if (!isHashed) cache_.checks_->add(path, named);
+            if (!isHashed) cache_.checks_->add(path, named, origin_);
             cache_.added(size_);
         }
         OpenFile stream = opened(std::move(file_));
@@ -396,17 +446,21 @@ fs::path Cache::uncheckedPathOf(const std::string& origin, const std::string& ha
 OpenFile Cache::find(const std::string& origin, const std::string& hash) {
     if (auto file = openAt(pathOf(hash), hash)) return file;
     const fs::path path = uncheckedPathOf(origin, hash);
-    auto file = openAt(path, hash);
-    if (file) checks_->add(path, hash);
-    return file;
+    if (checks_->isTrusted(path)) return openAt(path, hash);
+    std::error_code ignored;
+    if (!fs::exists(path, ignored)) return noFile();
+    checks_->checkNow(path, hash, origin);
+    if (auto file = openAt(pathOf(hash), hash)) return file;
+    return checks_->isTrusted(path) ? openAt(path, hash) : noFile();
 }
 
 bool Cache::isReady(const std::string& origin, const std::string& hash) const {
-    for (const fs::path& path : {pathOf(hash), uncheckedPathOf(origin, hash)}) {
+    const auto isReadyAt = [](const fs::path& path) {
         struct stat found{};
-        if (::stat(path.c_str(), &found) == 0) return isOfThisStart(found);
-    }
-    return false;
+        return ::stat(path.c_str(), &found) == 0 && isOfThisStart(found);
+    };
+    const fs::path unchecked = uncheckedPathOf(origin, hash);
+    return isReadyAt(pathOf(hash)) || (checks_->isTrusted(unchecked) && isReadyAt(unchecked));
 }
 
 bool Cache::isKeyedReady(const std::string& origin, const std::string& key) const {

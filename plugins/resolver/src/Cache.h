@@ -21,11 +21,12 @@ namespace usdlive::resolver {
 /// An open file. It can be read to its end, whatever happens to the cache.
 using OpenFile = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
 
-/// The cache folder. Any thread, any number of processes. A process that is killed leaves no file
-/// with a wrong content:
+/// The cache folder. Any thread, any number of processes. Nobody finds a file with a wrong content,
+/// also if a process is killed:
 /// - a file gets its name when it is complete and its hash is right;
-/// - a large file may be used before it is hashed, but only for the origin that it came from. A
-///   thread hashes it when nothing has been fetched for a moment;
+/// - the process that has fetched a large file uses it before, but only for the origin that it came
+///   from. A thread hashes it when nothing has been fetched for a moment. If the process ends
+///   before, the next one hashes it before it uses it;
 /// - no file is synced. A file that was used last before the machine was started is hashed again
 ///   before it is used.
 /// If the folder cannot be written, or is full, files are kept in memory while they are open.
@@ -68,6 +69,9 @@ public:
     /// Returns whether findKeyed() finds it without hashing it.
     [[nodiscard]] bool isKeyedReady(const std::string& origin, const std::string& key) const;
 
+    /// Called by any thread when a large file from this origin was removed, because it has another
+    /// content. It may have been used.
+    std::function<void(const std::string& hash, const std::string& origin)> onWrongFile;
     /// Called once, when the cache cannot be written, with the reason.
     std::function<void(const std::string&)> onProblem;
 

@@ -133,29 +133,53 @@ TEST_F(CacheTest, KeepsNothingThatHasAnotherContent) {
     EXPECT_FALSE(fs::exists(fileOf("expected")));
 }
 
-// It is of use at once, but only for those who would have to trust the server anyway.
+// It is of use at once, but only for its process and origin.
 TEST_F(CacheTest, ALargeFileIsHashedLater) {
     const std::string large(3 << 20, 'x');
-    {
-        Cache cache({folder, kPlenty});
-        EXPECT_EQ(get(cache, large), large);
-        EXPECT_EQ(get(cache, large), large);
-        EXPECT_EQ(downloads, 1);
-        EXPECT_FALSE(fs::exists(fileOf(large)));
-        EXPECT_FALSE(cache.find("other:7447", hashOfText(large)));
-    }
-    // The process has ended before.
     Cache cache({folder, kPlenty});
-    EXPECT_FALSE(fs::exists(fileOf(large)));
+    EXPECT_EQ(get(cache, large), large);
     EXPECT_EQ(get(cache, large), large);
     EXPECT_EQ(downloads, 1);
+    EXPECT_FALSE(fs::exists(fileOf(large)));
+    EXPECT_FALSE(cache.find("other:7447", hashOfText(large)));
     EXPECT_TRUE(comesTrue([&] { return fs::exists(fileOf(large)) && filesIn("unchecked") == 0; }));
     EXPECT_EQ(read(cache.find("other:7447", hashOfText(large))), large);
+    EXPECT_EQ(filesIn("new"), 0U);
 }
 
-TEST_F(CacheTest, ALargeFileWithAnotherContentIsRemoved) {
+TEST_F(CacheTest, ALargeFileThatAProcessHasLeftIsHashedBeforeItIsUsed) {
     const std::string large(3 << 20, 'x'), changed(3 << 20, 'y');
+    const auto leave = [&](const std::string& text) {
+        Cache cache({folder, kPlenty});
+        EXPECT_TRUE(cache.file(kOrigin, hashOfText(large), [&](BodySink& sink) {
+            (void)put(sink, text);
+            return Outcome<std::string>(hashOfText(large));
+        }));
+    };
+    leave(large);
+    EXPECT_FALSE(fs::exists(fileOf(large)));
     Cache cache({folder, kPlenty});
+    EXPECT_FALSE(cache.isReady(kOrigin, hashOfText(large)));
+    EXPECT_EQ(get(cache, large), large);
+    EXPECT_EQ(downloads, 0);
+    EXPECT_TRUE(fs::exists(fileOf(large)));
+    EXPECT_EQ(filesIn("unchecked"), 0U);
+    fs::remove(fileOf(large));
+    leave(changed);
+    Cache next({folder, kPlenty});
+    EXPECT_FALSE(next.find(kOrigin, hashOfText(large)));
+    EXPECT_EQ(filesIn("unchecked"), 0U);
+    EXPECT_EQ(get(next, large), large);
+    EXPECT_EQ(downloads, 1);
+}
+
+TEST_F(CacheTest, ALargeFileWithAnotherContentIsRemovedAndReported) {
+    const std::string large(3 << 20, 'x'), changed(3 << 20, 'y');
+    std::atomic<int> wrong = 0;
+    Cache cache({folder, kPlenty});
+    cache.onWrongFile = [&](const std::string& hash, const std::string& origin) {
+        wrong += hash == hashOfText(large) && origin == kOrigin ? 1 : 100;
+    };
     const auto file = cache.file(kOrigin, hashOfText(large), [&](BodySink& sink) {
         (void)put(sink, changed);
         return Outcome<std::string>(hashOfText(large));
@@ -163,9 +187,35 @@ TEST_F(CacheTest, ALargeFileWithAnotherContentIsRemoved) {
     EXPECT_EQ(read(*file), changed);
     EXPECT_FALSE(cache.find("other:7447", hashOfText(large)));
     EXPECT_EQ(filesIn("unchecked"), 1U);
-    EXPECT_TRUE(comesTrue([&] { return filesIn("unchecked") == 0; }));
+    EXPECT_TRUE(comesTrue([&] { return filesIn("unchecked") == 0 && wrong == 1; }));
     EXPECT_FALSE(fs::exists(fileOf(large)));
     EXPECT_EQ(get(cache, large), large);
+}
+
+// A server could send the right content first, and another one while it is hashed.
+TEST_F(CacheTest, AFileThatComesWhileAnotherOfItsNameIsHashedGetsNoName) {
+    const std::string large(200 << 20, 'x'), changed(1 << 20, 'y');
+    const std::string hash = hashOfText(large);
+    std::atomic<int> wrong = 0;
+    Cache cache({folder, kPlenty});
+    cache.onWrongFile = [&](const std::string&, const std::string&) { ++wrong; };
+    const auto fetch = [&](const std::string& key, const std::string& text) {
+        return bool(cache.keyedFile(kOrigin, key, [&](BodySink& sink) {
+            (void)put(sink, text);
+            return Outcome<std::string>(hash);
+        }));
+    };
+    ASSERT_TRUE(fetch("first", large));
+    // The thread begins after half a second.
+    std::this_thread::sleep_for(std::chrono::milliseconds(550));
+    ASSERT_TRUE(fetch("second", changed));
+    EXPECT_TRUE(comesTrue([&] { return wrong == 1 || filesIn("files") == 1; }));
+    for (const std::string& origin : {std::string("other:7447"), kOrigin})
+        if (const auto found = cache.find(origin, hash)) {
+            char byte = 0;
+            ASSERT_EQ(std::fread(&byte, 1, 1, found.get()), 1U);
+            EXPECT_EQ(byte, 'x');
+        }
 }
 
 TEST_F(CacheTest, AServerNamesNoPath) {
