@@ -9,6 +9,7 @@ import time
 
 import clip_stages
 import pytest
+import usdlive
 from conftest import connect, wait
 from pxr import Sdf, Tf, Usd, Vt
 from stage_dump import Dump, differences
@@ -93,15 +94,15 @@ def test_a_stage_shows_the_values_of_clips_at_once(serve, project, clips):
             ada.tick()
             time.sleep(0.02)
         assert values(stage) == wanted
-        # They are files, which are not filled later, and are not shared if somebody edits them.
+        # They are files, which are not filled later, and nobody would get edits of them.
         assert ada.opened_layer("clips/clip.001.usda") is None
         assert ada.pending == 0
         clip = Sdf.Layer.Find(ada.identifier("clips/clip.001.usda"))
-        clip.SetTimeSample(Sdf.Path("/Model.x"), 0, 3.0)
-        with pytest.raises(Tf.ErrorException, match="saving not allowed"):
-            clip.Save()
+        wait(lambda: not clip.permissionToEdit, ada, timeout=20)
+        with pytest.raises(Tf.ErrorException, match="not editable"):
+            clip.SetTimeSample(Sdf.Path("/Model.x"), 0, 3.0)
         assert ada.open_layer("clips/clip.001.usda") == clip
-        assert values(stage) == wanted  # an edit of a file is not kept when it becomes live
+        assert values(stage) == wanted
         clip.SetTimeSample(Sdf.Path("/Model.x"), 0, 3.0)
         assert clip.Save()
         wait(lambda: "0: 3," in (project / "clips" / "clip.001.usda").read_text(), ada, timeout=20)
@@ -234,3 +235,128 @@ def test_stages_with_clips_show_what_their_folder_shows(serve, project):
             ours.close()
             assert not any(layer for layer in ada.layers()
                            if ada.opened_layer(layer) and layer.startswith(f"{name}/clip."))
+
+
+def read_for(live, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        live.tick()
+        time.sleep(0.02)
+
+
+def test_layers_that_arcs_name_as_well_are_live(serve, project):
+    wanted = write_shot(project, None)
+    for name in ("a", "b"):
+        (project / f"{name}.usda").write_text("#usda 1.0\n")
+    (project / "set.usda").write_text("#usda 1.0\n(\n    subLayers = [@./a.usda@, @./b.usda@]\n)\n")
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bo") as bo:
+        mine = ada.open_stage("set.usda")
+        theirs = bo.open_stage("set.usda")
+        first, second = (Sdf.Layer.Find(bo.identifier(name)) for name in ("a.usda", "b.usda"))
+        with Sdf.ChangeBlock():  # they arrive in one tick
+            prim = Sdf.CreatePrimInLayer(first, "/Ref")
+            prim.specifier = Sdf.SpecifierDef
+            prim.referenceList.Prepend(Sdf.Reference("./clips/clip.001.usda", "/Model"))
+            add_model(second, explicit())
+        assert bo.flush(20)
+        for live, stage in ((ada, mine), (bo, theirs)):
+            wait(lambda stage=stage: None not in values(stage) and stage.GetAttributeAtPath("/Ref.x"), ada, bo, timeout=30)
+            assert stage.GetAttributeAtPath("/Ref.x").Get(0) == 10
+            wait(lambda live=live: live.opened_layer("clips/clip.001.usda"), ada, bo, timeout=30)
+        assert ada.opened_layer("clips/clip.002.usda") is None
+    assert wanted == [None] * 3
+
+
+def test_an_arc_that_is_composed_later(serve, project):
+    """A variant that is not selected, then clips that name its layer, then the selection."""
+    write_shot(project, None)
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bo") as bo:
+        mine, theirs = ada.open_stage("shot.usda"), bo.open_stage("shot.usda")
+        prim = theirs.DefinePrim("/Ref")
+        variants = prim.GetVariantSets().AddVariantSet("model")
+        for name in ("none", "one"):
+            variants.AddVariant(name)
+        variants.SetVariantSelection("one")
+        with variants.GetVariantEditContext():
+            prim.GetReferences().AddReference("./clips/clip.001.usda", "/Model")
+        variants.SetVariantSelection("none")
+        assert bo.flush(20)
+        read_for(ada, 0.5)
+        theirs.GetPrimAtPath("/Model").SetMetadata("clips", {"default": explicit()})
+        assert bo.flush(20)
+        wait(lambda: None not in values(mine), ada, timeout=30)
+        mine.GetPrimAtPath("/Ref").GetVariantSets().GetVariantSet("model").SetVariantSelection("one")
+        wait(lambda: ada.opened_layer("clips/clip.001.usda"), ada, timeout=30)
+        wait(lambda: mine.GetAttributeAtPath("/Ref.x").Get(0) == 10, ada, timeout=30)
+
+
+def test_a_payload_that_is_not_loaded_names_a_clip(serve, project):
+    wanted = write_shot(project, explicit())
+    shot = Sdf.Layer.FindOrOpen(str(project / "shot.usda"))
+    Sdf.CreatePrimInLayer(shot, "/Ref").payloadList.Prepend(Sdf.Payload("./clips/clip.001.usda", "/Model"))
+    assert shot.Save()
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        stage = ada.open_stage("shot.usda", Usd.Stage.LoadNone)
+        wait(lambda: values(stage) == wanted, ada, timeout=30)
+
+
+def test_clips_that_are_written_without_notices(serve, project):
+    """A binary layer takes another's content as a whole: composition opens the clips before the client knows them."""
+    wanted = write_shot(project, explicit())
+    text = Sdf.Layer.OpenAsAnonymous(str(project / "shot.usda"))
+    (project / "shot.usda").unlink()
+    Sdf.Layer.CreateNew(str(project / "shot.usdc")).Save()
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        stage = ada.open_stage("shot.usdc")
+        stage.GetRootLayer().TransferContent(text)
+        wait(lambda: values(stage) == wanted, ada, timeout=30)
+
+
+def test_a_clip_that_was_open_is_a_file_again(serve, project, tmp_path):
+    wanted = write_shot(project, explicit())
+    server = serve(project)
+    for _ in range(2):  # the second connection has the same address as the first
+        with usdlive.connect(server.url, user="ada", cache_folder=str(tmp_path / "folder")) as ada:
+            stage = ada.open_stage("shot.usda")
+            assert values(stage) == wanted
+            clip = ada.open_layer("clips/clip.001.usda")
+            assert clip.permissionToEdit and clip.permissionToSave
+            ada.close_layer("clips/clip.001.usda")
+            del clip, stage
+            stage = ada.open_stage("shot.usda")
+            assert values(stage) == wanted
+            del stage
+
+
+def test_a_server_that_is_away_when_values_are_read_first(serve, project):
+    wanted = write_shot(project, with_manifest(explicit()))
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        root = ada.open_layer("shot.usda")
+        server.kill()
+        wait(lambda: not ada.connected, ada, timeout=30)
+        stage = Usd.Stage.Open(root)
+        assert values(stage) == [None] * 3
+        server.start()
+        wait(lambda: values(stage) == wanted, ada, timeout=30)
+
+
+def test_a_change_of_a_clip_composes_nothing_else(serve, project):
+    write_shot(project, explicit())
+    server = serve(project)
+    with connect(server, "ada") as ada, connect(server, "bo") as bo:
+        stage = ada.open_stage("shot.usda")
+        assert values(stage)[0] == 10
+        clip = bo.open_layer("clips/clip.001.usda")
+        seen: list = []
+        key = Tf.Notice.Register(Usd.Notice.ObjectsChanged, lambda notice, _: seen.extend(
+            [*notice.GetResyncedPaths(), *notice.GetResolvedAssetPathsResyncedPaths()]), stage)
+        clip.SetTimeSample(Sdf.Path("/Model.x"), 0, 3.0)
+        assert bo.flush(20)
+        wait(lambda: values(stage)[0] == 3, ada, bo, timeout=30)
+        assert seen == []
+        key.Revoke()

@@ -46,8 +46,8 @@ class LayersChanged:
 
 @dataclasses.dataclass(frozen=True)
 class FilesChanged:
-    """Files of the project that are no layers were added, changed or removed: textures, packages and others that
-    asset paths name. Loaded layers that were made from them are reloaded, except layers with unsaved edits, and stages
+    """Files of the project that are not live were added, changed or removed: textures, packages and others that
+    asset paths name. A layer that only value clips name is one of them when it changes. Loaded layers that were made from them are reloaded, except layers with unsaved edits, and stages
     resolve their asset paths again."""
 
     files: tuple[str, ...]

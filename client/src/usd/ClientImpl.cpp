@@ -130,6 +130,7 @@ void Client::Impl::work(double budgetMs, TickResult& result, Seal seal) {
         const pxr::SdfChangeBlock block;
         result.more = !exchange(left(), seal) || result.more;
         result.filling = layers_.fill(left());
+        late_.add(layers_.takeFilledClips());
         values_.requestMissing(session_);
         happened = session_.takeEvents();
         // A new layer and the edit that names it may arrive in one tick. Composition opens the

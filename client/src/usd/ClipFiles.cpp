@@ -4,11 +4,17 @@
 #include <pxr/usd/sdf/layerUtils.h>
 
 #include <algorithm>
-#include <utility>
+#include <string_view>
 
 #include "usdlive/common/usd/NamedAssets.h"
 
 namespace usdlive::client {
+
+namespace {
+
+std::string_view fileNameIn(std::string_view path) { return path.substr(path.rfind('/') + 1); }
+
+}  // namespace
 
 ClipFiles::ClipFiles(const LayerPlaces& places, ProjectFiles& files,
                      std::function<bool(const LayerId&)> mayBeFile)
@@ -18,6 +24,19 @@ std::optional<LayerId> ClipFiles::named(const pxr::SdfLayerHandle& layer,
                                         const std::string& asset) const {
     const auto identifier = pxr::SdfComputeAssetPathRelativeToLayer(layer, asset);
     return places_.layerAt(pxr::SdfLayer::SplitIdentifier(identifier).first);
+}
+
+bool ClipFiles::areClips(const LayerId& id) const {
+    return named_.contains(id) || std::ranges::any_of(templates_, [&](const LayerId& pattern) {
+               return usd::matchesTemplate(pattern.value, id.value);
+           });
+}
+
+bool ClipFiles::hasArc(const LayerId& id) const {
+    const auto found = arcs_.find(fileNameIn(id.value));
+    return found != arcs_.end() && std::ranges::any_of(found->second, [&](const auto& arc) {
+               return arc.first && named(arc.first, arc.second) == id;
+           });
 }
 
 void ClipFiles::addClips(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets,
@@ -35,33 +54,44 @@ void ClipFiles::addClips(const pxr::SdfLayerHandle& layer, const std::set<std::s
 }
 
 void ClipFiles::addArcs(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets) {
-    if (files_.empty() || assets.empty()) return;
-    std::set<std::string_view> names;
-    const auto nameOf = [](std::string_view path) { return path.substr(path.rfind('/') + 1); };
-    for (const LayerId& id : files_) names.insert(nameOf(id.value));
-    for (const std::string& asset : assets)
-        if (names.contains(nameOf(asset)))
-            if (const auto id = named(layer, asset)) compose(*id);
+    if (!projectFiles_.isStarted()) return;
+    for (const std::string& asset : assets) {
+        auto& arcs = arcs_[std::string(fileNameIn(asset))];
+        if (!arcs.emplace(layer, asset).second || files_.empty()) continue;
+        if (const auto id = named(layer, asset)) opens(*id);
+    }
 }
 
-void ClipFiles::compose(const LayerId& id) {
-    composed_.insert(id);
-    if (files_.erase(id) > 0) projectFiles_.readAsFile(id.value, false);
+void ClipFiles::opens(const LayerId& id) {
+    if (files_.erase(id) == 0) return;
+    projectFiles_.readAsFile(id.value, false);
+    if (const auto layer = pxr::SdfLayer::Find(places_.identifierOf(id)))
+        layer->SetPermissionToEdit(true);
+}
+
+void ClipFiles::closed(const LayerId& id) {
+    // A layer that is still loaded has its content.
+    if (areClips(id) && mayBeFile_(id) && !hasArc(id)) mark(id);
 }
 
 void ClipFiles::setOfProject(const std::vector<LayerId>& project) {
-    for (const LayerId& id : std::set(files_))
-        if (!std::ranges::binary_search(project, id)) {
-            files_.erase(id);
-            projectFiles_.readAsFile(id.value, false);
-        }
+    std::erase_if(files_, [&](const LayerId& id) {
+        const bool isGone = !std::ranges::binary_search(project, id);
+        if (isGone) projectFiles_.readAsFile(id.value, false);
+        return isGone;
+    });
     for (const LayerId& id : named_) add(id);
     for (const LayerId& pattern : templates_) addMatching(pattern, project);
 }
 
 void ClipFiles::add(const LayerId& id) {
-    if (composed_.contains(id) || !mayBeFile_(id) || !files_.insert(id).second) return;
-    projectFiles_.readAsFile(id.value, true);
+    if (files_.contains(id) || !mayBeFile_(id) || hasArc(id)) return;
+    // A layer that composition has opened before is empty until it is filled.
+    if (!pxr::SdfLayer::Find(places_.identifierOf(id))) mark(id);
+}
+
+void ClipFiles::mark(const LayerId& id) {
+    if (files_.insert(id).second) projectFiles_.readAsFile(id.value, true);
 }
 
 void ClipFiles::addMatching(const LayerId& pattern, const std::vector<LayerId>& project) {

@@ -4,9 +4,11 @@
 #include <pxr/usd/sdf/layer.h>
 
 #include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "usd/LayerPlaces.h"
@@ -16,8 +18,10 @@ namespace usdlive::client {
 
 /// The layers that value clips name. OpenUSD opens such a layer when a value needs it, uses what it
 /// has then, and does not compose it. So they are not made live and filled later, but are files of
-/// the project, which have their content when they are opened (ProjectFiles::readAsFile()). A layer
-/// that is opened live, or that an arc names as well, is none of them.
+/// the project, which have their content when they are opened (ProjectFiles::readAsFile()).
+///
+/// A layer is none of them while it is live, if an arc names it as well, or if it was opened before
+/// clips named it. It is filled as other layers are, and its clips are composed again then.
 ///
 /// Does nothing while ProjectFiles is not started. Used by the thread that owns the layers.
 class ClipFiles {
@@ -27,23 +31,29 @@ public:
     ClipFiles(const LayerPlaces& places, ProjectFiles& files,
               std::function<bool(const LayerId&)> mayBeFile);
 
+    /// Returns whether the layer is read as a file.
     [[nodiscard]] bool contains(const LayerId& id) const { return files_.contains(id); }
+    /// Returns whether clips name the layer.
+    [[nodiscard]] bool areClips(const LayerId& id) const;
 
     /// Call it with the asset paths and templates of clips in a live layer, before Sdf notifies of
     /// them. `project` has the layers of the project, sorted.
     void addClips(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets,
                   const std::vector<LayerId>& project);
-    /// Call it with the asset paths of arcs in a live layer.
+    /// Call it with the asset paths of arcs in a live layer, before those of its clips.
     void addArcs(const pxr::SdfLayerHandle& layer, const std::set<std::string>& assets);
-    /// Call it before a layer is opened live.
-    void compose(const LayerId& id);
+    /// Call it before a layer is opened live, and when the editor has closed it.
+    void opens(const LayerId& id);
+    void closed(const LayerId& id);
     /// Call it when the layers of the project have changed.
     void setOfProject(const std::vector<LayerId>& project);
 
 private:
     [[nodiscard]] std::optional<LayerId> named(const pxr::SdfLayerHandle& layer,
                                                const std::string& asset) const;
+    [[nodiscard]] bool hasArc(const LayerId& id) const;
     void add(const LayerId& id);
+    void mark(const LayerId& id);
     void addMatching(const LayerId& pattern, const std::vector<LayerId>& project);
 
     const LayerPlaces& places_;
@@ -51,8 +61,9 @@ private:
     const std::function<bool(const LayerId&)> mayBeFile_;
     std::set<LayerId> named_;      // by clips; the project may not have them
     std::set<LayerId> templates_;  // in `clips` metadata
-    std::set<LayerId> composed_;   // are never files
     std::set<LayerId> files_;
+    // The asset paths of arcs and the layers that have them, by the names of the files.
+    std::map<std::string, std::set<std::pair<pxr::SdfLayerHandle, std::string>>, std::less<>> arcs_;
 };
 
 }  // namespace usdlive::client

@@ -130,11 +130,13 @@ void LiveLayer::fill() {
     // Sdf does not compare a streaming layer with its new content, and notifies that all was
     // replaced.
     expectsReplacement_ = !wasFilled && layer_->StreamsData() && !layer_->GetRootPrims().empty();
-    named_ = fill_->named();
-    namesLayers_ = !named_.arcs.empty();
-    namesClips_ = !named_.clips.empty();
     const auto filled = fill_->into(*store_);
+    auto named = fill_->named();
     fill_.reset();
+    namesLayers_ = !named.arcs.empty();
+    namesClips_ = !named.clips.empty();
+    named_.arcs.merge(named.arcs);
+    named_.clips.merge(named.clips);
     setPermission(false, lockedByOther);
     if (!filled) surroundings_.report(filled.error());
     for (const auto& [path, action] : std::exchange(waiting_, {})) applyNow(path, action);

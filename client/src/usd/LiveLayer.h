@@ -99,6 +99,7 @@ public:
     /// named layers takes long, because Sdf reads every spec.
     [[nodiscard]] bool namesLayers() const { return namesLayers_; }
     [[nodiscard]] bool namesClips() const { return namesClips_; }
+    [[nodiscard]] bool hasNamed() const { return !named_.arcs.empty() || !named_.clips.empty(); }
     /// Returns the asset paths that this layer has got since the last call.
     [[nodiscard]] usd::LayerFill::Named takeNamed() { return std::exchange(named_, {}); }
     /// Returns whether the layers that this layer uses may have changed since the last

@@ -65,7 +65,7 @@ Result<void> OpenLayers::open(const LayerId& id) {
         return fail(ErrorCode::LayerNotFound, "the project has no layer " + id.value);
     if (!made) return tl::unexpected(made.error());
     if (*made && !isOfProject(id)) guessed_.insert(id);
-    clips_.compose(id);
+    clips_.opens(id);
     const auto identifier = with_.places.identifierOf(id);
     const auto layer = pxr::SdfLayer::FindOrOpen(identifier);
     if (!layer) return fail(ErrorCode::LayerUnreadable, "cannot open " + identifier);
@@ -103,7 +103,7 @@ const std::vector<LayerId>& OpenLayers::openUsed(LiveLayer& live, LoadSet load) 
     for (const auto& [identifier, id] : usedBy(live, load)) {
         if (const auto made = with_.places.makeFindable(id); !made)
             with_.events.report(made.error());
-        clips_.compose(id);
+        clips_.opens(id);
         if (!find(id) && !failed_.contains(id) && !closed_.contains(id))
             if (auto used = pxr::SdfLayer::FindOrOpen(identifier))
                 if (const auto joined = join(id, used); !joined)
@@ -192,6 +192,7 @@ void OpenLayers::close(const LayerId& id) {
     leave(id);
     with_.session.closeLayer(id);
     closed_.insert(id);
+    clips_.closed(id);
 }
 
 // --- parts of a tick
@@ -210,6 +211,7 @@ void OpenLayers::adoptLoaded(double budgetMs) {
         const auto layer = loaded_.next();
         if (!layer) return;
         const auto id = live_.find(layer) ? std::nullopt : layerOf(layer);
+        if (!id) refuseEdits(layer);
         if (!id || failed_.contains(*id) || closed_.contains(*id) || isLiveElsewhere(layer))
             continue;
         static_cast<void>(join(*id, layer));
@@ -217,22 +219,35 @@ void OpenLayers::adoptLoaded(double budgetMs) {
     }
 }
 
+// Nobody would get the edits of a layer that is read as a file.
+void OpenLayers::refuseEdits(const pxr::SdfLayerRefPtr& layer) const {
+    if (layer->IsAnonymous() || !layer->GetFileFormatArguments().empty()) return;
+    const auto id = with_.places.layerOf(layer);
+    if (id && clips_.contains(*id)) layer->SetPermissionToEdit(false);
+}
+
 std::size_t OpenLayers::fill(double budgetMs) {
     const Stopwatch watch;
     std::size_t filling = 0;
     for (LiveLayer* live : live_.active()) {
-        if (live->isFilling() && watch.ms() < budgetMs) live->fill();
+        if (live->isFilling() && watch.ms() < budgetMs) {
+            live->fill();
+            if (live->isFilled() && clips_.areClips(live->id())) filledClips_.push_back(live->id());
+        }
         filling += live->isFilling() ? 1 : 0;
     }
     return filling;
 }
 
 void OpenLayers::makeNamedFindable() {
+    std::vector<std::pair<LiveLayer*, std::set<std::string>>> clips;
     for (LiveLayer* live : live_.active()) {
+        if (!live->hasNamed()) continue;
         const auto named = live->takeNamed();
-        clips_.addClips(live->layer(), named.clips, ofProject_);
         clips_.addArcs(live->layer(), named.arcs);
+        if (!named.clips.empty()) clips.emplace_back(live, named.clips);
     }
+    for (const auto& [live, named] : clips) clips_.addClips(live->layer(), named, ofProject_);
     if (with_.places.isComplete()) return;
     for (const LiveLayer* live : live_.active()) {
         if (!live->usesChanged()) continue;

@@ -7,6 +7,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "session/Session.h"
@@ -86,6 +87,9 @@ public:
     void adoptLoaded(double budgetMs);
     /// Puts content in that is built. Returns the number of layers that still wait for theirs.
     std::size_t fill(double budgetMs);
+    /// Returns the live layers of value clips that were filled since the last call. OpenUSD may
+    /// have read them when they were empty.
+    [[nodiscard]] std::vector<LayerId> takeFilledClips() { return std::exchange(filledClips_, {}); }
     /// Makes layers findable that edits of this tick name, because composition opens them at the
     /// end of the change block. Those that value clips name are found as files.
     void makeNamedFindable();
@@ -97,10 +101,13 @@ private:
     [[nodiscard]] std::vector<std::pair<std::string, LayerId>> usedBy(const LiveLayer& live,
                                                                       LoadSet load) const;
 
+    void refuseEdits(const pxr::SdfLayerRefPtr& layer) const;
+
     const Surroundings with_;
     std::vector<LayerId> ofProject_;
     LiveSet live_;
     ClipFiles clips_;
+    std::vector<LayerId> filledClips_;
     LoadedLayers loaded_;
     struct Used {
         LoadSet load;

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "usd/Clocks.h"
+#include "usdlive/common/core/LayerPath.h"
 #include "usdlive/common/core/PercentEncoding.h"
 
 namespace usdlive::client {
@@ -52,6 +53,8 @@ Result<const ResolverInterface*> findResolver() {
     return reinterpret_cast<ResolverInterfaceFunction>(function)();
 }
 
+bool isLayer(const std::string& path) { return parseLayerId(path).has_value(); }
+
 std::string hostAndPort(const ServerAddress& web) {
     return web.host + ":" + std::to_string(web.port);
 }
@@ -81,7 +84,7 @@ struct ProjectFiles::State {
     std::mutex mutex;               // guards the next members
     std::set<std::string> found;    // have changed
     std::set<std::string> late;     // have changed, and did not arrive; tried again
-    std::set<std::string> needed;   // a tick needed them; tried again until they arrive
+    std::set<std::string> missing;  // a tick needed them, and they did not arrive; tried again
     std::set<std::string> arrived;  // a tick needed them, and they are in the cache
     std::set<std::string> changed;  // have changed, and are in the cache if a layer is made of them
     std::uint64_t asked = 0, answered = 0;  // lists
@@ -131,6 +134,7 @@ std::optional<std::string> ProjectFiles::start(const fs::path& folder,
 
 void ProjectFiles::follow(bool isConnected, const Connection& connection, std::int64_t nowMs) {
     if (isConnected != isConnected_ || (isConnected && nowMs >= dueAtMs_)) {
+        if (!isConnected_) retryAtMs_ = 0;
         isConnected_ = isConnected;
         // The server may have another port when it is back.
         const auto web = isConnected ? connection.web() : std::nullopt;
@@ -203,25 +207,40 @@ ProjectFiles::Tick::~Tick() {
     if (!needed.empty()) files_.fetchNeeded(std::move(needed));
 }
 
-// Also fetches the files that did not arrive the last time.
+// Also fetches the files that did not arrive the last time, in pauses that get longer.
 void ProjectFiles::fetchNeeded(std::set<std::string> files) {
+    constexpr std::int64_t kFirstPauseMs = 1'000, kLongestPauseMs = 60'000;
+    const std::int64_t now = steadyMs();
     {
         const std::lock_guard lock(state_->mutex);
-        files.merge(std::exchange(state_->needed, {}));
+        if (state_->missing.empty()) {
+            pauseMs_ = 0;
+        } else if (now >= retryAtMs_) {
+            files.merge(std::exchange(state_->missing, {}));
+            pauseMs_ = std::clamp(2 * pauseMs_, kFirstPauseMs, kLongestPauseMs);
+            retryAtMs_ = now + pauseMs_;
+        }
         if (files.empty()) return;
         ++state_->fetching;
     }
-    worker_->post([state = state_, files = std::move(files)] {
-        std::set<std::string> here, missing;
-        for (const std::string& file : files)
-            (state->resolver->fetch(state->token, file.c_str(), State::isStopped, state.get())
-                 ? here
-                 : missing)
-                .insert(file);
+    fetchNext(state_, *worker_, {files.begin(), files.end()});
+}
+
+/// Fetches the last file, and posts a task for the others, so that requests for the list come in
+/// between.
+void ProjectFiles::fetchNext(const std::shared_ptr<State>& state, Worker& worker,
+                             std::vector<std::string> files) {
+    worker.post([state, &worker, files = std::move(files)]() mutable {
+        std::string file = std::move(files.back());
+        files.pop_back();
+        const bool isHere =
+            state->resolver->fetch(state->token, file.c_str(), State::isStopped, state.get()) != 0;
         const std::lock_guard lock(state->mutex);
-        state->arrived.merge(here);
-        state->needed.merge(missing);
-        --state->fetching;
+        (isHere ? state->arrived : state->missing).insert(std::move(file));
+        if (files.empty())
+            --state->fetching;
+        else
+            fetchNext(state, worker, std::move(files));
     });
 }
 
@@ -260,16 +279,20 @@ ProjectFiles::News ProjectFiles::takeNews() {
 std::vector<std::string> ProjectFiles::reload(
     const std::vector<std::string>& files,
     const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const {
-    std::set<pxr::SdfLayerHandle> changed;
+    std::set<pxr::SdfLayerHandle> changed, changedClips;
     std::set<std::string> unused(files.begin(), files.end());
     for (const auto& layer : pxr::SdfLayer::GetLoadedLayers()) {
         const auto file = layer ? fileAt(layer->GetIdentifier()) : std::nullopt;
         if (!file || !std::ranges::binary_search(files, *file)) continue;
         unused.erase(*file);
-        if (!layer->IsDirty() && !isLive(layer)) changed.insert(layer);
+        if (!layer->IsDirty() && !isLive(layer))
+            (isLayer(*file) ? changedClips : changed).insert(layer);
     }
     if (!changed.empty()) pxr::SdfLayer::ReloadLayers(changed);
-    resolver_->notify(token_);
+    // Their times are those of the content that is loaded.
+    if (!changedClips.empty()) pxr::SdfLayer::ReloadLayers(changedClips, /* force = */ true);
+    // The content of a layer changes no asset path.
+    if (!std::ranges::all_of(files, isLayer)) resolver_->notify(token_);
     return {unused.begin(), unused.end()};
 }
 

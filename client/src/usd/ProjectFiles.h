@@ -1,4 +1,5 @@
-// The files of the project that are no layers: textures, packages, and others that layers name.
+// The files of the project that are not live: textures, packages, layers of value clips, and
+// others.
 #pragma once
 
 #include <pxr/usd/sdf/layer.h>
@@ -87,6 +88,8 @@ private:
     void ask(std::int64_t nowMs);
     void fetchUsed();
     void fetchNeeded(std::set<std::string> files);
+    static void fetchNext(const std::shared_ptr<State>& state, Worker& worker,
+                          std::vector<std::string> files);
 
     const ResolverInterface* resolver_ = nullptr;
     const char* token_ = nullptr;
@@ -95,6 +98,7 @@ private:
     int ticks_ = 0;             // number of objects of Tick
     std::uint64_t wanted_ = 0;  // the last number of askSoon()
     std::int64_t dueAtMs_ = 0;
+    std::int64_t retryAtMs_ = 0, pauseMs_ = 0;  // for files that did not arrive
     std::optional<Error> problem_;
     std::shared_ptr<State> state_;    // shared with the worker's task
     std::unique_ptr<Worker> worker_;  // made by start()

@@ -325,6 +325,8 @@ Result<void> LayerFill::into(SdfLayerStore& store) {
         for (const auto& [path, field, value] : state_->waiting)
             if (auto set = delegate.set(path, field, value); !set)
                 state_->leftOut.push_back(set.error());
+            else if (namesClips(field.GetString()))
+                addNamedAssets(delegate.data().Get(path, field), state_->named.clips);
     }
     if (!state_->leftOut.empty()) return tl::unexpected(state_->leftOut.front());
     return {};

@@ -24,6 +24,8 @@ using IsStopped = int (*)(void*);
 
 /// Asks for a list also if another one was asked for just now.
 constexpr std::chrono::milliseconds kAskAlways{-1};
+/// The time after which a list is asked for again.
+constexpr std::chrono::milliseconds kSameList{1'000};
 
 /// The lists whose files were reported last, by token.
 class Reported {
@@ -131,18 +133,27 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
     return 1;
 }
 
+/// Returns whether the file is here with this content.
+bool fetchFile(const LiveProject& live, Project& project, const std::string& path,
+               const Entry& entry) {
+    const std::string content = entry.content();
+    const auto file = entry.version.empty() ? project.openFile(path, content)
+                                            : project.openVersion(path, content);
+    if (file) live.tick->fetched(path, content, project.isReady(path, content));
+    return bool(file);
+}
+
 /// Returns false if the layer did not arrive, or is not in the list yet.
 bool fetchLayer(const LiveProject& live, Project& project, const std::string& path) {
     if (!live.fileLayers->contains(path)) return true;
-    const auto files = project.newest(kAskAlways);
-    if (!files) return false;
-    const auto entry = (*files)->files.find(path);
-    if (entry == (*files)->files.end()) return false;
-    const std::string content = entry->second.content();
-    const auto file = entry->second.version.empty() ? project.openFile(path, content)
-                                                    : project.openVersion(path, content);
-    if (file) live.tick->fetched(path, content);
-    return bool(file);
+    // Many layers may be fetched one after the other.
+    for (const std::chrono::milliseconds idle : {kSameList, kAskAlways}) {
+        const auto files = project.newest(idle);
+        if (!files) return false;
+        const auto entry = (*files)->files.find(path);
+        if (entry != (*files)->files.end()) return fetchFile(live, project, path, entry->second);
+    }
+    return false;
 }
 
 int fetch(const char* token, const char* path, IsStopped isStopped, void* context) {
@@ -155,9 +166,7 @@ int fetch(const char* token, const char* path, IsStopped isStopped, void* contex
     if (!files) return 0;
     const auto entry = files->files.find(path);
     if (entry == files->files.end()) return 1;
-    if (!located->project->openFile(path, entry->second.hash)) return 0;
-    live->tick->fetched(path, entry->second.hash);
-    return 1;
+    return fetchFile(*live, *located->project, path, entry->second) ? 1 : 0;
 }
 
 void beginTick(const char* token) {

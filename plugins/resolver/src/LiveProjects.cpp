@@ -51,9 +51,13 @@ std::set<std::string> Tick::end() {
     return std::exchange(needed_, {});
 }
 
-void Tick::fetched(const std::string& path, const std::string& content) {
+void Tick::fetched(const std::string& path, const std::string& content, bool isKept) {
     const std::lock_guard lock(mutex_);
-    fetched_[path] = content;
+    ++times_[path];
+    if (isKept)
+        fetched_.erase(path);
+    else
+        fetched_[path] = content;
 }
 
 bool Tick::wasFetched(const std::string& path, const std::string& content) const {
@@ -62,43 +66,58 @@ bool Tick::wasFetched(const std::string& path, const std::string& content) const
     return found != fetched_.end() && found->second == content;
 }
 
-void Tick::need(const std::string& path) {
+void Tick::found(const std::string& path) {
     const std::lock_guard lock(mutex_);
-    needed_.insert(path);
+    times_.erase(path);
+}
+
+void Tick::need(const std::string& path) {
+    constexpr int kMostTimes = 3;
+    const std::lock_guard lock(mutex_);
+    const auto times = times_.find(path);
+    if (times == times_.end() || times->second < kMostTimes) needed_.insert(path);
 }
 
 void FileLayers::set(const std::string& path, bool isFile) {
     const std::lock_guard lock(mutex_);
     if (isFile)
-        content_.try_emplace(path);
+        layers_.try_emplace(path);
     else
-        content_.erase(path);
+        layers_.erase(path);
 }
 
 bool FileLayers::contains(const std::string& path) const {
     const std::lock_guard lock(mutex_);
-    return content_.contains(path);
+    return layers_.contains(path);
 }
 
 bool FileLayers::isEmpty() const {
     const std::lock_guard lock(mutex_);
-    return content_.empty();
+    return layers_.empty();
 }
 
-void FileLayers::opened(const std::string& path, const std::string& content) {
+void FileLayers::opened(const std::string& path, const std::string& content, double seconds) {
     const std::lock_guard lock(mutex_);
-    if (const auto known = content_.find(path); known != content_.end()) known->second = content;
+    if (const auto known = layers_.find(path); known != layers_.end())
+        known->second = {content, seconds};
+}
+
+std::optional<double> FileLayers::timeOf(const std::string& path) const {
+    const std::lock_guard lock(mutex_);
+    const auto known = layers_.find(path);
+    if (known == layers_.end() || known->second.content.empty()) return std::nullopt;
+    return known->second.seconds;
 }
 
 std::vector<std::string> FileLayers::changedIn(const Snapshot& now) {
     const std::lock_guard lock(mutex_);
     std::vector<std::string> changed;
-    for (auto& [path, content] : content_) {
+    for (auto& [path, opened] : layers_) {
         const auto entry = now.files.find(path);
-        if (content.empty() || entry == now.files.end()) continue;
+        if (opened.content.empty() || entry == now.files.end()) continue;
         auto present = entry->second.content();
-        if (present.empty() || present == content) continue;
-        content = std::move(present);
+        if (present.empty() || present == opened.content) continue;
+        opened.content = std::move(present);
         changed.push_back(path);
     }
     return changed;
@@ -119,6 +138,8 @@ const char* LiveProjects::add(const std::string& server, const std::string& pref
         if (known->hasServerOf(*url) && known->prefix == prefix && known->folder == folder) {
             LiveProject opened = *known;
             opened.isClosed = false;
+            opened.tick = std::make_shared<Tick>();
+            opened.fileLayers = std::make_shared<FileLayers>();
             known = std::make_shared<const LiveProject>(std::move(opened));
             return token.c_str();
         }

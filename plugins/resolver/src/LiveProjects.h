@@ -24,10 +24,15 @@ public:
     [[nodiscard]] std::set<std::string> end();
     [[nodiscard]] bool isRunning() const { return isRunning_; }
 
-    /// Call it when the file with this content, a hash or a version, has come. The cache may not
-    /// have it, if it cannot be written.
-    void fetched(const std::string& path, const std::string& content);
+    /// Call it when the file with this content, a hash or a version, has come, and whether the
+    /// cache has it.
+    void fetched(const std::string& path, const std::string& content, bool isKept);
+    /// Returns whether the file has come, and the cache cannot be written.
     [[nodiscard]] bool wasFetched(const std::string& path, const std::string& content) const;
+    /// Call it when the cache has the file.
+    void found(const std::string& path);
+    /// A file that the cache removed again before it was found, several times, is given up: the
+    /// cache is too small for what the stage needs.
     void need(const std::string& path);
 
 private:
@@ -35,6 +40,7 @@ private:
     mutable std::mutex mutex_;  // guards the next members
     std::set<std::string> needed_;
     std::map<std::string, std::string> fetched_;  // contents by path
+    std::map<std::string, int> times_;            // how often a file was fetched and not found
 };
 
 /// The layers of a live project that are read as files, with their content. Any thread.
@@ -44,14 +50,20 @@ public:
     [[nodiscard]] bool contains(const std::string& path) const;
     [[nodiscard]] bool isEmpty() const;
     /// Call it when OpenUSD opens a layer with this content (Entry::content()).
-    void opened(const std::string& path, const std::string& content);
+    void opened(const std::string& path, const std::string& content, double seconds);
+    /// Returns the time of the content that was opened last, in seconds.
+    [[nodiscard]] std::optional<double> timeOf(const std::string& path) const;
     /// Returns the layers that were opened with another content than they have in this list, once
     /// for each content.
     [[nodiscard]] std::vector<std::string> changedIn(const Snapshot& now);
 
 private:
-    mutable std::mutex mutex_;                    // guards the next member
-    std::map<std::string, std::string> content_;  // empty until it is opened
+    struct Opened {
+        std::string content;  // empty until it is opened
+        double seconds = 0;
+    };
+    mutable std::mutex mutex_;  // guards the next member
+    std::map<std::string, Opened> layers_;
 };
 
 /// A project whose layers are live in this process.

@@ -83,6 +83,12 @@ public:
         remotes_.cache.onProblem = [](const std::string& problem) {
             TF_WARN("usdlive: %s. Files are fetched again each time", problem.c_str());
         };
+        remotes_.cache.onWrongFile = [](const std::string& hash, const std::string& origin) {
+            TF_WARN(
+                "usdlive: a file that %s sent is not the one with the SHA-256 %s, but may be "
+                "shown here. It was removed from the cache. Reload what uses it",
+                origin.c_str(), hash.c_str());
+        };
     }
 
 protected:
@@ -113,9 +119,9 @@ protected:
         if (live && live->layerFile(*url)) return ArResolvedPath(url->resolvedPath());
         const auto found = find(*url, live);
         const bool isHere = found && found->entry;
+        // The client knows that it exists: the list is older than the project, or did not come.
+        if (!isHere && live && live->isFileLayer(*url)) live->tick->need(live->inProject(*url));
         if (isInTick(live)) {
-            // The known list may be older than the project.
-            if (!isHere && live->isFileLayer(*url)) live->tick->need(live->inProject(*url));
             if (!isHere ||
                 (isPackage(*url) && isAwaited(found->located, found->entry->content(), live)))
                 return {};
@@ -154,18 +160,16 @@ protected:
         const auto live = liveOf(*url);
         if (const auto file = layerFile(*url, live))
             return ArFilesystemAsset::GetModificationTimestamp(ArResolvedPath(file->string()));
+        // Sdf asks after it has read the layer, when there may be a newer one.
+        if (live && live->isFileLayer(*url))
+            if (const auto time = live->fileLayers->timeOf(live->inProject(*url)))
+                return ArTimestamp(*time);
         if (!url->version.empty() && !url->isLive() &&
             !usdlive::resolver::isHashToken(url->version))
             return ArTimestamp(
                 std::strtod(usdlive::resolver::revisionOf(url->version).c_str(), nullptr));
         const auto found = find(*url, live);
-        constexpr double kMsInSecond = 1'000;
-        if (!found || !found->entry) return {};
-        const std::string& version = found->entry->version;
-        if (!version.empty())
-            return ArTimestamp(
-                std::strtod(usdlive::resolver::revisionOf(version).c_str(), nullptr));
-        return ArTimestamp(double(found->entry->modifiedMs) / kMsInSecond);
+        return found && found->entry ? ArTimestamp(timeOf(*found->entry)) : ArTimestamp();
     }
 
     std::shared_ptr<ArAsset> _OpenAsset(const ArResolvedPath& resolvedPath) const override {
@@ -276,6 +280,14 @@ private:
         return live && url.isLive() ? live->layerFile(url) : std::nullopt;
     }
 
+    /// Returns the time of a file for OpenUSD, in seconds. That of a layer with a history is its
+    /// revision.
+    static double timeOf(const Entry& entry) {
+        constexpr double kMsInSecond = 1'000;
+        if (entry.version.empty()) return double(entry.modifiedMs) / kMsInSecond;
+        return std::strtod(usdlive::resolver::revisionOf(entry.version).c_str(), nullptr);
+    }
+
     static bool isInTick(const LiveProjectPtr& live) { return live && live->tick->isRunning(); }
 
     /// True for files that OpenUSD opens as layers, except for USD.
@@ -287,9 +299,11 @@ private:
     /// Returns whether a tick may not open the file, because it has to be fetched.
     static bool isAwaited(const Located& located, const std::string& content,
                           const LiveProjectPtr& live) {
-        if (live->tick->wasFetched(located.path, content) ||
-            located.project->isReady(located.path, content))
+        if (located.project->isReady(located.path, content)) {
+            live->tick->found(located.path);
             return false;
+        }
+        if (live->tick->wasFetched(located.path, content)) return false;
         live->tick->need(located.path);
         return true;
     }
@@ -425,7 +439,8 @@ private:
         if (!found) return found.failure();
         if (!found->entry) return Failure{"the project has no such file"};
         const std::string content = found->entry->content();
-        if (live && live->isFileLayer(url)) live->fileLayers->opened(live->inProject(url), content);
+        if (live && live->isFileLayer(url))
+            live->fileLayers->opened(live->inProject(url), content, timeOf(*found->entry));
         const auto& [project, path] = found->located;
         if (live && !live->isConnected) return project->openKept(path, content);
         return found->entry->version.empty() ? project->openFile(path, content)

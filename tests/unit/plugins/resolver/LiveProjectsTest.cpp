@@ -118,10 +118,57 @@ TEST_F(LiveProjectsTest, ATickNeedsAFileUntilItsContentHasCome) {
     EXPECT_EQ(tick->end(), (std::set<std::string>{"a.usdz", "b.usdz"}));
     EXPECT_FALSE(tick->isRunning());
     EXPECT_TRUE(tick->end().empty());
-    tick->fetched("b.usdz", "12ab");
+    tick->fetched("b.usdz", "12ab", false);
     EXPECT_TRUE(tick->wasFetched("b.usdz", "12ab"));
     EXPECT_FALSE(tick->wasFetched("b.usdz", "34cd"));
     EXPECT_FALSE(tick->wasFetched("a.usdz", "12ab"));
+    tick->fetched("b.usdz", "12ab", true);
+    EXPECT_FALSE(tick->wasFetched("b.usdz", "12ab")) << "the cache has it";
     projects.setConnected(token, "localhost:7448", true);
     EXPECT_EQ(projects.findToken(token)->tick, tick) << "it stays when the project changes";
+}
+
+// Otherwise a cache that is too small would fetch the same files for ever.
+TEST_F(LiveProjectsTest, ATickGivesUpAFileThatTheCacheDoesNotKeep) {
+    const std::string token = projects.add("localhost:7447", "", folder.string());
+    const auto tick = projects.findToken(token)->tick;
+    const auto isNeeded = [&] {
+        tick->need("a.usdz");
+        return !tick->end().empty();
+    };
+    for (int time = 0; time < 3; ++time) {
+        EXPECT_TRUE(isNeeded());
+        tick->fetched("a.usdz", "12ab", true);
+    }
+    EXPECT_FALSE(isNeeded());
+    tick->found("a.usdz");
+    EXPECT_TRUE(isNeeded());
+}
+
+TEST_F(LiveProjectsTest, AProjectThatIsOpenedAgainHasNoLayersThatAreFiles) {
+    const std::string token = projects.add("localhost:7447", "", folder.string());
+    const auto url = *parseUrl("usdlive://localhost:7447/@~" + token + "/clip.usda");
+    projects.findToken(token)->fileLayers->set("clip.usda", true);
+    EXPECT_TRUE(projects.find(url)->isFileLayer(url));
+    projects.setConnected(token, "localhost:7448", true);
+    EXPECT_TRUE(projects.find(url)->isFileLayer(url));
+    projects.close(token);
+    EXPECT_EQ(projects.add("localhost:7447", "", folder.string()), token);
+    EXPECT_FALSE(projects.find(url)->isFileLayer(url));
+}
+
+TEST(FileLayers, ThoseThatWereOpenedWithAnotherContentHaveChanged) {
+    FileLayers layers;
+    for (const char* path : {"a.usda", "b.usda", "c.usda"}) layers.set(path, true);
+    Snapshot now;
+    now.files["a.usda"] = {"5-0123456789abcdef0", "", 0};
+    now.files["b.usda"] = {"", std::string(64, 'b'), 2'000};
+    now.files["c.usda"] = {"7-0123456789abcdef0", "", 0};
+    EXPECT_TRUE(layers.changedIn(now).empty()) << "none was opened";
+    EXPECT_FALSE(layers.timeOf("a.usda"));
+    layers.opened("a.usda", now.files["a.usda"].content(), 5);
+    layers.opened("b.usda", std::string(64, 'a'), 1);
+    EXPECT_EQ(layers.timeOf("b.usda"), 1);
+    EXPECT_EQ(layers.changedIn(now), std::vector<std::string>{"b.usda"});
+    EXPECT_TRUE(layers.changedIn(now).empty()) << "it was reported";
 }

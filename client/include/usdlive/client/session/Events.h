@@ -66,7 +66,7 @@ struct Disconnected {
 struct LayersChanged {
     std::vector<LayerId> layers;
 };
-/// Files of the project that are no layers were added, changed or removed: textures, packages, and
+/// Files of the project that are not live were added, changed or removed: textures, packages, and
 /// others that asset paths name. Loaded layers that were made from them are reloaded, except layers
 /// with unsaved edits.
 struct FilesChanged {
