@@ -103,3 +103,15 @@ def test_a_providers_failure_on_one_machine_harms_nobody(project, serve, editor,
     everybody(people)
     for person in (ada, bo):
         assert person.run("result = [len(names('/A')), errors()]") == [2, []], "recovers without a reload"
+
+
+def test_a_table_that_changes_in_the_project_is_read_again(project, serve, editor, monkeypatch, tmp_path):
+    (project / "rows.csv").write_text("name,asset\nOne,./a.usda\n")
+    (project / "a.usda").write_text('#usda 1.0\n(\n    defaultPrim = "A"\n)\ndef "A"\n{\n}\n')
+    (project / "rows.edf").write_text("")
+    scene(project, prim("A", parameters("table", table="./rows.csv"), asset="./rows.edf"), name="root.usda")
+    server = serve(project)
+    ada = start(editor, server, "ada", monkeypatch, tmp_path, plugin_path())
+    assert ada.run("result = names('/A')") == ["One"]
+    (project / "rows.csv").write_text("name,asset\nOne,./a.usda\nTwo,./a.usda\n")
+    assert ada.run("result = live.wait(lambda: names('/A') == ['One', 'Two'], 20)")

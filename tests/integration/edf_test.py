@@ -73,6 +73,23 @@ def test_any_text_arrives_at_the_provider(tmp_path, text):
     assert found == "Hello, " + text if text else "</A>" in found[0]
 
 
+@pytest.mark.parametrize("asset", ["anon:edf:x.edf", "anon:edf:100%natural.edf", "anon:edf:%s%n%d.edf"])
+def test_no_text_of_an_anonymous_asset_is_a_format(tmp_path, asset):
+    """Sdf gives the identifier of an anonymous layer to printf."""
+    texts = ["Bo", "a&s&s&s&n", "%s%s%s%n", "50%", "%p"]
+    scene(tmp_path, prim("A", parameters("hello", name="x")))
+    code = f"""
+        stage = Usd.Stage.Open("scene.usda")
+        prim = stage.GetPrimAtPath("/A")
+        prim.GetPayloads().SetPayloads([Sdf.Payload({asset!r})])
+        result = []
+        for text in {texts!r}:
+            change(prim, name=text)
+            layers = [layer.identifier for layer in stage.GetUsedLayers() if layer.identifier.startswith({asset!r})]
+            result.append([stage.GetPrimAtPath("/A/Hello").GetAttribute("greeting").Get(), len(layers)])"""
+    assert fresh(tmp_path, code).result == [["Hello, " + text, 1] for text in texts]
+
+
 # --- which opinion, and when it is read again ----------------------------------------------------------
 
 

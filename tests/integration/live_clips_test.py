@@ -195,6 +195,15 @@ def test_clips_that_change_and_come_later(serve, project):
         assert clip.Save()
         wait(lambda: values(stage)[1] == 55, ada, timeout=30)
         assert "clips/clip.002.usda" in changed
+        # It is removed, and comes back.
+        saved = (project / "clips" / "clip.002.usda").read_text()
+        (project / "clips" / "clip.002.usda").unlink()
+        wait(lambda: "clips/clip.002.usda" not in ada.layers(), ada, timeout=30)
+        for wanted in (56.0, 57.0):
+            (project / "clips" / "clip.002.usda").write_text(saved.replace("2: 55", f"2: {wanted:g}"))
+            wait(lambda wanted=wanted: values(stage)[1] == wanted, ada, timeout=30)
+        (project / "clips" / "clip.002.usda").write_text(saved)
+        wait(lambda: values(stage)[1] == 55, ada, timeout=30)
         # The template finds one that is new.
         new = ada.create_layer("clips/clip.004.usda")
         fill_clip(new, 40.0)

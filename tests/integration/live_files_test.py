@@ -19,7 +19,7 @@ import time
 import pytest
 import usdlive
 from conftest import connect, unused_port, wait
-from pxr import Ar, Sdf, Usd, UsdUtils
+from pxr import Ar, Sdf, Tf, Usd, UsdUtils
 from resolver_probe import content_hash
 from resolver_scene import make_project
 
@@ -401,3 +401,41 @@ def test_several_projects_of_a_server_have_their_own_files(serve, shot, tmp_path
             stage = live.open_stage("shot.usda")
             assert resolved(stage, "/Wall.brick") == sha(folder / "tex" / "brick.png")
             assert stage.GetAttributeAtPath("/Chair.size").Get() == 304
+
+
+def test_a_save_of_an_editor_does_not_overwrite_what_somebody_else_wrote(serve, project):
+    (project / "shot.usda").write_text('#usda 1.0\ndef "A"\n{\n    int n = 0\n}\n')
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        stage = ada.open_stage("shot.usda")
+        stage.GetAttributeAtPath("/A.n").Set(1)
+        assert ada.flush(20)
+        (project / "shot.usda").write_text('#usda 1.0\ndef "OfSomebodyElse"\n{\n}\n')
+        wait(lambda: ada.layer_states()["shot.usda"].outdated, ada, timeout=20)
+        failed: list = []
+        ada.add_handler(lambda event: failed.extend(getattr(event, "failed", [])))
+        assert stage.GetRootLayer().Save()  # the answer comes later
+        wait(lambda: failed, ada, timeout=20)
+        assert failed[0].code == "layerOutdated"
+        assert "OfSomebodyElse" in (project / "shot.usda").read_text()
+        assert ada.save("shot.usda", force=True).saved == ("shot.usda",)
+        assert "OfSomebodyElse" not in (project / "shot.usda").read_text()
+    with pytest.raises(Tf.ErrorException, match="not allowed"):  # nobody would get it
+        stage.GetAttributeAtPath("/A.n").Set(2)
+        stage.GetRootLayer().Save()
+
+
+def test_edits_between_a_reload_and_the_next_tick_are_refused(serve, project):
+    """OpenUSD reads the layer again, which has no content of its own; the next tick shows that of the project."""
+    (project / "shot.usda").write_text('#usda 1.0\ndef "A"\n{\n    int n = 5\n}\n')
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        stage = ada.open_stage("shot.usda")
+        stage.GetAttributeAtPath("/A.n").Set(6)
+        assert ada.flush(20)
+        stage.Reload()
+        with pytest.raises(Tf.ErrorException, match="not editable"):
+            stage.DefinePrim("/New")
+        wait(lambda: stage.GetRootLayer().permissionToEdit, ada, timeout=20)
+        assert stage.GetAttributeAtPath("/A.n").Get() == 6
+        assert stage.DefinePrim("/New") and ada.flush(20)

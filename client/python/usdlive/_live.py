@@ -324,7 +324,7 @@ class Live:
     def save(self, *layers: str, force: bool = False, timeout: float = 60.0) -> events.Saved:
         """Commits all own edits, writes these layers (default: all changed layers) to their files, and returns
         the result. A file that somebody else has changed is not overwritten unless `force`; its layer is in
-        `failed` with `layerOutdated`. Raises an Error if nothing was written, or if the server did not answer
+        `failed` with `layerOutdated`. Raises an Error if the request was refused, or if the server did not answer
         within `timeout` seconds."""
         self._client.may_wait("save")
         end = time.monotonic() + timeout
@@ -380,6 +380,7 @@ class Live:
 
     def ask(self, request: str, /, *, timeout: float = 10.0, **fields: object) -> typing.Any:
         """Sends a request and waits for its answer. Raises an Error: the server's, or `notConnected`."""
+        self._client.may_wait("ask")
         return self._answer(self.request(request, **fields), timeout)
 
     def _answer(self, request: int, timeout: float) -> typing.Any:

@@ -203,7 +203,7 @@ bool Client::Impl::exchange(double budgetMs, Seal seal) {
         return false;
     line_.receive(session_);
     const bool done = session_.advance(budgetMs, steadyMs());
-    if (session_.pendingTransactions() == 0) saveAgain(live, session_);
+    if (session_.pendingTransactions() == 0) saveAgain(live, cache_, session_);
     values_.deliver(live);
     values_.requestMissing(session_);
     return done;
@@ -222,7 +222,7 @@ std::uint64_t Client::Impl::save(std::vector<LayerId> layers, bool force) {
     // Earlier writes are saved, too.
     TickResult ticked;
     if (!ticking_) work(0, ticked, Seal::Now);
-    saveAgain(layers_.live(), session_);
+    saveAgain(layers_.live(), cache_, session_);
     const auto forced = force ? std::optional(true) : std::nullopt;
     return session_.request(SaveLayers{.layers = std::move(layers), .force = forced});
 }

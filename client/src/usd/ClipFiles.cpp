@@ -75,11 +75,7 @@ void ClipFiles::closed(const LayerId& id) {
 }
 
 void ClipFiles::setOfProject(const std::vector<LayerId>& project) {
-    std::erase_if(files_, [&](const LayerId& id) {
-        const bool isGone = !std::ranges::binary_search(project, id);
-        if (isGone) projectFiles_.readAsFile(id.value, false);
-        return isGone;
-    });
+    // A file that is gone stays one, because it may come back.
     for (const LayerId& id : named_) add(id);
     for (const LayerId& pattern : templates_) addMatching(pattern, project);
 }

@@ -56,12 +56,14 @@ void EditorFrame::author(LiveSet& layers, Session& session, LiveLayer& live,
     session.author(std::move(edits));
 }
 
-void saveAgain(LiveSet& layers, Session& session) {
+void saveAgain(LiveSet& layers, const LayerPlaces& cache, Session& session) {
     if (!session.isConnected()) return;
-    std::vector<LayerId> written;
+    std::vector<LayerId> files, placeholders;
     for (LiveLayer* live : layers.active())
-        if (live->takeSaved()) written.push_back(live->id());
-    if (!written.empty()) session.request(SaveLayers{.layers = std::move(written), .force = true});
+        if (live->takeSaved())
+            (cache.layerOf(live->layer()) ? placeholders : files).push_back(live->id());
+    if (!files.empty()) session.request(SaveLayers{.layers = std::move(files), .force = true});
+    if (!placeholders.empty()) session.request(SaveLayers{.layers = std::move(placeholders)});
 }
 
 }  // namespace usdlive::client

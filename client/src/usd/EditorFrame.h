@@ -11,6 +11,7 @@
 #include "session/Session.h"
 #include "usd/ArrayEncodings.h"
 #include "usd/BlobCache.h"
+#include "usd/LayerPlaces.h"
 #include "usd/LiveSet.h"
 #include "usd/LostWorkReports.h"
 
@@ -58,8 +59,9 @@ private:
     bool holdsBack_ = false;
 };
 
-/// Requests the server to save layers again that the editor has saved itself. Otherwise their files
-/// would count as changed outside, and lack the edits of others.
-void saveAgain(LiveSet& layers, Session& session);
+/// Requests the server to save layers that the editor has saved itself (FI4). A file in a project's
+/// folder is overwritten already, would count as changed outside, and lacks the edits of others. A
+/// layer in `cache` has only a placeholder: nothing is overwritten that somebody else has changed.
+void saveAgain(LiveSet& layers, const LayerPlaces& cache, Session& session);
 
 }  // namespace usdlive::client

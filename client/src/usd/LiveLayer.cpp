@@ -236,10 +236,12 @@ void LiveLayer::blobArrived(const Hash& hash) {
 
 void LiveLayer::onReplaced(const pxr::SdfNotice::LayerDidReplaceContent& notice) {
     if (std::exchange(expectsReplacement_, false) || !isFilled()) return;
-    if (dynamic_cast<const pxr::SdfNotice::LayerDidReloadContent*>(&notice))
+    if (dynamic_cast<const pxr::SdfNotice::LayerDidReloadContent*>(&notice)) {
         startOver_ = true;
-    else
+        setPermission(true, lockedByOther_);  // edits would be lost until it is filled again
+    } else {
         capture_.contentReplaced();
+    }
     surroundings_.wake();
 }
 

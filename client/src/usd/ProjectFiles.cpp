@@ -281,8 +281,16 @@ std::vector<std::string> ProjectFiles::reload(
     const std::function<bool(const pxr::SdfLayerHandle&)>& isLive) const {
     std::set<pxr::SdfLayerHandle> changed, changedClips;
     std::set<std::string> unused(files.begin(), files.end());
+    const auto isChanged = [&](const std::string& identifier) {
+        const auto file = fileAt(identifier);
+        return file && std::ranges::binary_search(files, *file);
+    };
     for (const auto& layer : pxr::SdfLayer::GetLoadedLayers()) {
-        const auto file = layer ? fileAt(layer->GetIdentifier()) : std::nullopt;
+        if (!layer) continue;
+        // The content of some layers depends on other files, such as a table of placements.
+        if (std::ranges::any_of(layer->GetExternalAssetDependencies(), isChanged) && !isLive(layer))
+            changed.insert(layer);
+        const auto file = fileAt(layer->GetIdentifier());
         if (!file || !std::ranges::binary_search(files, *file)) continue;
         unused.erase(*file);
         if (!layer->IsDirty() && !isLive(layer))

@@ -4,6 +4,7 @@
 #include <pxr/base/tf/diagnostic.h>
 #include <pxr/base/tf/registryManager.h>
 #include <pxr/base/tf/staticTokens.h>
+#include <pxr/base/tf/stringUtils.h>
 #include <pxr/base/vt/dictionary.h>
 #include <pxr/usd/pcp/dynamicFileFormatContext.h>
 #include <pxr/usd/sdf/layer.h>
@@ -216,6 +217,20 @@ EdfData::Sources EdfFileFormat::sourcesOf(const SdfLayer& layer) {
     const auto data = _GetLayerData(layer);
     const auto* own = dynamic_cast<const EdfData*>(get_pointer(data));
     return own ? own->sources() : EdfData::Sources();
+}
+
+// Sdf reads the identifier of an anonymous layer as a format for printf. It has made that of a new
+// one itself; all others are texts of the scene.
+pxr::SdfLayer* EdfFileFormat::_InstantiateNewLayer(const pxr::SdfFileFormatConstPtr& format,
+                                                   const std::string& identifier,
+                                                   const std::string& realPath,
+                                                   const pxr::ArAssetInfo& info,
+                                                   const FileFormatArguments& args) const {
+    const bool isText =
+        SdfLayer::IsAnonymousLayerIdentifier(identifier) && !identifier.starts_with("anon:%p");
+    return SdfFileFormat::_InstantiateNewLayer(
+        format, isText ? pxr::TfStringReplace(identifier, "%", "%%") : identifier, realPath, info,
+        args);
 }
 
 // Sdf reads a layer again if its file or one of these has changed. A new name counts as a change.

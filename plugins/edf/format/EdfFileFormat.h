@@ -52,6 +52,10 @@ public:
 protected:
     bool _ShouldSkipAnonymousReload() const override { return false; }
     bool _ShouldReadAnonymousLayers() const override { return true; }
+    pxr::SdfLayer* _InstantiateNewLayer(const pxr::SdfFileFormatConstPtr& format,
+                                        const std::string& identifier, const std::string& realPath,
+                                        const pxr::ArAssetInfo& info,
+                                        const FileFormatArguments& args) const override;
     bool _ReadDetached(pxr::SdfLayer* layer, const std::string& resolvedPath,
                        bool metadataOnly) const override;
 

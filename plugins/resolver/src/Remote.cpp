@@ -25,6 +25,8 @@ constexpr milliseconds kFailurePause{2'000};
 // Snapshots of pins that are kept.
 constexpr std::size_t kMostPins = 256;
 constexpr milliseconds kAskAgain{-1};
+// A snapshot that is in use is asked for again after this time.
+constexpr milliseconds kLongestUse{5'000};
 constexpr const char* kFollowedQuery = "?layers=no";
 constexpr int kOpenAttempts = 3;
 constexpr std::size_t kTokenDigits = 16, kSha256Digits = 64;
@@ -199,7 +201,8 @@ Outcome<SnapshotPtr> Project::ask(Asked& known, const Listing& listing, millisec
         const auto passed = now - known.when;
         if (known.failure && passed < kFailurePause) return Outcome<SnapshotPtr>(*known.failure);
         if (known.failure || !known.snapshot) return std::nullopt;
-        if (idle != milliseconds::max() && passed > idle) return std::nullopt;
+        const bool isOld = passed > idle || now - known.asked > kLongestUse;
+        if (idle != milliseconds::max() && isOld) return std::nullopt;
         known.when = now;
         return Outcome<SnapshotPtr>(known.snapshot);
     };
@@ -214,7 +217,7 @@ Outcome<SnapshotPtr> Project::ask(Asked& known, const Listing& listing, millisec
     auto answer = request(before, listing);
     if (!answer && areRequestsStopped()) return answer;  // says nothing about the server
     const std::lock_guard lock(mutex_);
-    known.when = Clock::now();
+    known.when = known.asked = Clock::now();
     known.failure.reset();
     if (answer)
         known.snapshot = *answer;

@@ -48,7 +48,7 @@ public:
     [[nodiscard]] bool hasPrefix() const { return !prefix_.empty(); }
 
     /// Returns the last snapshot. Asks the server for a new one if the last one was not used for
-    /// longer than `idle`; always, if that is negative.
+    /// longer than `idle` (always, if that is negative), or is some seconds old.
     [[nodiscard]] Outcome<SnapshotPtr> newest(std::chrono::milliseconds idle);
     /// Returns the snapshot of a revision or checkpoint.
     [[nodiscard]] Outcome<SnapshotPtr> at(const std::string& pin);
@@ -81,7 +81,8 @@ private:
     using Clock = std::chrono::steady_clock;
     struct Asked {
         SnapshotPtr snapshot;
-        Clock::time_point when;  ///< when it was asked for or used
+        Clock::time_point when;   ///< when it was asked for or used
+        Clock::time_point asked;  ///< when it was asked for
         std::optional<Failure> failure;
     };
     /// The query that requests a list, and the pin.

@@ -326,11 +326,13 @@ private:
         return now && *now != before;
     }
 
-    /// Returns the file of a live layer that is written. There may be none yet.
+    /// Returns the file of a live layer that is written. There may be none yet. The client takes no
+    /// save when its connection is closed.
     static std::optional<std::filesystem::path> placeOf(const ArResolvedPath& resolvedPath) {
         const auto url = usdlive::resolver::parseUrl(resolvedPath.GetPathString());
         const auto live = url ? LiveProjects::ofProcess().find(*url) : nullptr;
-        return live && !live->isFileLayer(*url) ? live->placeOf(*url) : std::nullopt;
+        const bool isLive = live && !live->isClosed && !live->isFileLayer(*url);
+        return isLive ? live->placeOf(*url) : std::nullopt;
     }
 
     /// Finds a path without `./`, as OpenUSD's own resolver does: beside the anchor, beside the
