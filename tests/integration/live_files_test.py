@@ -439,3 +439,16 @@ def test_edits_between_a_reload_and_the_next_tick_are_refused(serve, project):
         wait(lambda: stage.GetRootLayer().permissionToEdit, ada, timeout=20)
         assert stage.GetAttributeAtPath("/A.n").Get() == 6
         assert stage.DefinePrim("/New") and ada.flush(20)
+
+
+def test_attach_says_that_the_connection_has_the_layer_open(serve, project):
+    (project / "shot.usda").write_text('#usda 1.0\ndef "A"\n{\n    int n = 5\n}\n')
+    server = serve(project)
+    with connect(server, "ada") as ada:
+        stage = ada.open_stage("shot.usda")
+        other = Usd.Stage.Open(str(project / "shot.usda"))
+        with pytest.raises(usdlive.Error, match="another identifier.*close_layer"):
+            ada.attach(other)
+        ada.close_layer("shot.usda")
+        assert ada.attach(other) == ["shot.usda"] and ada.attach(other) == []
+        assert stage

@@ -278,7 +278,7 @@ def test_importing_usdlive_registers_the_plug_ins():
         ran = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, env={**os.environ, **path})
         assert (ran.stdout, ran.stderr) == ("[1, 1] True []\n", "")
     named = subprocess.run([sys.executable, "-m", "usdlive.plugins"], text=True, capture_output=True, check=True)
-    assert output(STOCK, named.stdout.strip()) == "as expected\n"
+    assert output(STOCK, named.stdout.strip()) == "as expected\n" and named.stderr == ""
 
 
 ORIGIN = """

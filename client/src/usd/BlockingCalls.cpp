@@ -109,9 +109,12 @@ Result<void> Client::Impl::upload(const fs::path& file, const std::string& path,
 Result<std::vector<LayerId>> Client::Impl::attach(const fs::path& projectFolder) {
     auto folder = client::FolderPlaces::create(projectFolder);
     if (!folder) return tl::unexpected(folder.error());
+    const auto here = client::FolderPlaces::create(projectFolder);
     frame_.addProjectFolder((*folder)->folder());
     places_.attach(std::move(*folder));
-    const auto found = layers_.loadedHere();
+    auto found = layers_.loadedHere();
+    // The same layers may be loaded by their addresses, too.
+    std::erase_if(found, [&](const auto& one) { return !here || !(*here)->layerOf(one.second); });
     for (const auto& [id, layer] : found) {
         if (layers_.isLiveElsewhere(layer))
             return tl::unexpected(client::OpenLayers::liveElsewhere(id));

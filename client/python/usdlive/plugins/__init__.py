@@ -18,7 +18,7 @@ from pxr import Plug, Tf
 
 def folder() -> pathlib.Path:
     """The folder for PXR_PLUGINPATH_NAME."""
-    return pathlib.Path(__file__).parent / "_plugins"
+    return pathlib.Path(__file__).parents[1] / "_plugins"
 
 
 def register() -> list[str]:
@@ -41,7 +41,3 @@ def _registered() -> list:
         # A plugInfo.json of somebody else is malformed. The first call reports it; the others are usable.
         warnings.warn(f"a plug-in of OpenUSD is not used: {error}", stacklevel=3)
         return Plug.Registry().GetAllPlugins()
-
-
-if __name__ == "__main__":
-    print(folder())

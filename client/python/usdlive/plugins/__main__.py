@@ -1,0 +1,5 @@
+"""Prints the folder for PXR_PLUGINPATH_NAME."""
+
+from . import folder
+
+print(folder())
