@@ -9,6 +9,7 @@ Needs usd-core and Jinja2. Writes a file only if its content changes.
 
 import argparse
 import json
+import keyword
 import pathlib
 import re
 import subprocess
@@ -36,6 +37,22 @@ def plug_info(text):
 
 
 # --- accessors -----------------------------------------------------------------------------------------
+
+
+# Names that a class cannot have for an accessor: words of the language, and members of all schema classes.
+TAKEN = {
+    "accessors.py.jinja": {*keyword.kwlist, *"""
+        all apply attribute define identifier instance missing prim property_name relationship remove""".split()},
+    "accessors.h.jinja": set("""
+        alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class co_await
+        co_return co_yield compl concept const const_cast consteval constexpr constinit continue decltype default delete do
+        double dynamic_cast else enum explicit export extern false float for friend goto if inline int long mutable namespace
+        new noexcept not not_eq nullptr operator or or_eq private protected public register reinterpret_cast requires return
+        short signed sizeof static static_assert static_cast struct switch template this thread_local throw true try typedef
+        typeid typename union unsigned using virtual void volatile wchar_t while xor xor_eq
+        apply appliedName applyToPrim define definePrim get isValid prim propertyName remove removeFromPrim set setTargets
+        targets valueOf""".split()),
+}
 
 
 class Property:
@@ -79,6 +96,15 @@ class Schema:
                      f"and would get the same accessor")
 
 
+def check_names(layer, schemas, template):
+    for schema in schemas:
+        for member in schema.properties:
+            for name in (member.snake,) if template.endswith(".py.jinja") else (member.accessor, member.setter):
+                if name in TAKEN[template]:
+                    sys.exit(f"{layer.identifier}: the property '{member.name}' of '{schema.identifier}' would get the accessor "
+                             f"'{name}', a name that has another meaning in the class. End it with another word")
+
+
 def ancestors(prim):
     """The schema and those of the same library that it inherits from."""
     while prim:
@@ -98,6 +124,7 @@ def accessors(schema, template):
     layer = Sdf.Layer.FindOrOpen(str(schema))
     library = layer.GetPrimAtPath("/GLOBAL").customData["libraryName"]
     schemas = [Schema(prim) for prim in layer.rootPrims if prim.specifier == Sdf.SpecifierClass]
+    check_names(layer, schemas, template)
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), trim_blocks=True, lstrip_blocks=True,
                                      keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
     types = {kind for one in schemas for member in one.properties if not member.is_relationship

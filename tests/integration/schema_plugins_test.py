@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import runpy
 import shutil
 import subprocess
 import sys
@@ -383,11 +384,25 @@ def test_a_fresh_schema_is_picked_up(tmp_path):
     assert output(asked, folder) == "True [] None\n" or "StudioDim" not in (folder / "plugInfo.json").read_text()
 
 
+def test_accessors_hide_no_member_of_the_classes(tmp_path):
+    from usdlive import _schema_access
+
+    classes = (_schema_access.TypedSchema, _schema_access.ApiSchema, _schema_access.MultipleApiSchema)
+    members = {name for one in classes for name in dir(one) if not name.startswith("_")} | {"prim", "instance"}
+    assert members <= runpy.run_path(str(GENERATOR))["TAKEN"]["accessors.py.jinja"]
+    source = tmp_path / "schema.usda"
+    source.write_text(STUDIO.replace("    matrix4d[] studio:places", "    matrix4d[] studio:lambda"))
+    made = generate(source, tmp_path / "studio", "--python", tmp_path / "studio.py")
+    assert made.returncode != 0 and "accessor 'lambda'" in made.stderr
+
+
 @pytest.mark.parametrize("change, part", [
     (("inherits = </Xformable>", "inherits = </Nothing>"), "Nothing"),
     (("color3f studio:tint", "notype studio:tint"), "notype"),
     (('class "StudioDimAPI"', 'class "StudioDim"'), "API suffix"),
     (("    matrix4d[] studio:places", "    matrix4d[] other:tint"), "two properties of 'StudioLamp' end with 'tint'"),
+    (("    matrix4d[] studio:places", "    matrix4d[] studio:class"), "accessor 'class'"),
+    (("    matrix4d[] studio:places", "    matrix4d[] studio:targets"), "accessor 'targets'"),
     (("#usda 1.0", "no layer"), "schema.usda"),
 ])
 def test_a_malformed_schema_is_an_error_that_names_it(tmp_path, change, part):
