@@ -227,6 +227,8 @@ assert light.state == "waiting"
 light.state = "approved"; light.attribute("state").Set("revise", 5)
 note = Note.define(stage, "/Notes/first")
 note.text, note.author, note.frame, note.image = "too dark", "ada", 12, "./drawing.png"
+note.about = "/Other"
+assert note.about == [Sdf.Path("/Other")]
 note.about = [Sdf.Path("/Other"), "/Listed.usdlive:session:project"]
 assert note.about == [Sdf.Path("/Other"), Sdf.Path("/Listed.usdlive:session:project")]
 task = Task.define(stage, "/Notes/second")
@@ -242,6 +244,7 @@ refuses(ValueError, "/Listed", lambda: ApprovalAPI.apply(listed, "state"))
 refuses(TypeError, "abstract", lambda: Annotation.define(stage, "/No"))
 refuses(AttributeError, "does not have the schema 'UsdliveSessionAPI'",
         lambda: setattr(SessionAPI(other), "user", "bo"))
+refuses(AttributeError, "no property 'txet'", lambda: setattr(note, "txet", "x"))
 stage.GetRootLayer().Save()
 """
 

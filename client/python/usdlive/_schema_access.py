@@ -28,7 +28,7 @@ class Attribute:
 
 
 class Relationship:
-    """Reads the targets, as a list of Sdf.Path; writes an explicit list."""
+    """Reads the targets, as a list of Sdf.Path; writes an explicit list of paths, or one path."""
 
     def __init__(self, name: str, doc: str):
         self.name, self.__doc__ = name, doc
@@ -43,7 +43,8 @@ class Relationship:
         relationship = schema.prim.GetRelationship(schema.property_name(self))
         if not relationship:
             raise schema.missing(self)
-        relationship.SetTargets(list(targets))
+        one = isinstance(targets, (str, Sdf.Path))
+        relationship.SetTargets([Sdf.Path(path) for path in ([targets] if one else targets)])
 
 
 class Schema:
@@ -53,6 +54,11 @@ class Schema:
 
     def __init__(self, prim: Usd.Prim):
         self.prim = prim
+
+    def __setattr__(self, name: str, value) -> None:
+        if name not in ("prim", "instance") and not hasattr(type(self), name):
+            raise AttributeError(f"'{self.identifier}' has no property '{name}'")
+        super().__setattr__(name, value)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.prim!r})"
