@@ -220,6 +220,7 @@ public:
     void findBlobs(std::vector<Hash>) override { notModelled(); }
     void sendBlob(SessionId, const Hash&, std::uint64_t) override { notModelled(); }
     void writeBlob(SessionId, BlobFrame) override { notModelled(); }
+    void removeUnfinished(SessionId) override { notModelled(); }
     void saveLayers(SessionId, std::uint64_t, std::vector<SaveJob>) override { notModelled(); }
     void checkFile(const LayerId&) override { notModelled(); }
     void reloadLayer(SessionId, std::uint64_t, const LayerId&, LayerDoc) override { notModelled(); }

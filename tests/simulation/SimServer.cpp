@@ -394,6 +394,11 @@ void SimServer::writeBlob(SessionId session, BlobFrame part) {
     });
 }
 
+void SimServer::removeUnfinished(SessionId session) {
+    blobUs_ = std::max(blobUs_, clock_.nowUs() + diskUs());
+    later(blobUs_ - clock_.nowUs(), [this, session] { disk.blobs->forget(session); });
+}
+
 void SimServer::forgetClients() {
     if (closed_ || !project_) return;
     const auto some = store().forgetClients(2, project_->activeClients());

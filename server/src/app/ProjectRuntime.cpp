@@ -166,7 +166,7 @@ void ProjectRuntime::received(SessionId session, ByteView message) {
 
 void ProjectRuntime::closed(SessionId session) {
     intake_.closed(session);
-    blobs_.forget(session);
+    blobs_.removeUnfinished(session);
     strand_.use([&](Project& project) { project.disconnected(session); });
 }
 

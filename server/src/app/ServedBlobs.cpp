@@ -60,7 +60,7 @@ ServedBlobs::ServedBlobs(ProjectStrand& strand, WorkerLanes& workers,
       transports_(transports),
       blobs_(blobs) {}
 
-void ServedBlobs::forget(SessionId session) {
+void ServedBlobs::removeUnfinished(SessionId session) {
     asio::post(writer_, [this, session] { blobs_.forget(session); });
 }
 

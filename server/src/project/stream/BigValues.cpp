@@ -81,7 +81,11 @@ void BigValues::receive(Session& session, BlobFrame part) {
             sendStored(session, part.hash);
         return;
     }
-    if (const auto error = store_->whyNotWritable()) return refuse(*error);
+    if (const auto error = store_->whyNotWritable()) {
+        // The parts that have come would keep a full disk full.
+        blobs_->removeUnfinished(session.id);
+        return refuse(*error);
+    }
     known_.write(part.hash);
     blobs_->writeBlob(session.id, std::move(part));
 }

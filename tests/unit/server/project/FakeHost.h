@@ -85,6 +85,7 @@ public:
     std::vector<std::string> logged;                  ///< "user: action layer, detail"
     std::vector<std::pair<Revision, LayerDoc>> kept;  ///< for all layers
     std::vector<std::pair<SessionId, BlobFrame>> blobParts;
+    std::set<SessionId> withoutUnfinished;
     std::vector<std::pair<SessionId, std::uint64_t>> blobsSent;
     std::set<Hash> blobs;
     std::map<TransactionId, Revision> stored;
@@ -140,6 +141,7 @@ public:
     void writeBlob(SessionId session, BlobFrame part) override {
         blobParts.emplace_back(session, std::move(part));
     }
+    void removeUnfinished(SessionId session) override { withoutUnfinished.insert(session); }
     void saveLayers(SessionId session, std::uint64_t request, std::vector<SaveJob> jobs) override {
         saves.push_back({session, request, std::move(jobs)});
     }

@@ -231,6 +231,17 @@ TEST_F(UnusedBlobs, ATransactionWaitsUntilTheStoreHasAnswered) {
     EXPECT_EQ(world.nextFrame<RefusalFrame>(1).error.code, ErrorCode::BlobNotFound);
 }
 
+// The parts of a value that is refused would keep the disk full until its session ends.
+TEST_F(UnusedBlobs, SE8AFullDiskKeepsNoPartOfAValue) {
+    world.project->setSpace(false);
+    world.receive(1, Frame(BlobFrame{hashOf(1), 300'000, 100'000, 1, deflate(Bytes{1})}));
+    EXPECT_EQ(world.host.withoutUnfinished, std::set<SessionId>{1});
+    EXPECT_TRUE(world.host.blobParts.empty());
+    world.project->setSpace(true);
+    upload(1);
+    EXPECT_EQ(world.host.blobParts.size(), 1u);
+}
+
 // A commit that the store could not append does not protect a value for ever, even if no commit
 // follows.
 TEST_F(UnusedBlobs, B6ValuesOfALostCommitAreRemoved) {

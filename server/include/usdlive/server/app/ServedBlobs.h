@@ -20,9 +20,8 @@ public:
 
     void findBlobs(std::vector<Hash> hashes) override;
     void writeBlob(SessionId session, BlobFrame part) override;
+    void removeUnfinished(SessionId session) override;
     void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) override;
-    /// Call when the session has ended.
-    void forget(SessionId session);
 
 private:
     Result<bool> write(SessionId session, const BlobFrame& part);

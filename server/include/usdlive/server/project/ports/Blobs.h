@@ -22,6 +22,8 @@ public:
     /// Project::blobWritten(). If the value is already stored, the part is ignored, and only the
     /// answers to its first and its last part report that the value is complete.
     virtual void writeBlob(SessionId session, BlobFrame part) = 0;
+    /// Removes the values that are not complete and of which this session has sent parts.
+    virtual void removeUnfinished(SessionId session) = 0;
     /// Sends a stored value from the byte `offset` on to the session, beside the stream of commits
     /// (as Outbox::sendBeside()). If it cannot be read, sends the session an error.
     virtual void sendBlob(SessionId session, const Hash& hash, std::uint64_t offset) = 0;
