@@ -234,6 +234,24 @@ def editor(tmp_path):
         peer.process.wait()
 
 
+@contextlib.contextmanager
+def without_answers(server: Server):
+    """The server runs and answers nothing."""
+    os.kill(server.process.pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.kill(server.process.pid, signal.SIGCONT)
+
+
+def tick_without_answers(live) -> None:
+    """A request to a server that answers nothing would take much longer."""
+    start = time.monotonic()
+    for _ in range(5):
+        live.tick()
+    assert time.monotonic() - start < 2
+
+
 def cat(server: Server, layer: str, *options: str) -> str:
     """The text of a layer on the server."""
     ran = subprocess.run([os.environ["USDLIVE_BIN"], "cat", f"{server.url}/{layer}", *options], capture_output=True, text=True)

@@ -51,6 +51,10 @@ def _file_name(path: str) -> str:
     return path
 
 
+def _path_in(folder: str, layer: Sdf.Layer) -> str:
+    return os.path.relpath(layer.realPath or "/", folder).replace(os.sep, "/")
+
+
 _warned: set[str] = set()
 
 
@@ -220,9 +224,10 @@ class Live:
         as .obj, are reloaded when they change on the disk."""
         folder = os.fspath(project_folder) or self._project_folder(stage.GetRootLayer())
         attached = self._client.attach(folder)
-        if not attached and self.layer_name(stage.GetRootLayer()) is None and self._is_of_project(stage.GetRootLayer(), folder):
-            raise Error("invalidArgument", f"{stage.GetRootLayer().identifier} was not made live, because this connection has the "
-                        "layer open by another identifier. Use open_stage(), or close_layer() it first")
+        top = stage.GetRootLayer()
+        if not attached and self.layer_name(top) is None and _path_in(os.path.realpath(folder), top) in self.layers():
+            raise Error("invalidArgument", f"{top.identifier} was not made live, because this connection has the layer open by "
+                        "another identifier. Use open_stage(), or close_layer() it first")
         self._foreign_files = [one for one in self._foreign_files if one.stage() != stage]  # replaces the entry of an earlier attach()
         self._foreign_files.append(ForeignFiles(stage, folder))
         root = self.layer_name(stage.GetRootLayer())
@@ -255,7 +260,7 @@ class Live:
         names = set(self.layers())
         folder = os.path.dirname(root.realPath)
         while folder and root.realPath:
-            if os.path.relpath(root.realPath, folder).replace(os.sep, "/") in names:
+            if _path_in(folder, root) in names:
                 return folder
             parent = os.path.dirname(folder)
             if parent == folder:
@@ -263,9 +268,6 @@ class Live:
             folder = parent
         raise Error("invalidArgument", f"{root.identifier} is not a layer of this project; "
                     "pass project_folder")
-
-    def _is_of_project(self, layer: Sdf.Layer, folder: str) -> bool:
-        return os.path.relpath(layer.realPath or "/", os.path.realpath(folder)).replace(os.sep, "/") in self.layers()
 
     def layer_name(self, layer: Sdf.Layer) -> str | None:
         """Returns the project's name of a live layer, or None for other layers."""

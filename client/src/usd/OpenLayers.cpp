@@ -151,11 +151,16 @@ std::vector<std::pair<LayerId, pxr::SdfLayerRefPtr>> OpenLayers::loadedHere() co
 }
 
 std::optional<LayerId> OpenLayers::layerOf(const pxr::SdfLayerHandle& layer) const {
+    auto id = nameOf(layer);
+    return id && !find(*id) && !clips_.contains(*id) ? id : std::nullopt;
+}
+
+std::optional<LayerId> OpenLayers::nameOf(const pxr::SdfLayerHandle& layer) const {
     // A layer with file format arguments is a view of its file, not the file itself.
     if (!layer || layer->IsAnonymous() || !layer->GetFileFormatArguments().empty())
         return std::nullopt;
     auto id = with_.places.layerOf(layer);
-    return id && isOfProject(*id) && !find(*id) && !clips_.contains(*id) ? id : std::nullopt;
+    return id && isOfProject(*id) ? id : std::nullopt;
 }
 
 bool OpenLayers::isLiveElsewhere(const pxr::SdfLayerHandle& layer) const {
@@ -221,8 +226,7 @@ void OpenLayers::adoptLoaded(double budgetMs) {
 
 // Nobody would get the edits of a layer that is read as a file.
 void OpenLayers::refuseEdits(const pxr::SdfLayerRefPtr& layer) const {
-    if (layer->IsAnonymous() || !layer->GetFileFormatArguments().empty()) return;
-    const auto id = with_.places.layerOf(layer);
+    const auto id = nameOf(layer);
     if (id && clips_.contains(*id)) layer->SetPermissionToEdit(false);
 }
 

@@ -101,6 +101,8 @@ private:
     [[nodiscard]] std::vector<std::pair<std::string, LayerId>> usedBy(const LiveLayer& live,
                                                                       LoadSet load) const;
 
+    /// Returns the name of a layer of the project.
+    [[nodiscard]] std::optional<LayerId> nameOf(const pxr::SdfLayerHandle& layer) const;
     void refuseEdits(const pxr::SdfLayerRefPtr& layer) const;
 
     const Surroundings with_;

@@ -292,12 +292,9 @@ private:
         const std::string open = "/proc/self/fd/" + std::to_string(file.get());
         if (::linkat(AT_FDCWD, open.c_str(), AT_FDCWD, linked.c_str(), AT_SYMLINK_FOLLOW) != 0)
             return false;
-        if (::rename(linked.c_str(), place.c_str()) == 0) {
-            ::unlink(linked.c_str());  // still there if both were links of the same file
-            return true;
-        }
-        ::unlink(linked.c_str());
-        return false;
+        const bool isNamed = ::rename(linked.c_str(), place.c_str()) == 0;
+        ::unlink(linked.c_str());  // still there if both were links of the same file
+        return isNamed;
     }
 
     const Cache& cache_;

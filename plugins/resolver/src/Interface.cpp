@@ -137,8 +137,7 @@ int refresh(const char* token, Changed changed, IsStopped isStopped, void* conte
 bool fetchFile(const LiveProject& live, Project& project, const std::string& path,
                const Entry& entry) {
     const std::string content = entry.content();
-    const auto file = entry.version.empty() ? project.openFile(path, content)
-                                            : project.openVersion(path, content);
+    const auto file = project.open(path, content);
     if (file) live.tick->fetched(path, content, project.isReady(path, content));
     return bool(file);
 }

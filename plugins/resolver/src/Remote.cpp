@@ -263,6 +263,11 @@ Outcome<OpenFile> Project::openVersion(const std::string& path, const std::strin
     });
 }
 
+Outcome<OpenFile> Project::open(const std::string& path, const std::string& content) {
+    const bool isVersion = !content.empty() && !isHashToken(content);
+    return isVersion ? openVersion(path, content) : openFile(path, content);
+}
+
 Outcome<OpenFile> Project::openKept(const std::string& path, const std::string& content) {
     auto file = isHashToken(content) ? cache_.find(origin_, content)
                                      : cache_.findKeyed(origin_, keyOf(path, content));

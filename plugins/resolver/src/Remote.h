@@ -68,6 +68,8 @@ public:
 
     /// Opens a layer that has a history, at a version that versionToken() made.
     [[nodiscard]] Outcome<OpenFile> openVersion(const std::string& path, const std::string& token);
+    /// Opens the file with this content, which Entry::content() names.
+    [[nodiscard]] Outcome<OpenFile> open(const std::string& path, const std::string& content);
     /// Opens a file of which the cache has this content, a hash or a version of versionToken().
     /// Asks no server.
     [[nodiscard]] Outcome<OpenFile> openKept(const std::string& path, const std::string& content);

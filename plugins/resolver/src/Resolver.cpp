@@ -433,9 +433,7 @@ private:
             if (!located) return located.failure();
             if (live && !live->isConnected)
                 return located->project->openKept(located->path, url.version);
-            if (usdlive::resolver::isHashToken(url.version))
-                return located->project->openFile(located->path, url.version);
-            return located->project->openVersion(located->path, url.version);
+            return located->project->open(located->path, url.version);
         }
         const auto found = find(url, live);
         if (!found) return found.failure();
@@ -445,8 +443,7 @@ private:
             live->fileLayers->opened(live->inProject(url), content, timeOf(*found->entry));
         const auto& [project, path] = found->located;
         if (live && !live->isConnected) return project->openKept(path, content);
-        return found->entry->version.empty() ? project->openFile(path, content)
-                                             : project->openVersion(path, content);
+        return project->open(path, content);
     }
 
     /// Makes the context use the snapshot that the stage's root layer was opened from, although
